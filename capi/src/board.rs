@@ -25,12 +25,13 @@ pub struct OpenBoard {
     /// The length of this board's frames in bytes. 0 means that the length of written frames is not checked: the link
     /// does not know the board's slot size, or the warning about a wrong length was logged already.
     frame_len: AtomicUsize,
-    /// Keeps this library loaded, since the link's threads run in it.
+    /// A reference to this library's module, which keeps it in memory while the board is open: the link's threads execute code
+    /// of it.
     module: Mutex<Option<ModuleReference>>,
 }
 
 impl OpenBoard {
-    /// Wraps a link that was just opened.
+    /// Makes an open board of a link that was just opened.
     pub fn new(link: Arc<dyn Link>) -> Arc<Self> {
         let info = link.info();
         forked::note_opened();
@@ -44,7 +45,7 @@ impl OpenBoard {
         })
     }
 
-    /// Closes the link. Further calls do nothing.
+    /// Closes the link. Closing it again changes nothing.
     pub fn close(&self) {
         self.end(|link| link.close());
     }
@@ -123,7 +124,7 @@ impl VendorState {
 /// The interval at which a waiting Open checks whether another thread has finished opening or closing the board. \[OURS]
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
-/// The last serial number given to a board, see [`VendorBoard`].
+/// The serial number of the board that was opened last in this process; the next one gets the next number, see [`VendorBoard`].
 static NUMBERS: AtomicU64 = AtomicU64::new(0);
 
 thread_local! {
@@ -132,7 +133,7 @@ thread_local! {
 }
 
 impl VendorBoard {
-    /// Before the first Open: no board is open.
+    /// The state before the first Open: no board is open.
     pub const fn new() -> Self {
         let state = VendorState { current: None, opening: None, closing: None };
         Self { state: Mutex::new(state), number: AtomicU64::new(0) }
@@ -213,8 +214,8 @@ impl VendorBoard {
         lock(&self.state).current.clone().ok_or_else(|| CallError::NotOpen.into())
     }
 
-    /// Runs `work` on the open board. The thread keeps a reference to the board from call to call; if it kept that of
-    /// another board, it first replaces it.
+    /// Runs `work` on the open board. The thread keeps a reference to the board from call to call. If the kept reference is
+    /// that of a board which was closed or replaced since, it is first replaced by one to the present board.
     fn with_board<T>(
         &self,
         mut work: impl FnMut(&OpenBoard) -> Result<T, Box<CallError>>,

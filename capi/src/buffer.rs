@@ -31,7 +31,7 @@ pub struct ReportBuffer {
 }
 
 impl ReportBuffer {
-    /// The buffer of `length` bytes at `data`; of more than 512 the first 512 are used.
+    /// Uses the `length` bytes at `data` as the buffer; if they are more than 512, only the first 512.
     ///
     /// # Errors
     /// [`CallError::Null`]: `data` is NULL. [`CallError::NoBytes`]: `length` is 0.
@@ -109,7 +109,7 @@ mod tests {
         }
     }
 
-    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are errors, each with an error of its own.
+    /// LIB-27, LIB-51, LIB-53 NULL as an address and 0 as a length are errors, each with an error of its own.
     #[test]
     fn null_and_nothing_are_errors() {
         let mut byte = 0_u8;

@@ -20,7 +20,8 @@ use crate::module;
 /// cannot be opened.
 pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
     report_opened();
-    // If a variable gives the link, the folder is not needed, and searching it would only cost time at each open.
+    // The folder of this library may have the configuration file with the link. If the variable gives the link, no file is
+    // needed, and finding out the folder would only cost time at each open.
     let is_given = config::variable(config::LINK_VARIABLE).is_some_and(|link| !link.is_empty());
     let folder = if is_given { None } else { module::folder() };
     let configured = config::find(&Environment::from_process(folder)).map_err(LinkError::from)?;

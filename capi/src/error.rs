@@ -83,14 +83,15 @@ pub enum CallError {
     Panic(String),
 }
 
-/// Errors are boxed, so that a call that succeeds returns no more than a pointer from function to function.
+/// Errors are boxed. Otherwise every `Result` would be as large as the largest error, and calls that succeed would move it from
+/// function to function too.
 impl From<LinkError> for Box<CallError> {
     fn from(error: LinkError) -> Self {
         Self::new(CallError::Link(error))
     }
 }
 
-/// Room for an error text with its terminating 0; a longer text is cut.
+/// The maximum length of an error text in bytes, with its terminating 0; a longer text is cut.
 const TEXT_LEN: usize = 2048;
 
 /// An error text as a C string, with its terminating 0.
@@ -104,7 +105,7 @@ thread_local! {
     static HAS_OWN_ERROR: Cell<bool> = const { Cell::new(false) };
 }
 
-/// The text of the last OpenECMUSB that failed in any thread.
+/// The text of the last OpenECMUSB that failed in any thread, for threads in which no call has failed.
 static LAST_OPEN: Mutex<Text> = Mutex::new([0; TEXT_LEN]);
 
 /// Keeps the text of an error of this thread for [`last`].

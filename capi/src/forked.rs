@@ -22,7 +22,7 @@ pub fn note_closed() {
     OPEN.fetch_sub(1, Ordering::Relaxed);
 }
 
-/// Set in a child that was forked while a board was open or a call was under way.
+/// Set in a child that was forked while a board was open or a call was under way: such a child must not use this library.
 static FORKED: AtomicBool = AtomicBool::new(false);
 
 /// Whether this process was forked while a board was open or a call was under way, so that boards and locks belong to its
@@ -40,7 +40,8 @@ static CALLS_THAT_MAY_HOLD_LOCK: AtomicUsize = AtomicUsize::new(0);
 pub struct MayHoldLock;
 
 impl MayHoldLock {
-    /// To be called before the first lock is taken.
+    /// Counts the call. It must be counted before it takes its first lock: a child that is forked while the lock is held would
+    /// otherwise use this library and wait for the lock forever.
     pub fn begin() -> Self {
         CALLS_THAT_MAY_HOLD_LOCK.fetch_add(1, Ordering::SeqCst);
         Self

@@ -17,12 +17,13 @@ const GEN_FAILURE: u32 = 31;
 /// `ERROR_INVALID_PARAMETER`: `data` is NULL or `dwlength` is 0.
 const INVALID_PARAMETER: u32 = 87;
 
-/// Sets the code after OpenECMUSB, whatever it returns.
+/// Sets what GetLastError returns after OpenECMUSB: the same code whether it succeeds or fails.
 pub fn after_open() {
     set_last_error(NO_ERROR);
 }
 
-/// Sets the code after ECMUSBWrite and ECMUSBRead. Success leaves the last error unchanged.
+/// Sets what GetLastError returns after ECMUSBWrite and ECMUSBRead, if they have failed. Success leaves the last error
+/// unchanged.
 pub fn after_transfer(result: &Result<(), Box<CallError>>) {
     if let Err(error) = result {
         set_last_error(code(error));

@@ -11,8 +11,8 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use ecmsk::sk::{FRAME_LEN, Frame};
 
-/// The number of places for frames. It should be more than the number of threads that move frames at the same moment: a
-/// frame that finds no free place is not kept. \[OURS]
+/// The number of places in memory in which a frame can be kept. There should be more of them than threads that write or read
+/// frames at the same moment: a frame that finds no free place is not kept. \[OURS]
 const PLACES: usize = 8;
 /// How many times a frame is copied at most, if another thread replaces it during the copy. After that the result is a
 /// frame of zeros. \[OURS]
@@ -46,15 +46,16 @@ impl Place {
 pub static LAST_FRAME: LastFrame = LastFrame::new();
 
 impl LastFrame {
-    /// Without a frame: the last frame is all 0, as the vendor's buffer is before the first call. \[OURS]
+    /// Without a frame so far: [`Self::get`] returns a frame of zeros, as the vendor's buffer is before the first call. \[OURS]
     pub const fn new() -> Self {
         Self { places: [const { Place::new() }; PLACES], numbers: AtomicU64::new(0) }
     }
 
-    /// Keeps the frame as the last one.
+    /// Keeps a frame that was just written or read, as the one that [`Self::get`] returns.
     pub fn keep(&self, frame: &Frame) {
         let number = self.numbers.fetch_add(1, Ordering::Relaxed) + 1;
-        // Starts at the place after that of the previous frame, which stays unchanged for threads that are reading it.
+        // The search for a place begins after the place of the previous frame, which so stays unchanged for threads that are
+        // reading it.
         let from = (number % PLACES as u64) as usize;
         for place in self.places[from..].iter().chain(&self.places[..from]) {
             if place.number.swap(WRITING, Ordering::Acquire) == WRITING {

@@ -63,7 +63,8 @@ pub fn rest() {
 static LINES: Mutex<Option<Lines>> = Mutex::new(None);
 
 struct Lines {
-    /// The id of the process. A child of fork has another id and no thread of its parent, so it begins again.
+    /// The id of the process that has queued the lines. A child of fork has another id, and not the thread that writes them, so
+    /// it begins a queue of its own.
     process: u32,
     notes: Notes<Vec<u8>>,
     /// The thread that writes lines; `None`: it was not started yet, or the system could not start one. Then the lines
@@ -95,7 +96,7 @@ fn tell(note: Note<Vec<u8>>) {
     }
 }
 
-/// Writes to standard error. An error is ignored.
+/// Writes to standard error. An error is ignored, since there is nowhere to report it.
 fn write_now(bytes: &[u8]) {
     let _ = raw::write_all(bytes);
 }

@@ -70,7 +70,7 @@ fn keep() -> bool {
         return false;
     }
     if KEPT_AT.compare_exchange(null_mut(), new, Ordering::AcqRel, Ordering::Acquire).is_err() {
-        // Another thread was faster.
+        // Another thread has reserved the memory at the same time, so the memory of this thread is not needed.
         // SAFETY: it was made above and nobody else has it.
         unsafe { dealloc(new, KEPT) };
     }

@@ -30,14 +30,15 @@ pub fn end_at_exit() {
     }
 }
 
-/// The loader calls the functions in the section `.init_array` before main, or when it loads the library.
+/// The loader calls the functions in the section `.init_array` before main, or when it loads the library: forks are noticed
+/// from then on.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".init_array")]
 static AT_START: extern "C" fn() = watch_forks;
 
-/// The functions in the section `.fini_array` run after the exit handlers and the destructors of the program's global
-/// objects.
+/// The functions in the section `.fini_array` run after the exit handlers and the destructors of the program's global objects.
+/// These may still close the boards; those that they leave open are let go then.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".fini_array")]
@@ -63,7 +64,7 @@ extern "C" fn watch_forks() {
         }
     }
 
-    // SAFETY: the function only reads and sets atomics and closes descriptors, and the library stays in memory (`nodelete`). If the
-    // system has no memory for the registration forks are not noticed.
+    // SAFETY: the function only reads and sets atomics and closes descriptors, and the library stays in memory (`nodelete`). If
+    // the system has no memory for the registration forks are not noticed.
     unsafe { libc::pthread_atfork(None, None, Some(in_child)) };
 }

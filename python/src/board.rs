@@ -47,7 +47,8 @@ pub struct Shared {
     is_closing: Arc<AtomicBool>,
     /// The stream that was begun last.
     pub stream: Mutex<Option<Arc<StreamCell>>>,
-    /// What happens to the axes when a program does not say it.
+    /// What happens to the axes when a program closes the board without an argument, or leaves the ``with`` block: the option
+    /// ``close`` with which the board was opened.
     close: ecmsk::ecm::Close,
 }
 

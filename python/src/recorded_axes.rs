@@ -16,7 +16,8 @@ pub struct Columns {
     pub error_code: Vec<u16>,
     /// The executed target, counts; NaN while none is in force.
     pub target: Vec<f64>,
-    /// The target in force.
+    /// The target of the last CSP command, counts. `None`: none is in force, because there was no such command, another command
+    /// for axes came after it, or the axis is off or was homed.
     in_force: Option<i32>,
     /// Whether a command for axes was sent to the slave. It then counts as an axis even if the recording has no SET_AXIS
     /// for it.

@@ -62,8 +62,9 @@ pub fn is_in_a_call() -> bool {
     CALLS.with_borrow(|calls| !calls.is_empty())
 }
 
-/// Runs a call that waits. An exception that came meanwhile takes the place of its result, after `stop` has ended what
-/// moves axes beside the call.
+/// Runs a call of a board that waits. If a handler of signals, or a function of the program that the call runs, has raised an
+/// exception meanwhile, the exception is raised instead of returning the call's result. Before that, `stop` is called: it has
+/// to stop axes that the call itself does not stop, which are those of an open stream.
 pub fn during<T: Send>(
     py: Python<'_>,
     stop: impl FnOnce() + Send,

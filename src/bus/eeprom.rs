@@ -104,13 +104,13 @@ pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<V
         .collect())
 }
 
-/// Writes the changed words in descending order of address, so that the configuration words at the beginning, with their
-/// checksum, come last. Then reads all of them back. Calls `written` after each word with the number of words written so
-/// far.
+/// Writes the words that differ from the present content, in descending order of address: the configuration words at the
+/// beginning come last, with their checksum. So a write that is interrupted before these leaves the old configuration with its
+/// right checksum. Then reads all written words back. Calls `written` after each word with the number of words written so far.
 ///
 /// # Errors
-/// [`BusError::Eeprom`]: a word cannot be read or written. [`BusError::NotWritten`]: a word reads back with another value
-/// than was written.
+/// [`BusError::Eeprom`]: a word cannot be read or written. [`BusError::NotWritten`]: a word reads back with another value than
+/// was written.
 pub fn write(
     network: &mut dyn Network,
     slave: u8,

@@ -87,8 +87,8 @@ pub(super) enum NextSteps {
 /// position.
 #[derive(Clone, Copy, Debug, Default)]
 struct CycleOffset {
-    /// The cycle count of run B minus that of run A at the last answer that showed the axis at rest, or for long, at the
-    /// same position in both runs; `None` before the first answer in OP.
+    /// The cycle count of run B minus that of run A at the last answer that showed the axis the same in both runs, either at
+    /// rest or for the 16th time in a row; `None` before the first answer in OP.
     offset_when_equal: Option<i64>,
     /// The largest change of that difference since then, in cycles.
     largest_change: u64,

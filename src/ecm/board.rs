@@ -27,8 +27,8 @@ impl Ecm {
     /// its next start ([`Ecm::reset`], or power on). Not possible in OP.
     ///
     /// # Errors
-    /// [`EcmError::WrongState`], [`EcmError::Setting`] for reports without a CRC if [`Options::strict_crc`] requires
-    /// one, [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::WrongState`] in OP, [`EcmError::Setting`] for reports without a CRC if [`Options::strict_crc`] requires one,
+    /// [`EcmError::Timeout`] if the board does not answer in time, [`EcmError::Link`] if the link fails.
     pub fn set_crc(&self, switches: CrcSwitches) -> Result<(), EcmError> {
         if self.exchange.options.strict_crc && !switches.fill_responses {
             return Err(EcmError::Setting {
@@ -53,7 +53,8 @@ impl Ecm {
     /// targets would not continue the positions of the axes. Ending the stream brings moving axes to a standstill.
     ///
     /// # Errors
-    /// [`EcmError::WrongState`], [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::WrongState`] outside OP, [`EcmError::Timeout`] if reports do not show in time that the FIFO was cleared,
+    /// [`EcmError::Link`] if the link fails.
     pub fn clear_fifo(&self) -> Result<(), EcmError> {
         drop(self.exchange.lock_in_op("clear_fifo")?);
         let (hint, limit) = ("see whether frames get lost (Ecm::stats)", self.exchange.options.servo_limit);
@@ -85,7 +86,8 @@ impl Ecm {
     ///
     /// # Errors
     /// The errors of [`Ecm::close`] if the axes were not brought to a standstill first; the board is reset all the same.
-    /// [`EcmError::Timeout`] if the board goes on making reports, [`EcmError::NoReport`], [`EcmError::Link`].
+    /// [`EcmError::Timeout`] if the board goes on making reports, [`EcmError::NoReport`] if the reports stop and the link does
+    /// not report that the board is lost, [`EcmError::Link`] for any other error of the link.
     pub fn reset(mut self) -> Result<(), EcmError> {
         self.exchange.link.check()?;
         let rested = self.bring_to_rest(false, &mut LeftBehind::default());

@@ -30,13 +30,13 @@ pub enum EcmError {
     /// The value of an option or of a parameter is not allowed.
     #[error("{what} is {found}; set {allowed}")]
     Setting { what: &'static str, found: String, allowed: &'static str },
-    /// The board has made no usable report.
+    /// The board has made no usable report for longer than the timeout. A report with a wrong CRC is not usable.
     #[error(
         "{what}: no usable report for {} ({bad_crc} with a wrong CRC since it was opened); {}",
         Span(*.waited), silence(*.network_down)
     )]
     NoReport {
-        /// The operation that needed a report.
+        /// The name of the operation that needed a report.
         what: &'static str,
         /// How long the operation has waited.
         waited: Duration,
@@ -100,7 +100,7 @@ pub enum EcmError {
         slave: u8,
         kind: &'static str,
         what: &'static str,
-        /// The kinds of slaves that have this call.
+        /// The kinds of slaves that the call is for.
         wanted: &'static str,
     },
     /// The axis is configured for another mode.
@@ -108,7 +108,7 @@ pub enum EcmError {
     WrongMode {
         slave: u8,
         mode: Mode,
-        /// The mode that the target is for.
+        /// The mode for which the call sets a target.
         wanted: Mode,
     },
     /// A slave refused an SDO transfer.
@@ -116,7 +116,7 @@ pub enum EcmError {
         "{verb} {object} of slave {slave} was aborted with {code}; check object, size and state in the slave's manual"
     )]
     SdoAborted {
-        /// `reading` or `writing`.
+        /// What the transfer was for: `reading` or `writing`.
         verb: &'static str,
         slave: u8,
         object: ObjectAddress,
@@ -204,7 +204,7 @@ impl EcmError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum Suspect {
-    /// A slave does not answer an SDO transfer.
+    /// The slave does not answer the SDO transfer with which the API reads the object.
     Silent { slave: u8 },
     /// The slave lacks the statusword or the device type, an object that every slave of its configured kind has.
     NotOfKind {

@@ -80,9 +80,11 @@ impl Ecm {
     /// shows how its homing ends.
     ///
     /// # Errors
-    /// [`EcmError::HomingFailed`], [`EcmError::Alarm`], [`EcmError::NotEnabled`], [`EcmError::SdoAborted`] for an
-    /// object or method that the drive does not have, [`EcmError::Timeout`], [`EcmError::Busy`] while another homing
-    /// runs, [`EcmError::WrongState`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::Link`].
+    /// [`EcmError::HomingFailed`] if homing ends without "homing attained", [`EcmError::Alarm`] if the drive has an alarm,
+    /// [`EcmError::NotEnabled`] if the axis is off, [`EcmError::SdoAborted`] for an object or method that the drive does not
+    /// have, [`EcmError::Timeout`] after the time limit, [`EcmError::Busy`] while another homing runs, [`EcmError::WrongState`]
+    /// outside OP, [`EcmError::WrongKind`] and [`EcmError::NoSuchSlave`] for a slave that has no axis or is not configured,
+    /// [`EcmError::Link`] if the link fails.
     pub fn home(&self, slave: u8, homing: &Homing, progress: impl FnMut(&HomingProgress)) -> Result<(), EcmError> {
         self.home_all(&[(slave, *homing)], progress)
     }
@@ -125,8 +127,8 @@ impl Ecm {
         });
         let done = prepared.and_then(|()| self.go(&slaves, &go, limit, began, &mut progress));
         let started = self.exchange.lock().is_ok_and(|session| !session.homing.started.is_empty());
-        // \[OURS] No axis may still be homing when this call returns. With these two errors the homing of one axis has
-        // ended already, so that only other axes may go on.
+        // \[OURS] No axis may still be homing when this call returns. With the errors HomingFailed and Alarm the homing of one
+        // axis has ended by itself, so that only other axes may go on.
         let goes_on = match &done {
             Ok(()) => false,
             Err(EcmError::HomingFailed { .. } | EcmError::Alarm { .. }) => slaves.len() > 1,
@@ -257,7 +259,8 @@ impl Ecm {
     /// [`EcmError::HomingFailed`]. If no axis is being homed, nothing is sent.
     ///
     /// # Errors
-    /// [`EcmError::Timeout`], [`EcmError::WrongState`], [`EcmError::Link`].
+    /// [`EcmError::Timeout`] if the board does not answer in time, [`EcmError::WrongState`] outside OP, [`EcmError::Link`] if
+    /// the link fails.
     pub fn abort_homing(&self) -> Result<(), EcmError> {
         let (slot, command) = {
             let mut session = self.exchange.lock_in_op("abort_homing")?;

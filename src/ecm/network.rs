@@ -20,7 +20,7 @@ pub(super) struct Network {
 }
 
 impl Network {
-    /// A network without configured slaves.
+    /// The network before it is configured: it has no slaves.
     pub(super) const NONE: Self =
         Self { slaves: [Slave::Unused; MAX_SLAVES], count: 0, cycle_ns: None, hsps: SlaveSet::EMPTY };
 

@@ -22,7 +22,7 @@ const IN_BETWEEN: [ObjectAddress; 4] = [
 
 /// A type that an SDO transfer can read and write.
 pub trait SdoValue: Copy + Send {
-    /// The size in the SDO command.
+    /// The size of the value in an SDO command.
     const SIZE: SdoSize;
 
     /// The value as it stands in Data2 of the SDO slot.
@@ -74,8 +74,9 @@ impl Ecm {
     /// ```
     ///
     /// # Errors
-    /// [`EcmError::SdoAborted`], [`EcmError::SdoTooWide`], [`EcmError::Timeout`], [`EcmError::WrongState`],
-    /// [`EcmError::NoSuchSlave`], [`EcmError::Link`].
+    /// [`EcmError::SdoAborted`] with the abort code if the slave refuses, [`EcmError::SdoTooWide`] if the value does not fit
+    /// `T`, [`EcmError::Timeout`] if no answer comes in time, [`EcmError::WrongState`] below PreOP, [`EcmError::NoSuchSlave`]
+    /// for slave 0 and for one above 40 (30 with 16-byte slots), [`EcmError::Link`] if the link fails.
     pub fn sdo_read<T: SdoValue>(&self, slave: u8, object: ObjectAddress) -> Result<T, EcmError> {
         let raw = self.transfer(SdoCommand::Read { slave, object }, self.exchange.options.sdo_limit)?;
         let bits = u32::from(T::SIZE.bytes()) * 8;
@@ -154,7 +155,7 @@ impl Ecm {
     }
 }
 
-/// The fields by which the answer to a request is recognised in the SDO slot.
+/// By which fields of the SDO slot the answer to a request is recognised.
 #[derive(Clone, Copy)]
 struct Wanted {
     id: CommandId,

@@ -19,9 +19,10 @@ impl Ecm {
     /// axes that got a command are switched off again, so that none comes on by itself later.
     ///
     /// # Errors
-    /// [`EcmError::Alarm`] at once if an axis has an alarm, [`EcmError::IsHoming`], [`EcmError::SlaveLost`],
-    /// [`EcmError::Timeout`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`], [`EcmError::WrongKind`],
-    /// [`EcmError::Link`].
+    /// [`EcmError::Alarm`] at once if an axis has an alarm, [`EcmError::IsHoming`] if one is homing, [`EcmError::SlaveLost`] if
+    /// a slave is lost, [`EcmError::Timeout`] if an axis does not come on in time, [`EcmError::WrongState`] outside OP,
+    /// [`EcmError::NoSuchSlave`] and [`EcmError::WrongKind`] for a slave that is not configured or has no axis,
+    /// [`EcmError::Link`] if the link fails.
     pub fn servo_on(&self, slaves: &[u8]) -> Result<(), EcmError> {
         let mut commands = self.axis_commands("servo_on", slaves, SlaveCommand::ServoOn)?;
         // The board ignores SV_ON for an axis that is homing (SK-7.43); such an axis is on in any case.

@@ -26,8 +26,9 @@ impl Ecm {
     /// configuration is checked before anything is sent, and the call waits for each answer.
     ///
     /// # Errors
-    /// [`EcmError::Config`], [`EcmError::WrongState`] (also for a board found in OP: see [`Ecm::adopt`]),
-    /// [`EcmError::SlaveCount`], [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::Config`] if the configuration is invalid, [`EcmError::WrongState`] outside PreOP (for a board found in OP
+    /// see [`Ecm::adopt`]), [`EcmError::SlaveCount`] if the board has found another number of slaves, [`EcmError::Timeout`] if
+    /// the board does not answer in time, [`EcmError::Link`] if the link fails.
     pub fn configure(&self, config: &Config) -> Result<(), EcmError> {
         let size = self.slot_size()?;
         let cycle = config.check(size)?;
@@ -71,7 +72,7 @@ impl Ecm {
     /// Nothing is sent, and moving axes go on.
     ///
     /// # Errors
-    /// [`EcmError::Config`], [`EcmError::Busy`].
+    /// [`EcmError::Config`] if the configuration is invalid, [`EcmError::Busy`] if another thread uses the board for too long.
     pub fn adopt(&self, config: &Config) -> Result<(), EcmError> {
         config.check(self.slot_size()?)?;
         self.exchange.set_network(config)
@@ -94,8 +95,8 @@ impl Ecm {
     ///
     /// # Errors
     /// [`EcmError::StateStuck`], with the state in which the change ended and the slave that probably prevented it;
-    /// [`EcmError::WrongState`] from Init to SafeOP or OP, [`EcmError::NoReport`], [`EcmError::Timeout`],
-    /// [`EcmError::Link`].
+    /// [`EcmError::WrongState`] from Init to SafeOP or OP, [`EcmError::NoReport`] if the board is silent, [`EcmError::Timeout`]
+    /// if the change does not end in time, [`EcmError::Link`] if the link fails.
     pub fn set_state(&self, wanted: MasterState) -> Result<(), EcmError> {
         self.set_state_within(wanted, self.exchange.options.state_limit)
     }

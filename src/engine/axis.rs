@@ -23,7 +23,7 @@ enum Power {
     SwitchingOffThenOn,
 }
 
-/// What commands have requested of an axis, and the outputs that follow from it so far.
+/// What commands have requested of an axis, and the outputs that the board sends to the drive because of that.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisRequest {
     power: Power,
@@ -33,8 +33,9 @@ pub(super) struct AxisRequest {
     pub(super) out: AxisOut,
 }
 
-/// Counts how often requests such as SV_ON ended for a reason other than a command. A rollback compares the counts to
-/// know whether that has happened since a checkpoint. Both counters wrap.
+/// Counts how often requests such as SV_ON ended for a reason other than a command. A rollback, in which SET_FIFO 1 takes
+/// commands back, compares the counts with those at a checkpoint: a request that the drive or a loss has ended since must not
+/// come back. Both counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Ends {
     /// How often a statusword of the drive has ended an SV_ON or SV_OFF.
@@ -57,10 +58,10 @@ pub(super) struct OutputIds {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
     pub(super) requested: AxisRequest,
-    /// Once all sets of outputs with a lower id than this one are sent, the drive has the present controlword. 0: it
-    /// has it already.
+    /// The drive has the present controlword when all sets of outputs with a lower id than this one are sent. 0: the drive has
+    /// it already.
     asked_until: u64,
-    /// Whether the statusword of the last cycle showed Operation enabled, with the axis in the mode of DRIVE_MODE.
+    /// Whether the statusword of the last cycle showed Operation enabled, with the axis in the mode that DRIVE_MODE has set.
     enabled: bool,
     /// Whether the statusword of the last cycle showed Fault or Fault reaction active.
     faulted: bool,
@@ -131,7 +132,7 @@ impl Axis {
         matches!(self.requested.power, Power::SwitchingOn | Power::SwitchingOffThenOn)
     }
 
-    /// Whether the axis follows targets: SV_ON has enabled it, and it is in the mode of DRIVE_MODE.
+    /// Whether the axis follows targets: SV_ON has enabled it, and it is in the mode that DRIVE_MODE has set.
     pub(super) fn follows(&self) -> bool {
         self.enabled && self.requested.power == Power::On
     }
@@ -141,8 +142,8 @@ impl Axis {
         self.requested.power == Power::On
     }
 
-    /// The axis's part of the next set of outputs. `id` is the id of that set, by which homing later recognises the first
-    /// answer to its bit 4.
+    /// The axis' part of the next set of outputs. `id` is the id of that set: homing notes it with bit 4, the start of homing,
+    /// so that it later recognises the first answer of the drive to that bit.
     #[inline]
     pub(super) fn next_out(&mut self, id: u64) -> AxisOut {
         let mut out = self.requested.out;
@@ -168,8 +169,8 @@ impl Axis {
         self.requested.fault_reset.is_under_way() || self.homing.is_under_way() || next != *last
     }
 
-    /// Takes a target if the axis follows targets now. Returns false if it does not: SV_ON has not brought it to
-    /// Operation enabled, or it is not in the mode of DRIVE_MODE.
+    /// Takes a target if the axis follows targets now. Returns false if it does not: SV_ON has not brought it to Operation
+    /// enabled, or it is not in the mode that DRIVE_MODE has set.
     pub(super) fn set_target(&mut self, target: i32) -> bool {
         let follows = self.follows();
         if follows {
@@ -178,8 +179,8 @@ impl Axis {
         follows
     }
 
-    /// Called after a write of 0x6060. If the newest statusword (`newest`) shows Operation enabled and the mode is that
-    /// of DRIVE_MODE (`in_mode`), the axis takes targets at once: the target of the next FIFO entry is not discarded.
+    /// Called after a write of 0x6060. If the newest statusword (`newest`) shows Operation enabled and the axis is in the mode
+    /// that DRIVE_MODE has set (`in_mode`), the axis takes targets at once: the target of the next FIFO entry is not discarded.
     pub(super) fn mode_written(&mut self, newest: Option<DriveState>, in_mode: bool) {
         self.enabled = newest == Some(DriveState::OperationEnabled) && in_mode;
     }
@@ -214,7 +215,7 @@ impl Axis {
         self.requested.out.target = holding_target(input, mode);
     }
 
-    /// The state of the axis after the newest outputs, to which [`Self::roll_back_to`] can return.
+    /// A copy of the axis' requests after the newest outputs, to which [`Self::roll_back_to`] can return.
     pub(super) const fn checkpoint(&self) -> AxisCheckpoint {
         AxisCheckpoint { requested: self.requested, ends: self.ends, homing_low_sets: self.homing.low_sets_left() }
     }

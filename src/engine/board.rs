@@ -62,7 +62,7 @@ impl Board {
         &self.engine
     }
 
-    /// The engine of the board, for what no command does, such as setting the local inputs.
+    /// The engine of the board, to change what no command changes, such as the local inputs.
     pub const fn engine_mut(&mut self) -> &mut Engine {
         &mut self.engine
     }
@@ -149,8 +149,8 @@ impl Board {
         }
     }
 
-    /// Drops a frame that has been incomplete for too long. Called in each cycle, since no bytes may come to trigger
-    /// it.
+    /// Drops a command frame that has been incomplete for too long. This is called in each cycle, because there may be no
+    /// further bytes with which to notice it.
     fn drop_late(&mut self, now: Ns) {
         if self.engine.config().partial_frames == PartialFrames::Dropped
             && let Some(bytes) = self.partial.drop_late(now, INCOMPLETE_CYCLES * self.engine.period_ns())
@@ -203,9 +203,9 @@ impl Board {
         }
     }
 
-    /// Lets the bus work until `until`, at most until the next cycle is due. `now` is the time of the runner's clock. If
-    /// the runner is late, it is later than board time, which advances from cycle to cycle. A bus on virtual time does
-    /// not need this call.
+    /// Lets the bus work until `until`, at most until the next cycle is due. `now` is the time of the runner's clock. If the
+    /// runner is late, `now` is later than board time, which advances from cycle to cycle. A bus on virtual time does not need
+    /// this call.
     pub fn work_until(&mut self, now: Ns, until: Ns) {
         self.bus.work_until(now, until);
     }

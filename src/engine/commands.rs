@@ -55,9 +55,9 @@ const fn state_bit(state: MasterState) -> u8 {
     }
 }
 
-/// The outcome of a slave's command that was not rejected.
+/// What became of a slave's command that was not rejected.
 enum Outcome {
-    /// The command was executed. After IO_WR: the output image that the answer shows.
+    /// The command was executed. `Some` after IO_WR: the output image that the answer shows.
     Executed(Option<u16>),
     /// The command was ignored because the slave is homing. The answer does not show it.
     Ignored,
@@ -225,13 +225,15 @@ impl Engine {
                 self.commanded.remove(slave as u8);
                 self.volatile.heads[slave - 1] = head;
             }
-            // SK-3 [OURS]: byte 0 is the id of the command executed last, and this command was not executed.
+            // SK-3 [OURS]: byte 0 of the slave's slot shows the command that was executed last. An ignored command was not
+            // executed, so the byte stays as it was.
             Ok(Outcome::Ignored) => {
                 self.commanded.remove(slave as u8);
             }
             Err(reason) => {
                 self.commanded.remove(slave as u8);
-                // SK-4 [OURS]: outside OP the answer stays as it was. In OP it becomes an answer to GET_STATUS.
+                // SK-4 [OURS]: outside OP a rejected command leaves the slave's slot in reports as it was. In OP the slot
+                // becomes an answer to GET_STATUS.
                 if self.network().in_op() {
                     self.volatile.heads[slave - 1] = SlotHead::default();
                 }

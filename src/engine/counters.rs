@@ -16,7 +16,7 @@ pub enum Reason {
     WrongState,
     /// An argument has a value that the board's manuals do not allow.
     BadArgument(InvalidArgument),
-    /// CSP, CSV or CST does not match the mode of DRIVE_MODE or the value of 0x6060.
+    /// CSP, CSV or CST is not the command for the mode that DRIVE_MODE has set, or 0x6060 has another value than that mode.
     WrongMode,
     /// An SDO request was waiting behind a running transfer, and a newer request has replaced it.
     SdoBusy,
@@ -117,10 +117,11 @@ pub struct Counters {
     /// SDO requests that repeat the transfer under way, as polling programs send them. Each counts as part of that
     /// transfer; nothing is lost.
     pub sdo_repeated: u64,
-    /// Cycles without a report, because a bus that queues outputs has lost the slaves' answers of these cycles.
+    /// Cycles without a report, because a bus that queues outputs (a chip or a network card) has lost the slaves' answers of
+    /// these cycles.
     pub answers_lost: u64,
-    /// Sets of outputs, each for one cycle, that a bus had queued and then gave up. As far as is known they were not
-    /// sent, or they have not reached a slave, and the bus does not know which one.
+    /// Sets of outputs, each for one cycle, that a bus (a chip or a network card) had queued and then gave up. As far as is
+    /// known they were not sent, or they have not reached a slave, and the bus does not know which one.
     pub outputs_lost: u64,
     /// Cycles that were skipped because the machine was late, on a bus that does not catch up on cycles. Motion stood
     /// still for as many cycles.
@@ -136,8 +137,8 @@ pub struct Counters {
     pub inputs_stale: u64,
     /// SDO transfers of the host that the slave has aborted, or has not answered in time.
     pub sdo_aborted: u64,
-    /// Command frames that arrived while the board booted: the host had not noticed the SW_RESET yet.
-    /// [`Counters::frames`] does not include them.
+    /// Command frames that arrived while the board booted, because the host had not noticed yet that the board was reset. They
+    /// are not executed, and [`Counters::frames`] does not include them.
     pub while_booting: u64,
 }
 

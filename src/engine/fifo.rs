@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
-/// The indices of the storage places are `u8`, so there may be at most 256 of them.
+/// The places of the frame storage are numbered by a `u8`, so there may be at most 256 of them.
 const _: () = assert!(FIFO_ENTRIES <= 256);
 
 /// The ring buffer of command frames that wait for their cycle.

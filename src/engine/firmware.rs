@@ -42,7 +42,7 @@ impl Firmware {
         }
     }
 
-    /// Whether the board restores the mode of DRIVE_MODE after homing (UG17 2.1.18; struck out in UG15n).
+    /// Whether the board restores, after homing, the mode that DRIVE_MODE has set (UG17 2.1.18; struck out in UG15n).
     pub(super) const fn restores_mode(self) -> bool {
         matches!(self, Self::V17)
     }

@@ -13,8 +13,8 @@ pub enum HomingPhase {
     Idle,
     /// GO_HOME was executed, and at least one axis of the slave is still homing.
     Homing,
-    /// Homing has ended, and the board has not restored the mode of DRIVE_MODE yet. Firmware 1.5 restores no modes: there
-    /// the slave is [`HomingPhase::Idle`] at once.
+    /// Homing has ended, and the board has not yet restored the mode that DRIVE_MODE has set. Firmware 1.5 restores no modes:
+    /// there the slave is [`HomingPhase::Idle`] at once.
     Restoring,
 }
 
@@ -61,8 +61,8 @@ impl Engine {
     /// 0x6860 is 6. On a module of two channels with 12-byte slots only axis 1 may start, as every command there moves
     /// axis 1 alone (SK-3 \[OURS]).
     ///
-    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept,
-    /// so that a later SV_ON does not start homing. If one of several axes is not enabled, none of them starts.
+    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept, so that
+    /// a later SV_ON does not make it start homing. If one of several axes is not enabled, none of them starts.
     pub(super) fn go_home(&mut self, slave: usize) -> Result<(), Reason> {
         let axes = 1 + usize::from(self.carries_two_channels(slave));
         let modes = self.volatile.modes_written[slave - 1];
@@ -102,8 +102,8 @@ impl Engine {
         }
     }
 
-    /// Whether an axis of these slaves is homing. An axis whose result a report has already shown to the host does not
-    /// count.
+    /// Whether an axis of these slaves is homing. An axis does not count once a report has shown the result of its homing to
+    /// the host, even if the board still waits to accept the result.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
         slaves.iter().any(|slave| {
             let axes = &self.axes[usize::from(slave) - 1];

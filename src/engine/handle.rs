@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use super::Engine;
 
-/// The value of `local_inputs` before the first call of [`BoardHandle::set_local_inputs`]: no six bits have it. Until
-/// then the handle leaves the inputs as the bus gives them.
+/// The value of `local_inputs` before the first call of [`BoardHandle::set_local_inputs`]. Six bits never have this value.
+/// While the field has it, the inputs stay as the bus gives them.
 const UNTOUCHED: u8 = u8::MAX;
 
 struct Shared {
@@ -48,7 +48,7 @@ impl BoardHandle {
         self.0.local_inputs.store(bits & 0x3F, Ordering::Relaxed);
     }
 
-    /// Applies the values that the calls of this handle have set last to the engine, at the beginning of a cycle.
+    /// Called at the beginning of a cycle: gives the engine the values that the calls of this handle have set last.
     pub(super) fn apply(&self, engine: &mut Engine) {
         engine.suppress_reports(self.0.reports_suppressed.load(Ordering::Relaxed));
         engine.hold_fifo(self.0.fifo_held.load(Ordering::Relaxed));

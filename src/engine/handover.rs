@@ -54,9 +54,8 @@ impl Handover {
         }
     }
 
-    /// Host: puts a frame that arrives at the board time `at` into the inbox. Waits first until `turn`, when the
-    /// simulated wire is free, and then for room in the inbox. Returns [`Stop::Timeout`] if this is not possible by
-    /// `end`.
+    /// Called by the host: puts a frame that arrives at the board time `at` into the inbox. Waits first until `turn`, when the
+    /// simulated wire is free, and then for room in the inbox. Returns [`Stop::Timeout`] if this is not possible by `end`.
     pub(super) fn send(&self, frame: &Frame, at: Ns, turn: Instant, end: Option<Instant>) -> Result<(), Stop> {
         let mut inbox = lock(&self.inbox);
         let cancels = inbox.cancels;
@@ -77,7 +76,7 @@ impl Handover {
         Ok(())
     }
 
-    /// Host: takes the oldest report. If there is none, waits for one until `end`.
+    /// Called by the host: takes the oldest report. If there is none, waits for one until `end`.
     pub(super) fn receive(&self, out: &mut Frame, end: Option<Instant>) -> Result<Report, Stop> {
         self.receive_in_parts(out, end, None)
     }
@@ -112,7 +111,7 @@ impl Handover {
         }
     }
 
-    /// Runner: takes the oldest frame out of the inbox, if there is one and it has arrived by the runner's time:
+    /// Called by the runner: takes the oldest frame out of the inbox, if there is one and it has arrived by the runner's time:
     /// `is_there` gets its time of arrival and decides that. Returns the time of arrival.
     pub(super) fn next_frame(&self, out: &mut Frame, is_there: impl FnOnce(Ns) -> bool) -> Option<Ns> {
         let mut inbox = lock(&self.inbox);
@@ -129,7 +128,7 @@ impl Handover {
         Some(at)
     }
 
-    /// Runner: puts a report that was made at `at` into the outbox.
+    /// Called by the runner: puts a report that was made at `at` into the outbox.
     pub(super) fn publish(&self, frame: &Frame, at: Ns) {
         lock(&self.outbox).reports.push(frame, at);
         self.news.notify_one();

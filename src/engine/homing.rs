@@ -36,7 +36,8 @@ const START_BIT_LOW_SETS: u8 = 8;
 /// A homing result in the statusword is accepted if the drive has shown no result for this long before bit 4 rose, or
 /// shows the same result for this long after it \[OURS].
 const RESULT_SETTLE_NS: Ns = 20_000_000;
-/// The minimum number of answers that count as [`RESULT_SETTLE_NS`], for long cycles \[OURS].
+/// The time [`RESULT_SETTLE_NS`] counts as passed only after at least this many answers of the drive, because with long cycles
+/// few answers come in it \[OURS].
 const RESULT_SETTLE_ANSWERS: u64 = 4;
 
 /// How long a drive may take to come to a standstill after homing has ended; it shows a standstill by bit 10 \[OURS].
@@ -155,7 +156,7 @@ impl Answer {
         outputs.is_some() && self.outputs_received >= outputs
     }
 
-    /// How many answers come within `ns`.
+    /// The number of answers, one per cycle, that come within `ns`, rounded up.
     fn in_time(&self, ns: Ns) -> u64 {
         ns.div_ceil(self.period_ns.max(1))
     }
@@ -245,7 +246,8 @@ impl AxisHoming {
         }
     }
 
-    /// Called when 0x6060 was written, at the latest at `at`. Answers of earlier cycles are ignored.
+    /// Called when 0x6060 was written, at the latest at `at`. Answers of cycles before `at` are ignored, since they may show
+    /// the earlier mode.
     pub(super) const fn mode_written(&mut self, at: Ns) {
         self.clear_answers = 0;
         self.mode_since = at;

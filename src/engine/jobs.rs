@@ -16,10 +16,10 @@ use crate::sk::{DriveSync, MasterState};
 /// (LIB-21), and the bus should get the complete configuration. \[OURS]
 const DECLARED_NS: Ns = 10_000_000;
 
-/// The running job of the bus for a step of the network.
+/// The job of the bus that carries out the present step of a boot or of a change of state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NetworkJob {
-    /// The step of boot or of a change of state that the job carries out.
+    /// The step that the job carries out.
     pub(super) step: Step,
     /// For a job that changes the state of slaves: the board time at which the bus ends it with a timeout.
     until: Ns,
@@ -418,8 +418,8 @@ impl Engine {
         }
     }
 
-    /// Called when the bus has configured these slaves, and with that has written the mode of DRIVE_MODE to 0x6060
-    /// (SK-7.34).
+    /// Called when the bus has configured these slaves. The configuration has also written to 0x6060 the mode that DRIVE_MODE
+    /// has set (SK-7.34).
     fn modes_configured(&mut self, slaves: SlaveSet) {
         for slave in slaves.iter().map(usize::from) {
             self.volatile.restores.cancel_slave(slave as u8);

@@ -158,8 +158,8 @@ impl Engine {
         }
     }
 
-    /// Makes the slots in reports show the commands of the outputs with this id. The slots of slaves that these outputs
-    /// have not reached stay unchanged.
+    /// Makes the slots in reports show the commands of the outputs with this id, which are now known to be sent. The slots of
+    /// slaves that these outputs have not reached stay unchanged.
     pub(super) fn show_heads(&mut self, id: u64) {
         let heads = &self.records.of(id).heads;
         let lost = self.network().lost().union(self.unreached());
@@ -220,8 +220,8 @@ impl Engine {
         }
     }
 
-    /// Counts executed commands that no outputs will carry, because OP begins or ends: the requests of all axes are reset
-    /// then.
+    /// Counts executed commands that no outputs will carry to the slaves: OP begins or ends, which resets the requests of all
+    /// axes.
     pub(super) fn drop_commanded(&mut self) {
         self.counters.for_lost += u64::from(std::mem::take(&mut self.commanded).len());
     }
@@ -245,8 +245,9 @@ impl Engine {
             return true;
         }
         let alone = self.present(self.used_slaves()).is_empty();
-        // The outputs from `oldest` on have to be at rest. A bus repeats the newest outputs that were sent, so these are
-        // included, unless no slave is left in OP that would get them.
+        // The outputs from `oldest` on must switch on no motor and no digital output: these are all that may still be sent. A
+        // bus also repeats the newest outputs that were sent, so that set is checked too, unless no slave is left in OP that
+        // would get it.
         let oldest = if alone { self.unconfirmed_from } else { self.unconfirmed_from.saturating_sub(1) };
         let recovering = self.network().recovering();
         let at_rest = (oldest..self.next_output_id).all(|id| {
@@ -264,10 +265,12 @@ impl Engine {
         at_rest && !self.is_clearing()
     }
 
-    /// Clears the outputs that a bus has queued while no slave is in OP. The bus may then send no outputs: the entries
-    /// would wait until slaves are back, and the entries behind them would be executed then, even an SV_ON of long ago.
-    /// The clear comes once cycles have passed without these outputs. While slaves are being brought back to OP there is
-    /// no clear, because it would also take back the state of their axes.
+    /// Clears the outputs that a bus has queued, if no slave is in OP any more. The bus may then send no outputs. Without the
+    /// clear the FIFO entries of these outputs would wait until slaves are back, and then be executed, even an SV_ON of long
+    /// ago.
+    ///
+    /// The clear begins when the bus has run cycles for two cycle times without sending the oldest of these outputs. While
+    /// slaves are being brought back to OP there is no clear, because it would also take back the state of their axes.
     pub(super) fn clear_what_nobody_gets(&mut self) {
         let alone = self.present(self.used_slaves()).is_empty();
         let return_now = self.job.is_some_and(|work| matches!(work.step, Step::RecoverTo(_)));
@@ -290,7 +293,8 @@ impl Engine {
         }
     }
 
-    /// Called when a step has changed the state of slaves: their answers from before no longer count.
+    /// Called when a step has changed the state of slaves: their answers that were measured before do not show the new state
+    /// and no longer count.
     pub(super) fn note_moved(&mut self, step: Step, now: Ns) {
         let who = match step {
             Step::RecoverTo(to) if to > MasterState::PreOp => self.network().recovering(),

@@ -101,7 +101,7 @@ pub struct Engine {
     /// of a program's thread, and with the axes this would take 8 kB (LIB-73).
     axes: AllAxes,
     fifo: CommandFifo,
-    /// The running job of the bus, other than an SDO transfer.
+    /// The running job of the bus, such as a change of state; SDO transfers are not in it.
     job: Option<jobs::NetworkJob>,
     /// Which side requested the running SDO transfer: the host, or the board. It may run during a change of state.
     sdo_owner: Option<restore::SdoOwner>,
@@ -148,21 +148,23 @@ pub struct Engine {
     /// The commands that the slaves' slots in reports show (id, index, output image): those of the newest outputs that
     /// were sent.
     shown_heads: [SlotHead; MAX_SLAVES],
-    /// When the newest cycle of the bus ran.
+    /// When the newest cycle of the bus ran, board time.
     last_passed: Ns,
-    /// When the newest cycle that carried new outputs ran.
+    /// When the newest cycle that carried new outputs ran, board time.
     last_carried: Ns,
     /// When the next cycle should run to stay in step with the slaves' distributed clocks, as the bus requests; `None`:
     /// one period after the last one.
     next_deadline: Option<Ns>,
-    /// In the newest cycle the working counter was too low while the bus named no lost slave, or it was too high.
+    /// Whether, in the newest cycle, the working counter was too low while the bus named no lost slave, or was too high. This
+    /// is logged only when it begins.
     working_counter_wrong: bool,
     /// Whether the hardware that runs the bus did not answer in the previous cycle.
     bus_down: bool,
     /// Whether a frame of another master was seen and logged.
     has_told_other_master: bool,
     local_inputs: u8,
-    /// The local outputs that were passed to the bus last. They are passed again only if LIO_WR has changed them.
+    /// The local outputs that LIO_WR has set, as they were passed to the bus last: a chip that runs the bus has output pins for
+    /// them. They are passed again only when LIO_WR has changed them.
     local_outputs_told: u8,
     reports_suppressed: bool,
     boots: u64,
@@ -174,9 +176,10 @@ impl Engine {
     /// Creates the engine of a board at power-on. `pacing` says whether the bus or the runner decides when a cycle
     /// runs.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
-        // How many sets of outputs may be unconfirmed. If the runner decides when a cycle runs, each cycle is answered
-        // at once. A bus that runs its own cycle has some sets in its queue, has sent some since the last poll, and
-        // some are not answered yet. It may name a lost slave as late as an answer can come.
+        // `unconfirmed_max`: how many sets of outputs may be pushed and not known to be sent. If the runner decides when a
+        // cycle runs, each cycle is answered at once. A bus that runs its own cycle has some sets in its queue, has sent some
+        // since the last poll, and some are not answered yet. `answered`: how many sets before these the history keeps, because
+        // the bus may name a lost slave as late as an answer can come.
         let (unconfirmed_max, answered) = match pacing {
             Pacing::Runner => (1, 0),
             Pacing::Bus { depth, answer_delay } => {
@@ -334,7 +337,7 @@ impl Engine {
         self.fifo.hold(held);
     }
 
-    /// Adds an event to the log.
+    /// Adds an event to the log, which keeps the newest 32.
     pub(crate) fn note(&mut self, event: Event) {
         self.log.push(event);
     }

@@ -37,7 +37,7 @@ enum Recovery {
     NotBegun,
     InPreOp,
     Configured,
-    /// The lost slaves are back. A slave that is lost after this is brought back only by the next SET_STATE.
+    /// The lost slaves were brought back. A slave that is lost after this is brought back only by the next SET_STATE.
     Done,
 }
 
@@ -102,7 +102,7 @@ pub(super) struct Network {
 }
 
 impl Step {
-    /// Whether this is the first step of a recovery.
+    /// Whether this is the first step of bringing lost slaves back.
     fn begins_recovery(self) -> bool {
         match self {
             Self::RecoverToPreOp => true,
@@ -254,14 +254,14 @@ impl Network {
         }
     }
 
-    /// Called when the engine looks for the next step at `now`: notes this time for a new change.
+    /// Called when the engine looks for the next step at `now`. For a new change it keeps this time as [`Change::seen_at`].
     pub(super) fn see(&mut self, now: Ns) {
         if let Some(change) = &mut self.change {
             change.seen_at.get_or_insert(now);
         }
     }
 
-    /// Called when all jobs that ended in this cycle were handled. The change that was in progress at the last SET_STATE
+    /// Called when all jobs that ended in this cycle were handled. If another change was in progress at the last SET_STATE, it
     /// has not failed in this cycle, so [`Self::newest`] is not needed any more.
     pub(super) fn seen(&mut self) {
         self.newest = None;

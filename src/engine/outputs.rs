@@ -114,7 +114,7 @@ impl Engine {
         (true, Some(DeferredSlots { master: entry.slot(size, 0), sdo: entry.slot(size, size.sdo_slot()) }))
     }
 
-    /// Executes the slots of an entry that had to wait until its outputs were sent.
+    /// Executes the slots of an entry that act only when its outputs are sent: slot 0 and the SDO slot.
     fn run_deferred(&mut self, deferred: Option<DeferredSlots>, at: Ns) {
         let Some(DeferredSlots { master, sdo }) = deferred else { return };
         let shown = (self.volatile.master_id, self.volatile.master_result);
@@ -132,8 +132,8 @@ impl Engine {
         self.next_output_id - self.unconfirmed_from
     }
 
-    /// The estimated number of sets of outputs that the bus holds: each cycle since the newest polled one has taken the
-    /// oldest set that had been pushed by then.
+    /// The estimated number of sets of outputs that the bus holds: each cycle of the bus since the newest one whose answer was
+    /// polled is assumed to have sent the oldest set that had been pushed by then.
     fn estimated_ahead(&self, now: Ns) -> u64 {
         if self.pacing == Pacing::Runner {
             return self.unconfirmed();
@@ -194,7 +194,7 @@ impl Engine {
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
-    /// Records which outputs were sent, by the ids in a cycle that has passed.
+    /// Records which outputs were sent: a cycle of the bus that has passed names the newest ones by their id.
     pub(super) fn note_confirmed(&mut self, done: &CycleDone) {
         let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
         let entries = self.confirm_sent(sent, done.at);
@@ -217,7 +217,8 @@ impl Engine {
         }
     }
 
-    /// Called when OP begins: records the state of the axes before the first outputs of this OP.
+    /// Called when OP begins: records the state of the axes before the first outputs of this OP, so that a clear can return to
+    /// it.
     pub(super) fn begin_op_outputs(&mut self) {
         self.op_from = self.next_output_id;
         let op_start = &mut self.op_start;

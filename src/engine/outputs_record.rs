@@ -23,7 +23,7 @@ pub(super) struct OutputsRecord {
     pub(super) homing: [[AxisHoming; MAX_AXES]; MAX_SLAVES],
     /// When the set was passed to the bus, board time.
     pub(super) pushed_at: Ns,
-    /// The phase of the output test of the test mode.
+    /// The progress of the output test (test mode) when the set was made.
     pub(super) test: TestPhase,
 }
 

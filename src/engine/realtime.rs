@@ -158,7 +158,7 @@ impl Clock {
         self.rate
     }
 
-    /// The time since the start of the clock.
+    /// The time on the runner's clock: what has passed since its start, at its rate.
     pub(super) fn now(&self) -> Duration {
         self.rate.slowed(self.start.elapsed())
     }

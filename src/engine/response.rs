@@ -126,8 +126,8 @@ impl Engine {
         }
     }
 
-    /// Refreshes the slots of slaves outside OP: they show the id and index of the last command and keep the other
-    /// bytes.
+    /// Refreshes the slots of slaves outside OP: they show the id and index of the last command. The other bytes keep their
+    /// values.
     fn refresh_heads(&mut self) {
         let size = self.config.slot;
         for slave in 1..=size.max_slaves() {

@@ -1,5 +1,5 @@
-//! Restores the mode of operation after homing (SK-7, firmware 1.7): the board writes the mode of DRIVE_MODE by SDO
-//! transfers of its own.
+//! Restores the mode of operation after homing (SK-7, firmware 1.7): during homing 0x6060 is 6, and afterwards the board writes
+//! the mode that DRIVE_MODE has set, by SDO transfers of its own.
 
 use super::homing::HomingEnd;
 use super::{Engine, Event, EventKind};
@@ -42,17 +42,17 @@ impl Restores {
         Self { due: [SlaveSet::EMPTY; MAX_AXES], failed: [[0; MAX_AXES]; MAX_SLAVES], running: None }
     }
 
-    /// Whether the mode of an axis of this slave is being restored or still has to be.
+    /// Whether the mode of operation of an axis of this slave is being restored after homing, or still has to be.
     pub(super) fn concern(&self, slave: u8) -> bool {
         self.due.iter().any(|due| due.contains(slave)) || self.running.is_some_and(|running| running.slave == slave)
     }
 
-    /// Cancels all restores. A transfer in progress continues.
+    /// Gives up restoring any modes of operation. A transfer in progress continues.
     pub(super) fn cancel_all(&mut self) {
         *self = Self { running: self.running, ..Self::new() };
     }
 
-    /// Cancels all restores of one slave. A transfer in progress continues.
+    /// Gives up restoring modes of operation on one slave. A transfer in progress continues.
     pub(super) fn cancel_slave(&mut self, slave: u8) {
         (0..MAX_AXES).for_each(|axis| self.cancel(Restore { slave, axis }));
     }
@@ -91,8 +91,8 @@ impl Engine {
         }
     }
 
-    /// Starts the next restore. Axes with fewer failed attempts go first, so that one that fails does not hold up the
-    /// others. A slave has to wait while one of its axes is homing.
+    /// Starts restoring the mode of the next axis. Axes with fewer failed attempts go first, so that one that fails does not
+    /// hold up the others. A slave has to wait while one of its axes is homing.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
@@ -151,8 +151,8 @@ impl Engine {
         homing.mode_written(since);
     }
 
-    /// Called when a write of 0x6060 has succeeded: the axis is in this mode, and takes targets if it is the mode of
-    /// DRIVE_MODE.
+    /// Called when a write of 0x6060 has succeeded: the axis is in this mode, and takes targets if DRIVE_MODE has set the same
+    /// mode.
     fn note_mode(&mut self, slave: u8, axis: usize, mode: u8) {
         let n = usize::from(slave) - 1;
         self.volatile.modes_written[n][axis] = mode;

@@ -1,5 +1,5 @@
-//! Why the network is not in the requested state. Byte 2 of slot 0 shows only that there is a failure: it is 0x10 plus
-//! the last state that all slaves have reached, most often 0x12.
+//! Why the network is not in the requested state. Byte 2 of slot 0 in reports shows only that there is a failure: it is 0x10
+//! plus the last state that all slaves have reached, most often 0x12.
 
 use std::fmt;
 

@@ -4,7 +4,7 @@ use super::Board;
 use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{FifoAction, Frame, MasterCommand, MasterState, SlaveCommand};
 
-/// How long all axes together may take to come to a standstill. \[OURS]
+/// How long all axes together may take to come to a standstill. After that the network leaves OP in any case. \[OURS]
 const STANDSTILL_NS: Ns = 3_000_000_000;
 /// How long the network may take to reach PreOP; then the board is switched off all the same. \[OURS]
 const PRE_OP_NS: Ns = 5_000_000_000;

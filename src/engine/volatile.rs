@@ -78,7 +78,7 @@ pub(super) struct Volatile {
     pub(super) homing_active: SlaveSet,
     /// The modes of operation that the board has to restore after homing.
     pub(super) restores: Restores,
-    /// Byte 0 (id) and bytes 4..7 (result) of slot 0 outside OP.
+    /// Byte 0 (the id of the last command) and bytes 4..7 (its result) of slot 0 in reports outside OP.
     pub(super) master_id: CommandId,
     pub(super) master_result: u32,
     pub(super) crc_errors: u8,

@@ -138,7 +138,7 @@ mod imp {
     }
 }
 
-/// On other systems nothing shows whether a thread has ended.
+/// On other systems nothing shows whether a thread has ended, so every thread counts as still there.
 #[cfg(not(any(target_os = "linux", windows)))]
 mod imp {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]

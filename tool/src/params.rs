@@ -45,9 +45,10 @@ pub use error::ParamsError;
 /// broken one
 ///
 /// A parameter is an object that can be read and written and that does not command the drive at the moment: no controlword,
-/// target, mode or output, nothing that stores or deletes. On a network of its own (nic:, xf-spi:, xf-usb:) the drive
-/// itself says which objects it has. A board (usb:, spi:, tcp:) transfers 4 bytes of an object and knows no list: --objects
-/// names a file of the drive's maker, made by `ecmsk objects from-esi`; without it everything that answers is kept.
+/// target, mode or output, nothing that stores or deletes. On a network of its own (nic:, xf-spi:, xf-usb:) the drive itself
+/// says which objects it has. A board (usb:, spi:, tcp:) transfers at most 4 bytes of an object and cannot list the objects of
+/// a drive: --objects names a file that lists them, made by `ecmsk objects from-esi` from the ESI file of the drive's maker;
+/// without it the indexes 0x2000 to 0x67FF are tried, and each object that answers is kept.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,

@@ -230,7 +230,8 @@ impl First {
     }
 }
 
-/// Calls `check`, then reads the recording for the first time, and prints notes on what is wrong with it.
+/// Calls `check`, which checks the output file, then reads the recording for the first time, and prints notes on what is wrong
+/// with the recording. The file is checked first, because a long recording takes time to read.
 fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>) -> Result<First, CliError> {
     if args.file == Path::new("-") {
         return Err(PlotError::Stdin.into());
@@ -317,8 +318,8 @@ impl Args {
         Ok(Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane, machine: loaded })
     }
 
-    /// How axes and units are named: by the option, else by the machine file. If the axes have different units, the panels
-    /// that show them together call the unit `units`.
+    /// How axes and units are named: by the options `--counts-per-unit` and `--unit`, else by the machine file. If the axes
+    /// have different units, the panels that show them together call the unit `units`.
     fn names<'m>(&self, axes: &[u8], machine: Option<&'m MachineFile>) -> layout::Names<'m> {
         let has_own_units = self.counts_per_unit.is_none();
         let unit = match (&self.counts_per_unit, &self.unit) {

@@ -54,7 +54,8 @@ pub enum SlaveError {
     /// The slave cannot be simulated, for example because one of its files cannot be read.
     #[error(transparent)]
     Slaves(#[from] SimulatedSlavesError),
-    /// The slave does not describe what the EEPROM or the ESI file has to contain.
+    /// The simulated slave cannot be described: it refuses PreOP, it lacks one of the objects 0x1018, 0x1C12 and 0x1C13, or its
+    /// description does not fit into an EEPROM.
     #[error(transparent)]
     Description(#[from] DescriptionError),
     /// An EEPROM cannot be shown on a terminal, because it is binary.

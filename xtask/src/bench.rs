@@ -40,7 +40,8 @@ struct Figure {
     ours_ns: Option<f64>,
     /// The median time of the baseline, in nanoseconds.
     baseline_ns: Option<f64>,
-    /// The median of this project's time divided by the baseline's, over the blocks of the measurement.
+    /// The median of the ratios of this project's time to the baseline's. A measurement times both by turns in short blocks,
+    /// and each pair of blocks gives one ratio.
     ratio: Option<f64>,
     /// The largest ratio, or the largest value, with which the bench passes: of all figures a smaller one is better.
     target: Option<f64>,

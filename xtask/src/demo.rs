@@ -39,8 +39,8 @@ until grep -q answering $4 || [ $tries = 100 ]; do sleep 0.05; tries=$((tries + 
 $1 exec --link 'nic:veth0?priority=20' --record $2 -- $3
 ";
 
-/// The cost of building the optimised library and tool, printed before the build. `cargo xtask` prints it, so its own build
-/// is already done.
+/// The cost of building the optimised library and tool, printed before the build. The build of `cargo xtask` itself is done
+/// when this is printed, so it is not included.
 const SPEND: Spend =
     Spend { disk_mb: 1_700, time: "on two free cores, two minutes beside the build of `cargo xtask` itself, now done" };
 

@@ -45,7 +45,8 @@ const TOOL: &str = "tool";
 const TOOL_ON_REAL_CLOCK: &[&str] =
     &["card_picture::", "monitor_tcp::", "page::", "serve_", "stalled::", "stop::", "tcp_", "terminal::"];
 
-/// The group on the machine's clock that `ci --fast` runs too, since it takes only seconds: the runners of the board.
+/// The group on the machine's clock that `ci --fast` runs too, since it takes only seconds. It tests the runners of the board:
+/// the thread, or the calls, that let its time pass.
 const QUICK_ON_REAL_CLOCK: &str = "runners";
 
 /// Parts of the names of tests and modules that only `--all` runs. They repeat other tests with other hardware, other
@@ -243,7 +244,8 @@ mod tests {
         assert!(REAL_CLOCK.contains(&QUICK_ON_REAL_CLOCK));
     }
 
-    /// A group whose sources use the machine's clock is in [`REAL_CLOCK`], or the file that uses it is listed above.
+    /// A group whose sources use the machine's clock is in [`REAL_CLOCK`], or the file that uses it is listed in
+    /// [`WITH_A_SIGN`] because its tests also pass on a machine that is late.
     #[test]
     fn what_looks_at_the_clock_runs_alone() {
         let mut found = Vec::new();

@@ -125,7 +125,7 @@ pub const CARGO_SEMVER_CHECKS: Need =
 pub const ADVISORIES: Need = Need { program: "list of known weaknesses of crates", source: Source::Advisories };
 
 impl Need {
-    /// A package that is unpacked into the target folder. Its program is the package's own name in messages.
+    /// The need of a package that is unpacked into the target folder. Messages call it by the name of the package.
     pub const fn fetched(package: &'static Fetched) -> Self {
         Self { program: package.name, source: Source::Fetched(package) }
     }

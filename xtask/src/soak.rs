@@ -17,10 +17,10 @@ use crate::needs;
 use crate::project::Project;
 use crate::test::GATES;
 
-/// How many schedules of the other tests are run for each program of tests/migration. A program is run twice and takes
-/// seconds of simulated time each time, so few are run.
+/// One program of tests/migration is run per this many schedules of the other tests: a program is run twice and takes seconds
+/// of simulated time each time.
 const PER_MIGRATION: u64 = 25;
-/// How many schedules of the other tests are run for each motion on a network card, which takes seconds of real time.
+/// One motion on a network card is run per this many schedules of the other tests, because it takes seconds of real time.
 const PER_CARD: u64 = 25;
 
 #[derive(clap::Args)]

@@ -286,7 +286,8 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     run_parts(&Site::new(project, &missing, arguments.all), parts, arguments.from, &gates, left_out, ahead)
 }
 
-/// Whether a part uses the results of the builds in the background.
+/// Whether a part uses results of the builds in the background. The first results that a part uses are those for Windows, which
+/// only a part that needs MinGW uses; by waiting for them, it waits for all builds.
 fn needs_ahead(part: &Part) -> bool {
     part.needs.contains(&MINGW_X64)
 }

@@ -17,9 +17,9 @@ struct State {
     readers: u32,
     lost: bool,
     closed: bool,
-    /// Close does not return while this is set.
+    /// The link's `close` does not return while this is set.
     stays_in_close: bool,
-    /// Whether the thread that calls Close is ended by force during the call.
+    /// Whether the link's `close` ends the calling thread, as if it was ended by force during the call.
     ends_closer: bool,
     read_waits: [Option<Wait>; 2],
     write_waits: [Option<Wait>; 2],
@@ -136,7 +136,7 @@ fn read(board: &VendorBoard) -> Result<Frame, Box<CallError>> {
     board.read(&mut report).map(|()| report)
 }
 
-/// LIB-41 Nothing is open before Open and after Close.
+/// LIB-41 No board is open before Open and after Close, and calls fail.
 #[test]
 fn calls_without_an_open_board_fail() {
     let link = FakeLink::new();
@@ -197,7 +197,7 @@ fn waits_are_those_of_the_link() {
     }
 }
 
-/// LIB-44 Open while a read waits returns true, and the read goes on and returns true.
+/// LIB-44 Open while a read waits returns true, and the waiting read is not ended: it returns true with the next report.
 #[test]
 fn a_read_goes_on_while_the_board_is_opened_again() {
     let link = FakeLink::new();
@@ -211,7 +211,7 @@ fn a_read_goes_on_while_the_board_is_opened_again() {
     });
 }
 
-/// LIB-48 Close ends a blocked read; LIB-26 a write does not wait for it.
+/// LIB-48 Close ends a blocked read. LIB-26 A write does not wait for a blocked read.
 #[test]
 fn close_ends_a_blocked_read_and_a_write_passes_by() {
     let link = FakeLink::new();
@@ -248,7 +248,8 @@ fn a_lost_board_is_dead_until_it_is_opened_again() {
     assert!(again.state().write_waits[0].is_some(), "the write went to the new link");
 }
 
-/// LIB-49 Open detects a loss that no call has noticed yet: a program may write SW_RESET and then call only Open.
+/// LIB-49 Open detects a loss of the board that no read or write has noticed yet. SW_RESET restarts the board, so its link is
+/// lost, and a program may write it and then call only Open.
 #[test]
 fn open_sees_a_loss_that_no_call_has_met() {
     let link = FakeLink::new();
@@ -302,8 +303,8 @@ fn calls_do_not_wait_for_an_open_under_way() {
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
-/// LIB-71 While an Open is pending, Close does not wait for it, however often it is called; the board is open afterwards.
-/// LIB-47
+/// LIB-71, LIB-47 While an Open is pending, Close does not wait for it, however often it is called; the board is open
+/// afterwards.
 #[test]
 fn close_does_not_wait_for_an_open_under_way() {
     let (board, link) = (VendorBoard::new(), FakeLink::new());
@@ -326,7 +327,7 @@ fn close_does_not_wait_for_an_open_under_way() {
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
-/// LIB-71 An Open during a pending Close waits for it, so that the link being closed is not in use any more.
+/// LIB-71 An Open waits for a Close that is pending in another thread, so that the old link is free when Open opens a new one.
 #[test]
 fn open_waits_for_a_close_under_way() {
     let link = FakeLink::new();
@@ -352,19 +353,19 @@ fn open_waits_for_a_close_under_way() {
     });
 }
 
-/// A thread that ends during a call.
+/// Threads that are ended by force during a call.
 #[cfg(target_os = "linux")]
 mod gone {
     use super::*;
 
-    /// Ends the calling thread, without freeing anything of it.
+    /// Ends the calling thread as if by force: nothing that the thread holds is released.
     fn end_this_thread() -> ! {
         // SAFETY: the call ends this thread and nothing else.
         unsafe { libc::syscall(libc::SYS_exit, 0) };
         unreachable!("the thread has ended");
     }
 
-    /// LIB-70 If a thread is ended while it opens or closes the board, the next one opens it.
+    /// LIB-70 If a thread is ended while it opens or closes the board, the next call of Open opens the board.
     #[test]
     fn in_open_and_in_close() {
         let board: &'static VendorBoard = Box::leak(Box::new(VendorBoard::new()));

@@ -26,8 +26,9 @@ pub const ECMSK_ERROR_ARGUMENT: i32 = -1;
 pub const ECMSK_ERROR_HANDLE: i32 = -2;
 /// The call has reached its timeout.
 pub const ECMSK_ERROR_TIMEOUT: i32 = -3;
-/// The link has virtual time, which advances only inside calls, and the board sends no reports: none comes however long
-/// the call waits. Connect the first slave again, then read again.
+/// The link has virtual time, which advances only inside calls, and the board sends no reports, for example because the cable
+/// to its first slave is unplugged. No report would come however long the call waits. Connect the first slave again, then read
+/// again.
 pub const ECMSK_ERROR_SILENT: i32 = -4;
 /// The board was unplugged or does not answer any more. Close it and open it again.
 pub const ECMSK_ERROR_LOST: i32 = -5;

@@ -29,7 +29,8 @@ macro_rules! entry {
 }
 pub(crate) use entry;
 
-/// Does what [`entry!`] says, with its arguments formatted (`call`) and its block as a closure (`body`).
+/// The function behind [`entry!`]: `call` is the exported function's name with its arguments, for the trace, and `body` is the
+/// block of the macro.
 pub fn enter<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
@@ -38,15 +39,15 @@ pub fn enter<T: Debug>(
     guard(call, body)
 }
 
-/// The same as [`entry!`] without counting the call as under way. [`module::close`](crate::module::close) counts calls
-/// that close a board, since it has to know whether another call is under way.
+/// Runs `body` as [`entry!`] does, but does not count the call as under way. [`module::close`](crate::module::close) counts the
+/// calls that close a board, since it has to know whether another call is under way.
 pub fn guard<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
 ) -> Result<T, Box<CallError>> {
     if forked::is_forked() {
-        // No lock may be taken here, not even that of the log: a thread of the parent may hold it, and the child has no such
-        // thread.
+        // This process is a child of fork. No lock may be taken here, not even that of the log: a thread of the parent may have
+        // held it at the fork, and no thread of the child would release it.
         let error = Box::new(CallError::Forked);
         error::remember(&error);
         return Err(error);
@@ -114,7 +115,7 @@ mod tests {
         unsafe { CStr::from_ptr(error::last()) }.to_string_lossy().into_owned()
     }
 
-    /// A panic ends at the boundary, as an error with its message.
+    /// A panic in an exported function does not reach its caller in C. It becomes an error with the message of the panic.
     #[test]
     fn a_panic_is_an_error() {
         let length = 3;

@@ -68,7 +68,7 @@ pub struct EcmskStats {
 pub struct EcmskCounters {
     /// The size of this structure in bytes.
     pub size: u32,
-    /// Always 0.
+    /// Always 0. It aligns the counters to 8 bytes.
     pub reserved: u32,
     /// Command frames received.
     pub frames: u64,

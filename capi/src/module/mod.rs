@@ -58,7 +58,7 @@ pub fn folder() -> Option<PathBuf> {
     Some(PathBuf::from(OsString::from_wide(&path)).parent()?.to_path_buf())
 }
 
-/// Other systems have no function that returns the folder of a library.
+/// Other systems have no function that returns the folder of a library, so it is not known.
 #[cfg(not(any(unix, windows)))]
 pub fn folder() -> Option<PathBuf> {
     None

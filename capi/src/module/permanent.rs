@@ -40,7 +40,7 @@ pub fn close(close: impl FnOnce() -> i32) -> CloseResult {
 }
 
 /// The body of an exported function that closes a board: calls `$close` and nothing else. On Windows it also unloads the
-/// library if need be.
+/// library if the closed board held the last reference to it.
 macro_rules! close_and_unload {
     ($close:path) => {{
         $close();

@@ -23,8 +23,8 @@ use windows_sys::Win32::System::Threading::{CreateThread, Sleep};
 const RETURN_MS: u32 = 500;
 /// The interval at which a waiting thread checks whether all calls have returned.
 const CHECK_INTERVAL_MS: u32 = 1;
-/// After this many checks a waiting thread gives up, and the module stays loaded: a call whose thread was ended by force never
-/// returns. \[OURS]
+/// The maximum number of checks, one per ms, of a thread that waits until all calls have returned. After 10 s it gives up, and
+/// the module stays loaded: a call whose thread was ended by force never returns. \[OURS]
 const CHECKS_MAX: u32 = 10_000;
 
 /// How many calls are under way in this module, which must not be unloaded meanwhile.
@@ -90,7 +90,7 @@ fn pin_winsock() {
 pub struct Call;
 
 impl Call {
-    /// Counts the call until this is dropped.
+    /// Counts a call as under way until the returned value is dropped.
     pub fn begin() -> Self {
         CALLS.fetch_add(1, Ordering::SeqCst);
         Self
@@ -109,7 +109,7 @@ impl Drop for Call {
 pub struct LastError(u32);
 
 impl LastError {
-    /// Keeps the present last error.
+    /// Remembers the last error at the beginning of a call.
     pub fn keep() -> Self {
         // SAFETY: the function has no conditions.
         Self(unsafe { GetLastError() })
@@ -123,14 +123,16 @@ impl Drop for LastError {
     }
 }
 
-/// Sets what GetLastError returns to the caller. To be called at the very end of a call.
+/// Sets what GetLastError returns to the caller. This must be the last step of a call, because functions of Windows that are
+/// called after it may change the code.
 pub fn set_last_error(code: u32) {
     // SAFETY: the function has no conditions.
     unsafe { SetLastError(code) };
 }
 
-/// Runs `close` as a call. Returns its result code. Instead of `ECMSK_OK` it returns the address of the module if the
-/// caller is to release a reference to the module with its last instruction.
+/// Runs `close`, the body of an exported function that closes a board, and counts it as a call under way. Returns its result
+/// code or, instead of `ECMSK_OK`, the address of the module if the exported function has to release a reference to the module
+/// with its last instruction.
 ///
 /// That is allowed only if no other call was under way at the beginning and at the end of this one: another call might
 /// still have instructions in this module to execute.
@@ -146,7 +148,7 @@ pub fn close(close: impl FnOnce() -> i32) -> CloseResult {
     module.map_or(code as usize, |module| module.addr())
 }
 
-/// Starts a thread for each reference that is to be released, which does so when all calls have returned.
+/// Starts a thread for each reference that is to be released. The thread releases it when all calls have returned.
 fn release_references_by_threads() {
     if REFERENCES_TO_RELEASE.load(Ordering::SeqCst) == 0 {
         return;

@@ -12,7 +12,8 @@ use crate::sk::{Frame, RawSlot, SlotSize, Slots};
 const SLOTS: usize = SlotSize::Bytes12.slots();
 
 pub struct Answers {
-    /// The slots that calls have claimed.
+    /// The slots that calls have claimed: until a call releases its slots, it alone sends commands in them whose answers it
+    /// needs.
     claimed: SlotSet,
     /// For each claimed slot: the newest answer with the id of the command for which the slot was claimed, and the time
     /// of its report.

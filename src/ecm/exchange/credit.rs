@@ -46,13 +46,13 @@ impl Credit {
         }
     }
 
-    /// Forgets all frames: the network has left OP, so that the FIFO is empty.
+    /// Forgets all written frames, because the network has left OP, which empties the FIFO.
     pub fn reset(&mut self) {
         self.uncounted.clear();
         (self.free, self.written, self.cycles, self.counting) = (FIFO_ENTRIES, 0, 0, None);
     }
 
-    /// Counts a written frame and returns its number, from 1.
+    /// Counts a written frame and returns its number, counted from 1 since OP was reached.
     pub fn wrote(&mut self, at: Stamp) -> i64 {
         if self.uncounted.len() == usize::from(FIFO_ENTRIES) {
             self.uncounted.pop_front();
@@ -81,12 +81,13 @@ impl Credit {
                 self.counting = Some(Counting::Since(idle))
             }
             Some(Counting::Since(before)) => {
-                // The number may fall for a report: a frame written just before the report counts as arrived, although it
-                // may not have been. Underruns that were counted are never taken back.
+                // The number of idle cycles may be smaller than at the report before: a frame written just before a report
+                // counts as arrived and executed, although it may not have been. Underruns that were counted are never taken
+                // back.
                 let new = (idle - before).max(0);
                 if new > 0 {
-                    // The FIFO had entries before and after this one cycle, so the cycle executed one and is no underrun.
-                    // The number rose because a frame had counted as arrived too early.
+                    // The FIFO had entries before and after this one cycle, so the cycle executed one and is no underrun. The
+                    // number of idle cycles is larger now only because a frame had counted as arrived too early.
                     if !(cycles == 1 && had_entries && self.used() > 0) {
                         self.underruns += new as u64;
                     }

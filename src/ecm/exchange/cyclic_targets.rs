@@ -16,9 +16,9 @@ pub struct CyclicTargets {
     set: SlaveSet,
     /// The targets for the next frame. They are repeated in each frame until other targets are set.
     next: Box<Frame>,
-    /// The targets of the last step.
+    /// The targets of the last frame that was written.
     last: Box<Frame>,
-    /// The outputs last sent to HSPs, by slot. Clearing the targets does not change them.
+    /// The digital outputs last sent to the two channels of each HSP, by slot. Removing the targets does not change them.
     outputs: [Outputs; SLOTS],
     /// Slaves whose targets were withdrawn since the last call of [`take_withdrawn`](Self::take_withdrawn).
     withdrawn: SlaveSet,
@@ -51,7 +51,7 @@ impl CyclicTargets {
         self.forget(SlaveSet::first(MAX_SLAVES as u8));
     }
 
-    /// Sets all outputs to 0, as the board does when the network leaves OP.
+    /// Sets the recorded outputs of all HSPs to 0, as the board sets the outputs when the network leaves OP.
     pub fn forget_outputs(&mut self) {
         self.outputs = [[0; 2]; SLOTS];
     }
@@ -118,7 +118,7 @@ impl CyclicTargets {
         self.next.clone_from(&self.last);
     }
 
-    /// The command last sent to a slave.
+    /// The target of a slave in the last frame that was written; `None` if that frame had none for the slave.
     pub fn last(&self, slave: u8) -> Option<SlaveCommand> {
         let slot = self.last.slot(self.size, slave.into());
         if slot.is_zero() {

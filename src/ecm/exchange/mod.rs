@@ -53,17 +53,18 @@ use super::options::Options;
 use crate::link::{Link, LinkError, LinkInfo, Wait};
 use crate::sk::{RawSlot, SlotSize};
 
-/// \[OURS] If a stream makes no step for this long, other threads no longer wait for its frames.
+/// \[OURS] If an open stream makes no step for this long, the calls of other threads write frames of their own instead of
+/// waiting for the stream's next frame.
 const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
 /// \[OURS] A report that is older than this many cycles does not show the present positions of the axes.
 const REPORT_AGE_CYCLES: u32 = 3;
 /// \[OURS] The longest timeout of a call: a year.
 pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
-/// \[OURS] The most reports that one call reads without waiting: more than the queue of any link holds by default. The
-/// call ends even if reports come faster than it reads them.
+/// \[OURS] The most reports that one call reads without waiting. These are more than the queue of any link holds by default, so
+/// a call normally reads all of them, and it ends even if reports come faster than it reads them.
 const CATCH_UP_REPORTS_MAX: usize = 4096;
 
-/// Returns `true` if the wait of the calling thread is to end.
+/// A function of the program that is called during a wait of a call. It returns `true` if the wait is to end.
 type Interrupt = Box<dyn Fn() -> bool + Send + Sync>;
 
 pub struct Exchange {
@@ -75,7 +76,8 @@ pub struct Exchange {
     /// Generation counter: incremented whenever state that a `Stream` reads has changed, such as a new report, another
     /// configuration, an axis that is homing, or a cleared FIFO.
     changes: AtomicU64,
-    /// Signalled when a report was read, when claimed slots were released, and when the board was closed.
+    /// Signalled when a report was read, when claimed slots were released, and when the board was closed: threads that wait for
+    /// one of these go on.
     news: Condvar,
     /// Whether a stream ended while another thread had the lock of the session. The session then still has the stream as
     /// open, until the next call takes the lock.
@@ -155,7 +157,7 @@ impl Exchange {
         Ok(session)
     }
 
-    /// As [`Exchange::lock`], after reading all reports up to the newest one.
+    /// As [`Exchange::lock`], and then reads all reports that are waiting, up to the newest one.
     pub fn lock_newest(&self) -> Result<MutexGuard<'_, Session>, EcmError> {
         let mut session = self.lock()?;
         self.catch_up(&mut session)?;
@@ -169,7 +171,8 @@ impl Exchange {
         Ok(session)
     }
 
-    /// Marks the stream as ended while another thread has the lock of the session. The next lock removes the stream.
+    /// Called when a stream ends while another thread has the lock of the session: the next call that gets the lock removes the
+    /// stream.
     pub fn abandon(&self) {
         self.abandoned.store(true, Ordering::Release);
     }
@@ -190,7 +193,7 @@ impl Exchange {
         self.changes.fetch_add(1, Ordering::Release);
     }
 
-    /// Sets the configuration of the slaves.
+    /// Sets the configuration of the slaves, by which calls are checked from now on.
     pub fn set_network(&self, config: &Config) -> Result<(), EcmError> {
         let network = Arc::new(Network::of(config));
         let mut session = self.lock()?;

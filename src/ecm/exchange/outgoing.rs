@@ -12,7 +12,8 @@ pub struct Sent {
     pub at: Stamp,
     /// The number of the frame among the FIFO entries since OP was reached, from 1; 0 outside OP.
     pub number: i64,
-    /// The mark of the frame ([`Marks`](super::marks::Marks)); 0 if it has none.
+    /// The mark of the frame, a number by which reports show that the frame was executed ([`Marks`](super::marks::Marks)); 0 if
+    /// it has none.
     pub mark: u8,
 }
 
@@ -20,7 +21,7 @@ pub struct Sent {
 pub struct Outgoing {
     /// The frame that is composed next. After a write it has the last frame until the next is composed.
     pub frame: Frame,
-    /// The mark of `frame`; 0 if it has none.
+    /// The mark of `frame`, by which reports show that it was executed; 0 if it has none.
     pub mark: u8,
     /// The number of frames written so far.
     pub written: u64,

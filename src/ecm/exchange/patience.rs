@@ -16,7 +16,7 @@ const LATENESS_MAX: Duration = Duration::from_millis(100);
 /// \[OURS] The least advance of the clock after a stall, even if no wait was announced, so that timeouts pass in the end.
 const STEP_MIN: Duration = Duration::from_millis(1);
 
-/// The clock of timeouts. Threads may share it.
+/// The clock of timeouts, which leaves out stalls of this process. Threads may share it.
 pub struct Patience {
     started: Instant,
     /// The newest time of the underlying clock that [`Patience::at`] got, ns.
@@ -33,7 +33,7 @@ impl Patience {
         Self { started: Instant::now(), last_ns, expected_ns, stood_ns }
     }
 
-    /// The real time since this clock was made, including stalls.
+    /// The real time since this clock was made, including stalls. The time of the clock without them is [`Patience::at`].
     pub fn elapsed(&self) -> Duration {
         self.started.elapsed()
     }
@@ -70,7 +70,7 @@ pub struct Waited {
 }
 
 impl Waited {
-    /// A call that begins at that time.
+    /// A call that begins at the time `now` and has not waited yet.
     pub const fn since(now: Duration) -> Self {
         Self { last: now, total: Duration::ZERO }
     }

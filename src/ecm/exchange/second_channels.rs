@@ -23,7 +23,7 @@ const ANSWER_FRAMES_MAX: u64 = 4000;
 /// \[OURS] How long an SDO transfer of a call waits for the end of the one that a stream has requested.
 const STREAM_SDO_LIMIT: Duration = Duration::from_secs(2);
 
-/// What is known about second channels.
+/// What is known about the second channels of HSPs.
 pub struct SecondChannels {
     /// Slaves that have a second channel.
     present: SlaveSet,
@@ -31,7 +31,7 @@ pub struct SecondChannels {
     absent: SlaveSet,
     /// The newest statuswords of second channels, by slot.
     statuswords: [Statusword; SlotSize::Bytes12.slots()],
-    /// The SDO slot of the newest report, to notice a new answer.
+    /// The SDO slot of the newest report. A report with another content in it has a new answer.
     shown: RawSlot,
     /// The request of a stream that has no answer yet.
     asked: Option<Asked>,

@@ -25,8 +25,8 @@ use crate::ethercat::coe::ObjectAddress;
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::{CrcPolicy, Frame, MasterResponse, RawSlot, SlotSize};
 
-/// \[OURS] While slaves are lost, one in this many frames of a stream gets a mark although it has no command. A slave
-/// that does not return the mark is lost.
+/// \[OURS] While slaves are lost, one in this many frames of a stream gets a mark although it has no command. Slaves repeat the
+/// mark in their slots of a report; a slave that does not is lost.
 const ASK_LOST: u64 = 32;
 
 /// The axes that a call is homing.
@@ -60,7 +60,7 @@ pub struct Session {
     pub answers: Answers,
     pub marks: Marks,
     pub credit: Credit,
-    /// Slaves that are known to be lost: they do not return marks.
+    /// Slaves that are known to be lost: their slots do not repeat the marks of executed frames, while those of others do.
     pub lost: SlaveSet,
     pub second_channels: SecondChannels,
     /// The targets that a stream repeats in every frame.
@@ -127,7 +127,7 @@ impl Session {
         &self.reports.board
     }
 
-    /// A slot of the newest report.
+    /// Slot number `slot` of the newest report.
     pub fn slot(&self, slot: usize) -> RawSlot {
         self.reports.newest.slot(self.size, slot)
     }
@@ -326,7 +326,7 @@ impl Session {
         outgoing.last.number = if self.reports.in_op() { self.credit.wrote(at) } else { 0 };
     }
 
-    /// Removes the stream.
+    /// Records that no stream is open any more: calls write their own frames again, and underruns are not counted.
     pub fn end_stream(&mut self) {
         self.pacer = None;
         self.credit.count_underruns(false);

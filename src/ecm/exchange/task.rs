@@ -59,7 +59,7 @@ impl<'a> Task<'a> {
 /// How far the commands of a task have been sent.
 #[derive(Default)]
 struct Delivery {
-    /// Whether the task has claimed the slots.
+    /// Whether the task has claimed its slots, so that no other call uses them.
     claimed: bool,
     /// The number of frames that had been written when the commands were queued.
     posted_at: Option<u64>,

@@ -18,7 +18,7 @@ use crate::sk::{AxisTarget, DriveResponse, Motion, SlaveCommand};
 /// no position ramp.
 const STANDSTILL_COUNTS: f64 = 2.0;
 
-/// The ramp of the axes of one slave.
+/// The ramp with which the axes of one slave are brought to a standstill, by the mode of the slave.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum AxisRamp {
     /// In CSP: the positions of both axes at which the ramp begins, and the speeds there in counts per frame. The speeds
@@ -125,10 +125,10 @@ pub(super) fn ramp_of(
     }
 }
 
-/// The ramp of an axis in CSP that cannot reach its last target within `cycles`: because frames were lost, that target is
-/// far away, and the drive goes there by itself. The ramp begins at the actual position, and ends before the target.
-/// `None` for an axis that is stationary or reaches its target in time. If the last target is unknown, the axis is ramped
-/// only if `overdue` is set.
+/// The ramp of an axis in CSP that cannot reach its last target within `cycles`: because frames were lost, that target is far
+/// away, and the drive goes there by itself. The ramp begins at the actual position, and ends before the target. `None` for an
+/// axis that is stationary or reaches its target in time. If the last target is unknown, the axis may still reach it in time,
+/// so it is ramped only if `overdue` is set: little time is left for the stop.
 pub(super) fn ramp_from_position(
     session: &Session,
     observed: &Observation,

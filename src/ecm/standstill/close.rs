@@ -8,7 +8,7 @@ use crate::ecm::options::{CLOSE_LIMIT, Close};
 use crate::ecm::{Ecm, EcmError};
 use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] The part of the 2 s that is reserved for switching the axes off.
+/// \[OURS] The part of [`CLOSE_LIMIT`], the time limit of closing, that is reserved for switching the axes off.
 const SWITCH_OFF_TIME: Duration = Duration::from_millis(200);
 
 impl Ecm {
@@ -16,9 +16,10 @@ impl Ecm {
     /// adopted ([`Ecm::adopt`]) get commands.
     ///
     /// # Errors
-    /// After any of these errors axes may still be moving or on: [`EcmError::Timeout`], [`EcmError::SlaveLost`],
-    /// [`EcmError::NoReport`], [`EcmError::Link`]. With [`Close::ServoOff`] axes that do not come to a standstill are
-    /// switched off all the same.
+    /// After any of these errors axes may still be moving or on: [`EcmError::Timeout`] if an axis still moves or is on after
+    /// the time limit, [`EcmError::SlaveLost`] if a slave is lost, [`EcmError::NoReport`] if the board is silent,
+    /// [`EcmError::Link`] if the link fails. With [`Close::ServoOff`] axes that do not come to a standstill are switched off
+    /// all the same.
     pub fn close(mut self, how: Close) -> Result<(), EcmError> {
         self.end(how)
     }

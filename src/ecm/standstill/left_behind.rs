@@ -17,11 +17,12 @@ use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, Raw
 /// \[OURS] If this many consecutive reports show that the board took no entry out of its FIFO, the entries wait until the
 /// FIFO reaches its threshold (SET_FIFO 2).
 const HELD_REPORTS: u32 = 3;
-/// \[OURS] The time limit for the last frame of a stop that has failed (`in_one_step`).
+/// \[OURS] The time limit for writing the frame that [`in_one_step`](Stop::in_one_step) sends after a failed stop.
 const LAST_FRAME_LIMIT: Duration = Duration::from_millis(200);
 
 impl Stop<'_, '_> {
-    /// Discards entries that wait for a threshold, or are too many for the time limit.
+    /// Discards the entries in the FIFO if they wait for a threshold (SET_FIFO 2), or if they are too many to be executed
+    /// within the time limit.
     pub(super) fn discard_unwanted(&mut self) -> Result<(), EcmError> {
         if self.left.is_foreign {
             let observed = Observation::begin(self.session);
@@ -42,12 +43,12 @@ impl Stop<'_, '_> {
         Ok(())
     }
 
-    /// Discards the entries that wait for a threshold.
+    /// Discards the entries in the FIFO if they wait for a threshold (SET_FIFO 2).
     pub(super) fn discard_held(&mut self) -> Result<(), EcmError> {
         if self.session.in_op() && self.is_held()? { self.discard_all() } else { Ok(()) }
     }
 
-    /// Whether the FIFO has entries, but the board takes none out.
+    /// Whether the FIFO has entries but the board takes none out, because they wait for a threshold (SET_FIFO 2).
     fn is_held(&mut self) -> Result<bool, EcmError> {
         let mut free = self.session.board().fifo_free;
         for _ in 0..HELD_REPORTS {

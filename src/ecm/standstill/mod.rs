@@ -44,7 +44,7 @@ const PRESENT_CYCLES: u32 = 3;
 /// \[OURS] The fewest frames of a ramp; with long cycles these take longer than the set ramp time.
 pub const RAMP_FRAMES_MIN: u32 = 4;
 
-/// What a stop knows about the program that has moved the axes.
+/// What a stop knows about the program that has moved the axes, and about the entries that it has left in the FIFO.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LeftBehind {
     /// Whether another program has moved the axes, whose last commands may be unknown.
@@ -57,7 +57,7 @@ pub struct LeftBehind {
     /// Whether reports have shown that entries wait for such a threshold: the FIFO has entries, and the board takes none
     /// out.
     pub is_held: bool,
-    /// The number of entries that the stop has discarded.
+    /// The number of FIFO entries that the stop has discarded.
     pub discarded: u16,
 }
 
@@ -77,8 +77,8 @@ pub fn to_standstill(
     let mut stop = Stop::new(ecm, session, deadline, left);
     let stood = stop.until_all_stand();
     if matches!(&stood, Err(error) if !matches!(error, EcmError::Link(_))) {
-        // The error of the failed stop is returned, since it says why axes are not stationary. An error of this last
-        // frame would say less, so it is dropped.
+        // The stop has failed. Its error is returned, since it says why axes are not stationary. One more frame is sent as a
+        // last resort; an error of that frame would say less, so it is dropped.
         let _ = stop.in_one_step();
     }
     stood
@@ -92,7 +92,8 @@ pub fn discard_held(
     left: &mut LeftBehind,
 ) -> Result<(), EcmError> {
     let mut stop = Stop::new(ecm, session, deadline, left);
-    // The error of the discarding says more than an error of the last frame would.
+    // If discarding fails, one more frame is sent as a last resort. An error of that frame is dropped, since the error of the
+    // discarding says more.
     stop.discard_held().inspect_err(|_| drop(stop.in_one_step()))
 }
 
@@ -106,7 +107,7 @@ struct Stop<'a, 's> {
     began: Duration,
     deadline: Duration,
     left: &'a mut LeftBehind,
-    /// Slaves whose ramps were written.
+    /// Slaves for whose axes this stop has written a ramp.
     ramped: SlaveSet,
     /// Whether this stop has reset the FIFO threshold, so that the board executes its entries however few they are.
     unlocked: bool,
@@ -173,8 +174,8 @@ impl<'a, 's> Stop<'a, 's> {
         if commands.is_empty() {
             return Ok(());
         }
-        // If there will be a ramp, the commands go out with its first frame. A frame of their own would have no targets
-        // for other axes.
+        // If a ramp follows, ABORT_HOME is sent with the first frame of the ramp. A frame with ABORT_HOME alone would have no
+        // targets for the other axes.
         if !self.session.posts.post(&commands) {
             self.write()?;
             self.session.posts.post(&commands);
@@ -206,7 +207,7 @@ impl<'a, 's> Stop<'a, 's> {
         self.run(&ramps)
     }
 
-    /// Writes the frames of the ramps.
+    /// Writes the frames of the ramps, one for each cycle.
     fn run(&mut self, ramps: &AxisRamps) -> Result<(), EcmError> {
         let frames = self.frames();
         let network = Arc::clone(&self.session.network);

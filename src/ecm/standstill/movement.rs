@@ -53,7 +53,7 @@ impl Observation {
         session.stats.reports - self.reports >= most.clamp(1, OBSERVATION_CYCLES)
     }
 
-    /// The movement of a slave's axes, counts.
+    /// How far a slave's axes have moved since the observation began, counts.
     pub(super) fn moved(&self, session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
         moved(session, &self.report, slave, config)
     }
@@ -64,14 +64,14 @@ impl Observation {
         now.saturating_sub(self.at.0).max(1) as f64 / 1e9
     }
 
-    /// Whether a slave's axes have moved further than their standstill threshold.
+    /// Whether one of a slave's axes has moved further than its standstill threshold since the observation began.
     pub(super) fn moves(&self, session: &Session, slave: u8, config: &Slave) -> bool {
         let standstill = config.axis().map_or(u32::MAX, |axis| axis.standstill);
         commanded_ways(session, slave, config, self.moved(session, slave, config)).any(|counts| counts > standstill)
     }
 }
 
-/// The positions of a slave's axes, counts.
+/// The positions of a slave's axes in the newest report, counts.
 pub(super) fn positions(session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
     positions_in(&session.reports.newest, session.size, slave, config)
 }
@@ -85,7 +85,7 @@ fn positions_in(report: &Frame, size: SlotSize, slave: u8, config: &Slave) -> [i
     [answer.first.position, answer.second.position]
 }
 
-/// [`LAG_MAX`] in cycles: how long after a target a drive may reach it, but at least 3 cycles. \[OURS]
+/// How many cycles after a target a drive may reach it: [`LAG_MAX`] in cycles, but at least 3. \[OURS]
 pub(super) fn lag_cycles(session: &Session) -> f64 {
     LAG_MAX.div_duration_f64(session.network.cycle()).max(3.0)
 }

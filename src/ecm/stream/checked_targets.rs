@@ -26,7 +26,6 @@ pub(super) struct CheckedTargets {
     takes_targets: bool,
     /// Slaves whose axes are being homed.
     homing: SlaveSet,
-    /// Slaves that are lost.
     lost: SlaveSet,
     /// Slaves that take no target, because they are homing or lost, or because their second channel is off.
     refused: SlaveSet,

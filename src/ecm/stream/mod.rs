@@ -66,8 +66,9 @@ impl Ecm {
     /// when the stream ends: with long cycles the depth is limited, so that closing ends within its 2 s.
     ///
     /// # Errors
-    /// [`EcmError::Setting`], [`EcmError::TooDeep`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`] if nothing is
-    /// configured, [`EcmError::Busy`] while there is another stream, [`EcmError::Link`].
+    /// [`EcmError::Setting`] if `depth` is not 1 to 150, [`EcmError::TooDeep`] if it is too large for this cycle time,
+    /// [`EcmError::WrongState`] outside OP, [`EcmError::NoSuchSlave`] if nothing is configured, [`EcmError::Busy`] while there
+    /// is another stream, [`EcmError::Link`] if the link fails.
     pub fn stream(&self, depth: u16) -> Result<Stream<'_>, EcmError> {
         if depth == 0 || depth > FIFO_ENTRIES - SPARE_ENTRIES {
             return Err(EcmError::Setting { what: "depth", found: depth.to_string(), allowed: "1 to 150 frames" });
@@ -110,8 +111,8 @@ impl Stream<'_> {
     /// commands of other calls either.
     ///
     /// # Errors
-    /// [`EcmError::Setting`] for another number, or after frames were written; [`EcmError::WrongState`],
-    /// [`EcmError::Busy`], [`EcmError::Link`].
+    /// [`EcmError::Setting`] for another number, or after frames were written; [`EcmError::WrongState`] outside OP,
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn prefill(&mut self, frames: u16) -> Result<(), EcmError> {
         if frames < 2 || frames > self.depth {
             let found = frames.to_string();
@@ -132,9 +133,12 @@ impl Stream<'_> {
     /// An HSP keeps its outputs. Its second axis keeps its last target, or its actual position if it has had no target.
     ///
     /// # Errors
-    /// [`EcmError::TooFar`], [`EcmError::NotEnabled`], [`EcmError::Alarm`], [`EcmError::IsHoming`],
-    /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`],
-    /// [`EcmError::SlaveLost`], [`EcmError::SecondOff`], [`EcmError::Cleared`], [`EcmError::Link`].
+    /// [`EcmError::TooFar`] if the guard refuses the target, [`EcmError::NotEnabled`] if the axis is off, [`EcmError::Alarm`]
+    /// if it has an alarm, [`EcmError::IsHoming`] if it is homing, [`EcmError::SecondOff`] if the second channel of an HSP is
+    /// off, [`EcmError::WrongMode`] if the axis is configured for another mode, [`EcmError::WrongKind`] and
+    /// [`EcmError::NoSuchSlave`] for a slave that has no axis or is not configured, [`EcmError::SlaveLost`] if the slave is
+    /// lost, [`EcmError::WrongState`] outside OP, [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`] if the
+    /// link fails.
     pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
         self.refresh()?;
         self.targets.set_first(slave, target, Mode::Csp, self.ecm.exchange.options.guard)
@@ -214,9 +218,11 @@ impl Stream<'_> {
     /// [`Options::read_limit`]: super::Options::read_limit
     ///
     /// # Errors
-    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP,
-    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. No frame is written in these cases. An axis
-    /// that is switched off or lost is no error of this call: setting its next target is.
+    /// [`EcmError::NoReport`] if the board is silent, [`EcmError::Timeout`] if the FIFO has no room in time,
+    /// [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`] if the link fails: these may also occur in the
+    /// wait after the frame was written. [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Busy`] if another thread
+    /// uses the board: then no frame was written. An axis that is switched off or lost is no error of this call: setting its
+    /// next target is.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
         self.refresh()?;
         self.targets.require_uncleared()?;
@@ -275,7 +281,7 @@ impl Stream<'_> {
     /// The newest report, without waiting for another one.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`].
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] if the link has failed.
     pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
         self.ecm.snapshot()
     }
@@ -283,7 +289,7 @@ impl Stream<'_> {
     /// The counters of the stream so far.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`].
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn stats(&self) -> Result<StreamStats, EcmError> {
         Ok(self.stats_of(&*self.ecm.exchange.lock()?))
     }
@@ -300,7 +306,8 @@ impl Stream<'_> {
     /// velocities and torques are ramped to 0.
     ///
     /// # Errors
-    /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`], [`EcmError::Link`].
+    /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`] if the board is silent, [`EcmError::Link`]
+    /// if the link fails.
     pub fn finish(mut self) -> Result<StreamStats, EcmError> {
         self.end()
     }

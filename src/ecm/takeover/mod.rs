@@ -26,11 +26,12 @@ pub(crate) enum Succeeded {
 }
 
 impl Ecm {
-    /// As [`Ecm::adopt`], for a network that another program has run until now. `watch` supplies the last commands of
-    /// that program, so that closing can bring its axes to a standstill.
+    /// As [`Ecm::adopt`], for a network that another program has run until now. `watch` has followed the frames of that program
+    /// and supplies its configuration and its last commands, so that closing can bring its axes to a standstill. If `watch` has
+    /// seen no SET_AXIS, the slaves are not known and none is adopted; that is no error.
     ///
     /// # Errors
-    /// As [`Ecm::adopt`]. An unknown network is adopted as one without slaves.
+    /// As [`Ecm::adopt`].
     pub fn take_over(&self, watch: &Watch) -> Result<(), EcmError> {
         let Some(config) = watch.config() else { return Ok(()) };
         self.adopt(&config)?;

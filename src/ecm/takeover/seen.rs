@@ -8,7 +8,7 @@ use crate::sk::{CommandId, DriveSync, FIFO_ENTRIES, RawSlot, SlaveCommand, Slave
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     mode: Option<(Mode, DriveSync)>,
-    /// The last motion command (CSP, CSV, CST).
+    /// The last motion command (CSP, CSV, CST) to the slave; `None` if it is not known.
     pub(super) last: Option<SlaveCommand>,
     homing: Homing,
 }

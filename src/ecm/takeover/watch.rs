@@ -19,9 +19,9 @@ pub struct Watch {
     pub(super) slaves: [Seen; SLAVES],
     cycle: CycleTime,
     state: Option<MasterState>,
-    /// The FIFO-full count in the newest report in OP.
+    /// The count of frames that found the FIFO full, as the newest report in OP shows it.
     full_count: u16,
-    /// The CRC error count in the newest report.
+    /// The count of frames with a wrong CRC, as the newest report shows it.
     error_count: u8,
     /// When SW_RESET was written; `None` if none was, or if a report has shown that the board has executed or rejected
     /// it. A board that rejects it (SK-1.24) goes on as before.

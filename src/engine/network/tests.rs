@@ -1,4 +1,4 @@
-//! The steps from each network state to each other, and those of recoveries.
+//! Tests of the steps that lead from each network state to each other one, and of those that bring lost slaves back.
 
 use super::*;
 

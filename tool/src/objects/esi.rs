@@ -64,12 +64,13 @@ pub struct Esi {
     pub objects: Vec<ManufacturerObject>,
 }
 
-/// Reads the objects of a device from the bytes of a file, in the encoding that it declares. `wanted` is the type, the name
-/// or the product code of the device.
+/// Reads the objects of a device from the bytes of a file, in the encoding that it declares. `wanted` is the type, the name or
+/// the product code of the device. Of several revisions of the device, the last one in the file is read.
 ///
 /// # Errors
-/// [`EsiError`] if the file is not XML, if it has no object dictionary, if `wanted` names none of its devices or several,
-/// or if `wanted` is `None` and the file has several devices.
+/// [`EsiError`] if the encoding of the file is unknown or wrong, if it is not XML or does not follow ETG.2000, if none of its
+/// devices has an object dictionary, if `wanted` names none of its devices or several that have different names, or if `wanted`
+/// is `None` and the file has several devices.
 pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
     let text = decoded(bytes)?;
     let twice =
@@ -86,7 +87,8 @@ pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
     names.dedup();
     let device = match (chosen.as_slice(), wanted) {
         _ if with_objects.is_empty() => return Err(EsiError::NoDictionary),
-        // The revisions of one device follow each other in the file, the newest last [OURS].
+        // Devices with the same name are revisions of one device. They follow each other in the file, the newest last [OURS],
+        // so the last one is read.
         ([.., last], _) if chosen.iter().all(|device| name_of(*device) == name_of(*last)) => *last,
         ([], Some(wanted)) => return Err(EsiError::NoDevice { wanted: wanted.to_owned(), devices: names }),
         _ => return Err(EsiError::Several(names)),
@@ -339,8 +341,9 @@ fn value_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> ManufacturerV
     }
 }
 
-/// The default value. It is in the bytes, and the number is 0; without bytes the number is the value, which is 0 if there
-/// is none.
+/// The default value of an object, as bytes and as a number, of which one is set. The bytes are set for DefaultData,
+/// DefaultString and texts; then the number is 0. Otherwise the bytes are empty and the number is the value, or 0 if the file
+/// has no default.
 fn default_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> (Vec<u8>, u64) {
     // An XML comment inside an element splits its text into several nodes.
     let default = |name| {

@@ -17,7 +17,7 @@ pub enum ParamsError {
     /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// The configuration of the link is invalid.
+    /// The link that `ECMSK_LINK` or a configuration file gives is invalid, or the file cannot be used.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The command line names no link.
@@ -34,7 +34,7 @@ pub enum ParamsError {
     Content {
         /// The path of the file.
         file: PathBuf,
-        /// What is wrong.
+        /// What is wrong with the content of the file.
         reason: String,
     },
     /// The file cannot be written.
@@ -107,7 +107,8 @@ pub enum ParamsError {
         /// The abort code.
         code: AbortCode,
     },
-    /// An error before anything was compared, which has an exit code of its own.
+    /// An error of `ecmsk params diff` before anything was compared. Its exit code is 2, because 1 means that something
+    /// differs.
     #[error(transparent)]
     NotCompared(Box<ParamsError>),
 }

@@ -193,8 +193,8 @@ impl Axis {
         }
     }
 
-    /// Examines the axis' slot of a report in OP, before the executed commands are drawn. `failed`: the board is in
-    /// state 0x18.
+    /// Looks for signs in a report in OP that the slave of this axis is lost: its slot stays the same while the board is in
+    /// state 0x18 (`failed`). This is called before the commands that were executed in that cycle are drawn.
     pub fn look(&mut self, at_ns: i64, slot: &RawSlot, failed: bool) {
         let changed_ns = match self.before {
             Some((before, changed_ns)) if before == *slot => changed_ns,

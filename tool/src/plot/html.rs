@@ -47,7 +47,8 @@ pub fn run(args: &Args, output: &Path) -> Result<(), CliError> {
 }
 
 impl Args {
-    /// The options of `ecmsk plot FILE` with which a served page shows the whole recording: all axes, all times, no title.
+    /// The options of `ecmsk plot FILE` for the page that `ecmsk serve web FILE` serves: it shows the whole recording, with all
+    /// axes and times and without a title.
     pub fn of_file(
         file: &Path,
         machine: Option<PathBuf>,
@@ -119,7 +120,8 @@ pub fn of_recording(
     Ok(page(&title, Some(&hello), connect).map_err(drawn)?)
 }
 
-/// The curves, channels and events, which need a second reading of the recording.
+/// What a second reading of the recording gives: the curves of positions, targets and the like, the channels of all other
+/// values, and the events.
 struct Read {
     lines: Lines,
     channels: Channels,
@@ -162,7 +164,8 @@ fn read(
     Ok(Read { lines: series.finish(), channels, events })
 }
 
-/// Appends the curves of the plot to the page's block of points. Each piece of a curve becomes a record of its channel.
+/// Adds the curves of the plot to the page's block of points. Each curve is a channel of the page. The curve is interrupted
+/// where it has no values; each of its connected pieces becomes one record of the block.
 fn put(block: &mut Vec<u8>, channels: &mut Channels, names: &Names, lines: &Lines) {
     let mut put = |slave, quantity: Quantity, bit, pieces: &Pieces| {
         if pieces.is_empty() {

@@ -30,8 +30,9 @@ const POINTS_PER_METRE: u32 = 96 * POINTS_PER_PIXEL * 10_000 / 254;
 /// The drawing library divides a text size by this factor to get the height of an em. This module draws the texts itself,
 /// and does the same.
 const TEXT_SIZE_PER_EM: f64 = 1.24;
-/// Distances from the baseline to the anchor of a text, in ems: half of the height of the letter x for a centred text, and
-/// (next constant) the height of a capital letter for one below its position.
+/// Distances from the baseline of a text to its anchor, in ems. A text that is vertically centred at the anchor has the
+/// distance of half the height of the letter x. A text that hangs below the anchor has that of the height of a capital letter
+/// (the next constant).
 const HALF_X_HEIGHT_EM: f32 = 0.27;
 const CAPITAL: f32 = 0.76;
 

@@ -15,8 +15,8 @@ use ecmsk::sk::{CommandId, DriveResponse};
 
 use super::{Window, seconds, style};
 
-/// How long the bits of a homing result must stay set if they were set from the first report on; the same time as in
-/// the board. \[OURS]
+/// How long after the beginning of a homing its result bits count only if they were clear in between: bits that were set from
+/// its first report on may be of an earlier homing. After this time they count in any case, as in the board. \[OURS]
 const SETTLE_NS: i64 = 20_000_000;
 
 /// A state that is shown. Operation enabled without homing is not shown.

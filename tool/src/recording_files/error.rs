@@ -18,7 +18,8 @@ pub enum RecordingVerbError {
         /// The recording, which is also the output file.
         file: PathBuf,
     },
-    /// The recording is a capture of another program.
+    /// `ecmsk recording export` was to write a capture of another program as a recording. That is not possible, since a capture
+    /// has more than the frames of one board.
     #[error(
         "{} is a capture of another program, which has more than frames of a board; verbs read it as it is, and it can be \
          exported as .csv",

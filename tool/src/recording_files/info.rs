@@ -35,7 +35,8 @@ pub struct Args {
     json: bool,
 }
 
-/// What `ecmsk recording info` shows of a recording besides its blocks.
+/// What `ecmsk recording info` shows of a recording in any format. The blocks, which only a recording in the format .ecmrec
+/// has, are shown besides.
 #[derive(Default)]
 struct Info {
     frames: u64,

@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(super::ended(&links))
 }
 
-/// The links to serve: those of the command line, otherwise the one that the library would open.
+/// The links to serve: those of the command line, otherwise the one of `ECMSK_LINK` or of a configuration file.
 fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
     if !args.links.is_empty() {
         return Ok(args.links.clone());

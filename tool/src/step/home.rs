@@ -55,7 +55,8 @@ impl Args {
     /// Checks the axes and the home offset before anything is sent.
     ///
     /// # Errors
-    /// A slave does not exist or has no axis, or the offset is not one of its positions.
+    /// A slave does not exist or has no axis, or the offset is not possible for an axis: it is no whole number of counts
+    /// although no unit is known, it does not fit the range of positions, or it is beyond the axis' limits in the machine file.
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
         SlaveList::axes(&self.axes, network, WHAT, units)?
             .iter()

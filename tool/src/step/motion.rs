@@ -379,8 +379,8 @@ impl Run<'_> {
                 self.hold(stream, |axis| axis.end)?;
                 return Ok(Ended::Arrived(time));
             }
-            // A board that catches up reports a gap in several steps. The frame sent in each step makes up for one cycle of the
-            // gap.
+            // A long gap may become known over several steps, so the underruns of all steps are added up. Each step sends one
+            // target, so one cycle is subtracted per step: single underruns far apart do not add up to a long gap.
             gap = (gap + stats.underruns - std::mem::replace(&mut before, stats.underruns)).saturating_sub(1);
             if gap as f64 * self.cycle > GAP_MAX.as_secs_f64() {
                 return Ok(Ended::Stood(time, last.length / self.path.length));

@@ -90,7 +90,8 @@ impl FailOn {
     }
 }
 
-/// The line for an axis whose value is above its limit. `limit` is that of the axis, if it has one.
+/// The text of the failure for an axis whose peak value is above `limit`; `None` if it is not. An axis has no limit if the
+/// limit is in another unit than the axis has in the machine file.
 fn above(
     (slave, extremes): &(usize, &AxisExtremes),
     quantity: Quantity,

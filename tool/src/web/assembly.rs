@@ -90,7 +90,8 @@ mod tests {
 
     use super::*;
 
-    /// The library of others is included unchanged: its files have the checksums of uPlot 1.6.32 in npm.
+    /// uPlot, the library with which the pages draw curves, is included unchanged: its files have the SHA-256 checksums of
+    /// uPlot 1.6.32 in npm.
     #[test]
     fn the_library_is_as_it_was_published() {
         let sums = [&PLOT_LIBRARY[0], &STYLES[0]].map(|text| HEXLOWER.encode(&Sha256::digest(text.as_bytes())));

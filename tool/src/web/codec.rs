@@ -1,11 +1,11 @@
 //! The binary format of points. A block consists of records. Each record belongs to one channel and is independent of all
 //! others, so that a page can read on after a block that it did not get. `tool/web/src/codec.js` reads them.
 //!
-//! A record: channel, flags (bit 0: its first point is not connected with the channel's point before), number of points,
-//! then for each point its time in nanoseconds and its value, in whole steps of the channel's factor. All are LEB128
-//! numbers. Of a value its difference to the value before is stored. Of a time the interval to the time before is taken,
-//! and its difference to the interval before is stored. Both are signed by zigzag: at a steady cycle a point at rest takes
-//! two bytes.
+//! A record: channel, flags (bit 0: its first point is not connected with the channel's point before), number of points, then
+//! for each point its time in nanoseconds and its value, in whole steps of the channel's factor. All are LEB128 numbers. A
+//! value is stored as its difference to the value before. A time is stored as the difference of two intervals: that to the time
+//! before, and the one before that. Time, interval and value before the first point of a record are 0. The differences are
+//! signed by zigzag: at a steady cycle a point at rest takes two bytes.
 
 /// A point: nanoseconds since the first frame, value in steps of the channel's factor.
 pub type Point = (i64, i64);

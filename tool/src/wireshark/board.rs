@@ -223,7 +223,7 @@ fn drive_modes() -> Value {
     by_code(modes().filter(takes).map(|mode| (mode.code().into(), true.into())))
 }
 
-/// The first argument of a command, which is a word.
+/// The name of what a command does, such as the action of SET_FIFO: its first argument that is a name and not a number.
 fn action(command: &MasterCommand) -> Value {
     let mut word = None;
     command.arguments(&mut |_, argument| {

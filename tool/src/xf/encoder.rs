@@ -27,7 +27,7 @@ enum Verb {
     /// Open the encoder and start counting
     Start {
         /// Counting mode: x4 counts all edges of both signals, x2 half of them; free wraps around, compare counts up to a
-        /// value
+        /// comparison value, at which the encoder's interrupt occurs
         #[arg(long, value_name = "x4-free|x2-free|x4-compare|x2-compare", default_value = "x4-free", value_parser = mode)]
         mode: EncoderMode,
         #[command(flatten)]

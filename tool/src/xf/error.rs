@@ -14,7 +14,7 @@ pub enum XfVerbError {
     /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// The configuration of the link is invalid.
+    /// The link that `ECMSK_LINK` or a configuration file gives is invalid, or the file cannot be used.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The command line names no chip.

@@ -24,7 +24,7 @@ use fields_in::Assignment;
 const RESET_MAX: Duration = Duration::from_secs(3);
 /// Interval at which the reset is checked. \[OURS]
 const PAUSE: Duration = Duration::from_millis(10);
-/// The length of the longest data segment, bytes.
+/// The length of the longest data segment of a packet to or from the chip, bytes.
 const SEGMENT: usize = DataSize::MAX.bytes();
 
 /// Run any function of the chip, and show the fields of its answer

@@ -28,7 +28,7 @@ pub struct ChipArgs {
 /// An open chip. Opening does not change the state of its network.
 pub struct Session {
     pub xf: Xf,
-    /// The link in its normal form.
+    /// The name of the open link, as the link itself reports it.
     pub link: String,
     pub reporter: Reporter,
     /// The chip's first answer after opening: its state before the verb changes anything.

@@ -45,8 +45,9 @@ pub fn build_into(
         // Debug information would be removed anyway. The linker already removes symbols, because the build id is computed
         // from its output.
         cargo.env("CARGO_PROFILE_RELEASE_DEBUG", "false").env("CARGO_PROFILE_RELEASE_STRIP", "symbols");
-        // With several codegen units in a crate, link-time optimisation generates names of symbols that depend on the
-        // folder, and an archive keeps them.
+        // With several codegen units in a crate, link-time optimisation generates names of symbols that depend on the folder of
+        // the build, and the static library keeps them. So a release, which must be reproducible, is built with one unit; a
+        // quick build for tests is not.
         let (units, level) = if project.quick { ("16", "1") } else { ("1", "3") };
         cargo.env("CARGO_PROFILE_RELEASE_CODEGEN_UNITS", units).env("CARGO_PROFILE_RELEASE_OPT_LEVEL", level);
         cargo.env(super::release::VARIABLE, release.epoch.to_string());

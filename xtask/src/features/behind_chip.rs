@@ -28,16 +28,17 @@ const ALWAYS: [&str; 8] = [
 /// The tables of tests/engine/over.rs. Their entries are the names of tests (`module::test`) or modules (`module::`).
 #[derive(Debug, Default)]
 pub struct BehindChip {
-    /// Tests that count cycles. After the cycles of other tests more cycles pass, since a chip is late, and these tests
-    /// would count them. They are run once more without the additional cycles, selected by their full names.
+    /// Tests that count cycles. A chip answers some cycles late, so after the cycles that another test runs as many more pass
+    /// as the answers are late; a test that counts cycles would count these too. It is left out of the run of all tests, and
+    /// has a run of its own without additional cycles, in which it is selected by its full name.
     by_cycles: Vec<String>,
     /// Tests that are left out because they cannot pass behind a chip: every test whose name contains one of these texts.
     cannot: Vec<String>,
     /// Tests that are left out because each of their boards has a simulated bus that the test makes itself, which would not
     /// be behind the chip: every test whose name contains one of these texts.
     own_bus: Vec<String>,
-    /// Tests that run in that further run although their slaves are not behind the chip: they have buses of their own or
-    /// boot boards themselves.
+    /// Tests that are part of the run behind a chip although their slaves are not behind it, since they have buses of their own
+    /// or boot boards themselves.
     not_behind: Vec<String>,
 }
 
@@ -88,8 +89,8 @@ impl BehindChip {
         !left_out.any(|entry| name.contains(entry.as_str())) && !self.not_behind.iter().any(stands)
     }
 
-    /// Whether a test cannot pass behind a chip, according to the tables of tests/engine/over.rs. Then a rule that only
-    /// this test names is reported in another way than one without a test.
+    /// Whether a test cannot pass behind a chip, according to the tables of tests/engine/over.rs. For a rule that only such
+    /// tests name, the report says so, instead of that no test names it.
     pub fn cannot(&self, test: &str) -> bool {
         engine_name(test).is_some_and(|name| self.cannot.iter().any(|entry| name.contains(entry.as_str())))
     }

@@ -14,7 +14,8 @@ use crate::error::Error;
 
 /// The time limit for a guest, from its start to its end. It is long enough for a busy machine.
 const LIMIT: Duration = Duration::from_secs(2400);
-/// QEMU's exit code if the guest succeeded: twice the guest's exit code, 0, plus 1.
+/// QEMU's exit code if the guest succeeded. The guest writes its own exit code to the device isa-debug-exit, which ends QEMU
+/// with twice that code plus 1; the guest's code for success is 0.
 const GUEST_SUCCEEDED: i32 = 1;
 /// The last line that the guest's init prints if the program that it runs has succeeded.
 const END: &str = "GUEST-END rc=0";

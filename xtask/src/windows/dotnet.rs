@@ -62,7 +62,8 @@ fn runtime(project: &Project, width: Width, wine: &Wine) -> Result<PathBuf, Erro
     if width == Width::X64 {
         return Ok(DOTNET_X64.folder(project).join(PROGRAM));
     }
-    // 32-bit Wine runs in another root, so .NET Core has to be inside that root. Its files are only read.
+    // 32-bit Wine runs in another root, so .NET Core has to be inside that root. Its files are only read there, so they are
+    // hard links and take no space.
     let from = DOTNET_X86.folder(project);
     let name = from.file_name().unwrap_or_default();
     let copy = wine.root().join(name);

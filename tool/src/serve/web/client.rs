@@ -16,7 +16,8 @@ use super::hub::Out;
 const STALLED_MAX: Duration = Duration::from_secs(10);
 /// The longest wait for the next message to send. After it the connection is read, and a request to stop is seen. \[OURS]
 const QUEUE_WAIT_MAX: Duration = Duration::from_millis(100);
-/// How long a read of the connection may wait. Pages send nothing but pongs and the close frame. \[OURS]
+/// How long a read of the connection may wait. Pages send nothing but pongs and the close frame, so a read is only a short look
+/// between two messages to the page. \[OURS]
 const LOOK_MAX: Duration = Duration::from_millis(1);
 /// The longest message that a page may send, in bytes; a longer one ends the connection. Messages are read and ignored.
 /// \[OURS]

@@ -53,7 +53,7 @@ pub enum Out {
 
 /// The board that the pages show, and the options that say how.
 pub struct Subject {
-    /// The link, as it was named.
+    /// The link as the user gave it; the link that is opened may have a longer queue.
     pub uri: LinkUri,
     /// The machine file of the board, with names and units of axes.
     pub machine: Option<Arc<MachineFile>>,
@@ -169,7 +169,8 @@ impl Page {
         }
     }
 
-    /// Offers the news to the queue of the page; returns whether the page is still connected.
+    /// Offers the messages since the last call to the queue of the page. A new page gets `hello`, the message with all channels
+    /// and events so far, and the newest points instead. Returns whether the page is still connected.
     fn deliver(&mut self, news: &News, hello: impl Fn() -> Arc<str>) -> bool {
         self.dropped += news.left_out;
         if std::mem::take(&mut self.is_new) {
@@ -287,7 +288,8 @@ impl Publisher {
         }
     }
 
-    /// Makes the news for the pages: points, channels and events since the last call.
+    /// Makes the messages for the pages: the points, channels and events since the last call. `is_status`: the status, which is
+    /// the counters of the link and the board, is due. `is_other`: the network has other slaves than before.
     fn news(&mut self, events: &Events, left_out: u64, is_status: bool, is_other: bool) -> News {
         let block = self.channels.take_block().into();
         let (channels, found) = (self.channels.list(), events.found());

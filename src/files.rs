@@ -16,8 +16,8 @@ pub(crate) struct SmallFile {
     pub(crate) metadata: Metadata,
 }
 
-/// Additional capacity of the buffer beyond the length of the file. The read that finds the end of the file then has
-/// room, and the buffer does not grow.
+/// Additional capacity of the buffer beyond the length of the file. The last read finds the end of the file and needs
+/// room in the buffer, too: with this capacity the buffer does not grow for it.
 const READ_MIN: usize = 64;
 
 /// Why a small file was not read. The texts do not name the path, which the caller adds.
@@ -44,7 +44,8 @@ pub(crate) enum FileError {
 /// a device, a folder, or a link to one of them is refused.
 ///
 /// # Errors
-/// [`FileError`].
+/// [`FileError::Io`]: the file cannot be opened or read. [`FileError::Kind`]: it is no regular file.
+/// [`FileError::Size`]: it has more than `size_max` bytes.
 pub(crate) fn read_small(path: &Path, size_max: u64) -> Result<SmallFile, FileError> {
     // Opening a device may rewind a tape or arm a watchdog, so the kind of the file is checked before. The check is
     // repeated after opening, since the path may name another file by then.

@@ -160,7 +160,8 @@ impl<T> NoteThread<T> {
         self.end_within(FLUSH_LIMIT);
     }
 
-    /// Like [`Self::end`], with another limit.
+    /// Like [`Self::end`], but waits at most `limit` for the flush, and after it at most `limit` for the end of the
+    /// thread.
     pub fn end_within(&self, limit: Duration) {
         let Some(thread) = self.thread.lock().take() else { return };
         let is_passed_on = self.flush_within(limit);

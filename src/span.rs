@@ -1,20 +1,21 @@
-//! Durations in messages, rounded to three digits.
+//! Durations in messages, rounded to three digits, but at most to whole seconds.
 
 use std::fmt;
 use std::time::Duration;
 
-/// A duration whose `Display` is rounded to three digits, in the unit that fits: `1.23s`, `500ms`, `58us`, `7ns`.
+/// A duration whose `Display` is rounded to three digits, but at most to whole seconds, in the unit that fits: `1.23s`,
+/// `500ms`, `58us`, `7ns`, `3601s`.
 pub(crate) struct Span(pub Duration);
 
 /// The units with their lengths in nanoseconds, longest first.
 const UNITS: [(&str, u128); 4] = [("s", 1_000_000_000), ("ms", 1_000_000), ("us", 1_000), ("ns", 1)];
-/// The number of significant digits of a duration.
+/// The number of significant digits of a duration below 1000 s; a longer one keeps all digits of its whole seconds.
 const DIGITS: u32 = 3;
 
 impl fmt::Display for Span {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let exact = self.0.as_nanos();
-        // Digits before the decimal point are kept for seconds: `3601s` keeps its four digits.
+        // The rounding step is 1 s at most, so that a long duration keeps all digits of its whole seconds: `3601s`.
         let digits = exact.checked_ilog10().unwrap_or(0) + 1;
         let step = 10_u128.pow(digits.saturating_sub(DIGITS).min(9));
         let rounded = (exact + step / 2) / step * step;

@@ -1,6 +1,6 @@
-//! Starts and ends the threads of this crate, which run inside programs of others. The modules `wait_queue.rs`,
-//! `sync.rs` and `calling_thread.rs` are for the program's own threads, which wait in calls of this crate and may be
-//! ended by force there.
+//! Starts and ends the threads of this crate, which run inside programs of others. The modules `wait_queue.rs`, `sync.rs` and
+//! `calling_thread.rs` are for the program's own threads, which wait in calls of this crate: a program may end such a thread by
+//! force during its wait.
 
 mod calling_thread;
 #[cfg(windows)]
@@ -18,9 +18,9 @@ pub use wait_queue::{WaitQueue, WaitTicket};
 /// How often [`end_within`] checks whether a thread has ended.
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Starts a thread with all signals blocked. The program's signal handlers then run in the program's own threads. A
-/// signal that the program receives by signalfd or sigwait, blocked in all its threads, is not delivered to a thread of
-/// this crate, which would end the process.
+/// Starts a thread with all signals blocked, so that the program's signal handlers run in the program's own threads. A program
+/// that receives a signal by signalfd or sigwait blocks it in all its threads. If a thread of this crate did not block it, the
+/// system would deliver it there, and its default action would end the process.
 ///
 /// On Unix the thread has begun `work` when this function returns. Without memory for the guard page of its signal
 /// stack a thread ends before it begins `work`, by a panic in the standard library, and a caller that waits for the
@@ -61,7 +61,7 @@ pub(crate) fn end_within(thread: JoinHandle<()>, limit: Duration) -> bool {
         }
         thread::sleep(CHECK_INTERVAL);
     }
-    // If the thread has panicked, this function cannot report that.
+    // The result would only say whether the thread has panicked; this function reports whether it has ended.
     let _ = thread.join();
     true
 }
@@ -100,7 +100,7 @@ pub(crate) fn with_signals_blocked<T>(work: impl FnOnce() -> T) -> io::Result<T>
     Ok(work())
 }
 
-/// Blocks all signals in this thread until it is dropped; then it restores the thread's signal mask.
+/// Blocks all signals in the thread that makes this value. Dropping the value restores the thread's signal mask.
 #[cfg(unix)]
 struct SignalsBlocked {
     before: nix::sys::signal::SigSet,

@@ -1,4 +1,4 @@
-//! An open board, and the one board that the vendor's functions use.
+//! An open board, and the single board of the vendor's four functions, whose calls name no board.
 
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -22,14 +22,16 @@ pub struct OpenBoard {
     /// The timeout of a write, from the link's URI (`write_timeout_ms`) or the link's default.
     pub write_wait: Wait,
     closed: AtomicBool,
-    /// The length of this board's frames in bytes; 0 if the link does not know it, or after a warning about it.
+    /// The length of this board's frames in bytes. 0 means that the length of written frames is not checked: the link
+    /// does not know the board's slot size, or the warning about a wrong length was logged already.
     frame_len: AtomicUsize,
-    /// Keeps this library loaded, since the link's threads run in it.
+    /// A reference to this library's module, which keeps it in memory while the board is open: the link's threads execute code
+    /// of it.
     module: Mutex<Option<ModuleReference>>,
 }
 
 impl OpenBoard {
-    /// Wraps a link that was just opened.
+    /// Makes an open board of a link that was just opened.
     pub fn new(link: Arc<dyn Link>) -> Arc<Self> {
         let info = link.info();
         forked::note_opened();
@@ -43,12 +45,13 @@ impl OpenBoard {
         })
     }
 
-    /// Closes the link. Further calls do nothing.
+    /// Closes the link. Closing it again changes nothing.
     pub fn close(&self) {
         self.end(|link| link.close());
     }
 
-    /// Releases the board at the end of a process that has not closed it ([`Link::vanish`]).
+    /// Closes the link at the end of a process that has not closed it: [`Link::vanish`], after which a server brings the
+    /// axes to a standstill.
     #[cfg(unix)]
     pub fn vanish(&self) {
         self.end(|link| link.vanish());
@@ -86,25 +89,28 @@ impl OpenBoard {
     }
 }
 
-/// The board of OpenECMUSB.
+/// The board that OpenECMUSB opens, one per process.
 ///
 /// A call uses its own reference to the board and holds no lock while it waits, so that any number of threads may read,
-/// write and close. Closing ends their waits. A thread keeps its reference from call to call, which makes calls cheap; the
-/// reference to a board that was closed is dropped with the thread's next call, or with the thread.
+/// write and close. Closing ends their waits. A thread keeps its reference from call to call, which makes calls cheap;
+/// the reference to a board that was closed is dropped with the thread's next call, or with the thread.
 ///
-/// Programs end threads by force in the middle of a call. So every lock is held only while these fields are accessed, and
-/// an open or close whose thread no longer exists is ignored.
+/// Programs end threads by force in the middle of a call. So a lock is held only to read or write the fields below, and
+/// an Open does not wait for a thread that ended while it was opening or closing the board.
 pub struct VendorBoard {
     state: Mutex<VendorState>,
-    /// The number of the board that is open, which is never used again in this process; 0 if there is none.
+    /// The serial number of the open board, counted over this process; 0 if no board is open. A thread compares it with
+    /// the number of the board that it kept, to detect that another board was opened since.
     number: AtomicU64,
 }
 
 struct VendorState {
     current: Option<Arc<OpenBoard>>,
-    /// The thread that is opening the board, so that two threads do not open it twice.
+    /// The thread that is opening the board, so that two threads do not open it twice; `None`: no thread is. If the
+    /// thread was ended by force, the next Open notices that and goes on.
     opening: Option<CallingThread>,
-    /// The thread that is closing the board: a link that is being closed does not count as in use.
+    /// The thread that is closing the board; `None`: no thread is. An Open waits for it, so that the board is free when
+    /// it is opened again.
     closing: Option<CallingThread>,
 }
 
@@ -118,16 +124,16 @@ impl VendorState {
 /// The interval at which a waiting Open checks whether another thread has finished opening or closing the board. \[OURS]
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
-/// The number that was last given to a board.
+/// The serial number of the board that was opened last in this process; the next one gets the next number, see [`VendorBoard`].
 static NUMBERS: AtomicU64 = AtomicU64::new(0);
 
 thread_local! {
-    /// The board that this thread used last.
+    /// The board that this thread used last, with its serial number: a call on the same board then takes no lock.
     static BOARD_OF_THREAD: RefCell<Option<(u64, Arc<OpenBoard>)>> = const { RefCell::new(None) };
 }
 
 impl VendorBoard {
-    /// A board that is not open.
+    /// The state before the first Open: no board is open.
     pub const fn new() -> Self {
         let state = VendorState { current: None, opening: None, closing: None };
         Self { state: Mutex::new(state), number: AtomicU64::new(0) }
@@ -156,8 +162,8 @@ impl VendorBoard {
         Ok(())
     }
 
-    /// Waits until no other thread is opening or closing the board. Until the result is dropped, this thread is the one
-    /// that opens it.
+    /// Waits until no other thread is opening or closing the board. Other threads that call Open then wait until the
+    /// returned turn is dropped.
     fn turn_to_open(&self) -> Turn<'_> {
         let caller = CallingThread::current();
         loop {
@@ -184,7 +190,8 @@ impl VendorBoard {
         board.close();
     }
 
-    /// Releases the board at the end of a process. Does not wait for a thread that is just opening it.
+    /// Ends the use of the board at the end of a process ([`OpenBoard::vanish`]). Does not wait for a thread that is just
+    /// opening the board.
     #[cfg(unix)]
     pub fn vanish(&self) {
         let board = self.take(&mut lock(&self.state));
@@ -201,13 +208,14 @@ impl VendorBoard {
     /// The board that is open.
     ///
     /// # Errors
-    /// [`CallError::NotOpen`].
+    /// [`CallError::NotOpen`]: no board is open.
     pub fn get(&self) -> Result<Arc<OpenBoard>, Box<CallError>> {
         let _may_hold_lock = MayHoldLock::begin();
         lock(&self.state).current.clone().ok_or_else(|| CallError::NotOpen.into())
     }
 
-    /// Runs `work` on the open board, using the reference that this thread keeps.
+    /// Runs `work` on the open board. The thread keeps a reference to the board from call to call. If the kept reference is
+    /// that of a board which was closed or replaced since, it is first replaced by one to the present board.
     fn with_board<T>(
         &self,
         mut work: impl FnMut(&OpenBoard) -> Result<T, Box<CallError>>,
@@ -227,7 +235,7 @@ impl VendorBoard {
         });
         match kept {
             Ok(Some(result)) => result,
-            // The thread is ending and keeps no reference.
+            // The thread is ending and its thread-local variables are gone, so it cannot keep a reference.
             _ => work(&*self.get()?),
         }
     }
@@ -235,7 +243,7 @@ impl VendorBoard {
     /// Writes a command frame, of which the program has given `length` bytes.
     ///
     /// # Errors
-    /// [`CallError::NotOpen`], [`CallError::Link`].
+    /// [`CallError::NotOpen`]: no board is open. [`CallError::Link`]: the link has failed or reached its timeout.
     pub fn write(&self, frame: &Frame, length: usize) -> Result<(), Box<CallError>> {
         self.with_board(|board| {
             board.check_length(length);
@@ -246,13 +254,15 @@ impl VendorBoard {
     /// Waits for a report.
     ///
     /// # Errors
-    /// [`CallError::NotOpen`], [`CallError::Link`]; `report` is unchanged then.
+    /// [`CallError::NotOpen`]: no board is open. [`CallError::Link`]: the link has failed or reached its timeout.
+    /// `report` is unchanged then.
     pub fn read(&self, report: &mut Frame) -> Result<(), Box<CallError>> {
         self.with_board(|board| Ok(board.link.read(report, board.read_wait).map(|_| ())?))
     }
 }
 
-/// Marks this thread as opening or closing, in the field that `of` selects, until the value is dropped.
+/// Marks this thread as the one that opens or closes the board, until this is dropped. `of` selects
+/// [`VendorState::opening`] or [`VendorState::closing`].
 struct Turn<'a> {
     state: &'a Mutex<VendorState>,
     of: fn(&mut VendorState) -> &mut Option<CallingThread>,

@@ -6,12 +6,13 @@ use ecmsk::sk::{FRAME_LEN, Frame};
 
 use crate::error::CallError;
 
-/// Copies the `length` bytes at `data`, at most 512, into `frame` and sets the rest of it to 0.
+/// Copies the `length` bytes at `data`, at most 512, into `frame` and sets the other bytes of `frame` to 0.
 ///
-/// \[OURS] The vendor's library fills the rest with 0xCC, and accepts a length of 0 as a frame of nothing else.
+/// \[OURS] The vendor's library sets the other bytes to 0xCC. It also accepts a length of 0, and then writes a frame of
+/// 0xCC only.
 ///
 /// # Errors
-/// [`CallError::Null`], [`CallError::NoBytes`].
+/// [`CallError::Null`]: `data` is NULL. [`CallError::NoBytes`]: `length` is 0.
 ///
 /// # Safety
 /// `data` is NULL or points to `length` readable bytes (512 of them if it is more).
@@ -30,10 +31,10 @@ pub struct ReportBuffer {
 }
 
 impl ReportBuffer {
-    /// The buffer of `length` bytes at `data`; of more than 512 the first 512 are used.
+    /// Uses the `length` bytes at `data` as the buffer; if they are more than 512, only the first 512.
     ///
     /// # Errors
-    /// [`CallError::Null`], [`CallError::NoBytes`].
+    /// [`CallError::Null`]: `data` is NULL. [`CallError::NoBytes`]: `length` is 0.
     ///
     /// # Safety
     /// `data` is NULL or points to `length` writable bytes (512 of them if it is more), for as long as this lives.
@@ -49,10 +50,10 @@ impl ReportBuffer {
     }
 }
 
-/// Reads the C string at `text`, the argument with the name `argument`.
+/// Reads the C string at `text`. Errors name the argument of the exported function, `argument`.
 ///
 /// # Errors
-/// [`CallError::Null`], [`CallError::NotText`].
+/// [`CallError::Null`]: `text` is NULL. [`CallError::NotText`]: `text` is not UTF-8.
 ///
 /// # Safety
 /// `text` is NULL or points to bytes that end with a 0 and stay unchanged while the result is used.
@@ -60,7 +61,7 @@ pub unsafe fn text_from<'a>(text: *const c_char, argument: &'static str) -> Resu
     if text.is_null() {
         return Err(CallError::Null { argument, expected: "a text that ends with 0" }.into());
     }
-    // SAFETY: not NULL, and the caller vouches for the rest.
+    // SAFETY: `text` is not NULL, and the caller vouches that it ends with a 0 and stays unchanged.
     unsafe { CStr::from_ptr(text) }.to_str().map_err(|_| CallError::NotText { argument }.into())
 }
 
@@ -78,7 +79,8 @@ fn checked(data: *const u8, length: usize) -> Result<usize, Box<CallError>> {
 mod tests {
     use super::*;
 
-    /// LIB-50 A short write is filled up with 0; LIB-28 of a long one the first 512 bytes count.
+    /// LIB-50 A frame that is too short is filled up with 0; LIB-28 of a frame that is too long, only the first 512 bytes
+    /// are written.
     #[test]
     fn a_frame_has_the_callers_bytes_and_then_zeros() {
         let bytes: Vec<u8> = (0..1000_u32).map(|n| 1 + (n % 255) as u8).collect();
@@ -107,7 +109,7 @@ mod tests {
         }
     }
 
-    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are errors, each with an error of its own.
+    /// LIB-27, LIB-51, LIB-53 NULL as an address and 0 as a length are errors, each with an error of its own.
     #[test]
     fn null_and_nothing_are_errors() {
         let mut byte = 0_u8;

@@ -40,7 +40,7 @@ mod state {
     }
 }
 
-/// Android and Windows have no cancellation of threads.
+/// Android and Windows have no cancellation of threads, so nothing is deferred there.
 #[cfg(not(all(unix, not(target_os = "android"))))]
 mod state {
     pub struct CancellationDeferred;

@@ -12,29 +12,32 @@ use ecmsk::summary::writer;
 use crate::error::CallError;
 use crate::module;
 
-/// Opens the link that `ECMSK_LINK` or a configuration file names, or else `usb:`. A simulated board that was opened with the
-/// same URI before continues as it was left.
+/// Opens the link that `ECMSK_LINK` or a configuration file names, or else `usb:`. A simulated board that was opened with
+/// the same URI before continues as it was left.
 ///
 /// # Errors
-/// [`CallError::Link`], [`CallError::Configured`].
+/// [`CallError::Link`]: the configuration cannot be read or is invalid. [`CallError::Configured`]: the link that it names
+/// cannot be opened.
 pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
     report_opened();
-    // If a variable gives the link, the folder is not needed, and searching it would only cost time at each open.
+    // The folder of this library may have the configuration file with the link. If the variable gives the link, no file is
+    // needed, and finding out the folder would only cost time at each open.
     let is_given = config::variable(config::LINK_VARIABLE).is_some_and(|link| !link.is_empty());
     let folder = if is_given { None } else { module::folder() };
     let configured = config::find(&Environment::from_process(folder)).map_err(LinkError::from)?;
     log::info!("link {}: {}", configured.source, configured.link);
-    // For `ecmsk exec` all lost reports have to be counted.
+    // The summary of `ecmsk exec` says how many reports were dropped, so they have to be counted. A program without it
+    // gets the faster way, which counts none.
     let open = if writer::of_process().is_some() { link::open } else { link::open_uncounted };
     open(&configured.link, Share::ByUri)
         .map(watched)
         .map_err(|error| CallError::Configured { from: configured.source, error: error.into() }.into())
 }
 
-/// Opens the link with this URI. Simulated boards are shared only if they have the same `name=`.
+/// Opens the link with this URI. Two links to simulated boards reach the same board only if they have the same `name=`.
 ///
 /// # Errors
-/// [`CallError::Link`].
+/// [`CallError::Link`]: the URI is invalid, or the link cannot be opened.
 pub fn named(uri: &str) -> Result<Arc<dyn Link>, Box<CallError>> {
     report_opened();
     Ok(watched(link::open(uri, Share::ByName)?))
@@ -59,9 +62,10 @@ fn report_opened() {
 /// Creates an empty file. An existing one is left as it is, and symbolic links are not followed.
 fn create(file: &Path) {
     match OpenOptions::new().write(true).create_new(true).open(file) {
-        // The program has opened a board before.
+        // The program has opened a board before, and the file is there since then.
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
-        // Only the tool needs the file, and the tool may have ended and removed its folder.
+        // The program can go on without the file, which only the tool reads. The tool may have ended and removed its
+        // folder.
         Err(error) => log::debug!("{}: {error}", file.display()),
         Ok(_) => {}
     }
@@ -73,7 +77,8 @@ mod tests {
 
     use super::*;
 
-    /// LIB-59 A file that is there keeps its content, and what a link names is neither changed nor made.
+    /// LIB-59 An existing file keeps its content. A symbolic link is not followed: its target is neither changed nor
+    /// created.
     #[test]
     fn no_file_is_cut_short() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -15,7 +15,7 @@ pub enum CallError {
     /// A pointer is NULL.
     #[error("`{argument}` is NULL; pass the address of {expected}")]
     Null {
-        /// The name of the argument.
+        /// The name of the argument in the C function that was called.
         argument: &'static str,
         /// What the pointer should point to.
         expected: &'static str,
@@ -26,7 +26,7 @@ pub enum CallError {
     /// A text is not UTF-8.
     #[error("`{argument}` is not UTF-8")]
     NotText {
-        /// The name of the argument.
+        /// The name of the argument in the C function that was called.
         argument: &'static str,
     },
     /// The `size` of a structure was not set by the caller, or is too small.
@@ -58,7 +58,7 @@ pub enum CallError {
         /// The invalid value that the caller has passed.
         handle: usize,
     },
-    /// The link does not know the counters of the board.
+    /// The link cannot read the counters that a board keeps of frames and commands; only the modelled board has them.
     #[error("`{link}` does not show the board's counters; a simulated board does")]
     NoCounters {
         /// The URI of the link.
@@ -83,14 +83,15 @@ pub enum CallError {
     Panic(String),
 }
 
-/// Errors are boxed, so that a call that succeeds returns no more than a pointer from function to function.
+/// Errors are boxed. Otherwise every `Result` would be as large as the largest error, and calls that succeed would move it from
+/// function to function too.
 impl From<LinkError> for Box<CallError> {
     fn from(error: LinkError) -> Self {
         Self::new(CallError::Link(error))
     }
 }
 
-/// Room for an error text with its terminating 0; a longer text is cut.
+/// The maximum length of an error text in bytes, with its terminating 0; a longer text is cut.
 const TEXT_LEN: usize = 2048;
 
 /// An error text as a C string, with its terminating 0.
@@ -99,11 +100,12 @@ type Text = [u8; TEXT_LEN];
 thread_local! {
     /// The error text that [`last`] returns to this thread. Its address is the same until the thread ends.
     static TEXT_OF_THREAD: RefCell<Text> = const { RefCell::new([0; TEXT_LEN]) };
-    /// Whether a call of this thread has failed, so that the text is of its own error.
+    /// Whether a call of this thread has failed. Then `TEXT_OF_THREAD` holds the text of that error, and not that of
+    /// another thread's OpenECMUSB.
     static HAS_OWN_ERROR: Cell<bool> = const { Cell::new(false) };
 }
 
-/// The text of the last OpenECMUSB that failed in any thread.
+/// The text of the last OpenECMUSB that failed in any thread, for threads in which no call has failed.
 static LAST_OPEN: Mutex<Text> = Mutex::new([0; TEXT_LEN]);
 
 /// Keeps the text of an error of this thread for [`last`].
@@ -124,7 +126,8 @@ pub fn remember_open(error: &CallError) {
 /// error, with each call of this function.
 pub fn last() -> *const c_char {
     TEXT_OF_THREAD.with(|text| {
-        // In a child of fork the lock may be held by a thread that does not exist there.
+        // In a child of fork the lock may be held by a thread that exists only in the parent. It would never be released,
+        // so it is not taken.
         if !HAS_OWN_ERROR.get() && !forked::is_forked() {
             *text.borrow_mut() = *lock(&LAST_OPEN);
         }

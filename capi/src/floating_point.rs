@@ -80,7 +80,7 @@ mod state {
     }
 }
 
-/// On other processors programs do not change the state.
+/// On processors other than x86 programs do not change the floating-point state, so it is neither set nor restored.
 #[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
 mod state {
     pub struct FloatingPoint;

@@ -17,7 +17,7 @@ struct Table {
     next: usize,
 }
 
-/// The first handle in the table. Those below are reserved, such as that of the vendor's board.
+/// The first handle in the table. Smaller numbers are reserved for fixed handles; the vendor's board has handle 1.
 pub(crate) const FIRST: usize = 0x10;
 
 impl Handles {
@@ -41,7 +41,7 @@ impl Handles {
     /// The board of a handle.
     ///
     /// # Errors
-    /// [`CallError::Handle`].
+    /// [`CallError::Handle`]: no board in the table has this handle.
     pub fn get(&self, handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
         let table = self.table.read().unwrap_or_else(PoisonError::into_inner);
         table.boards.get(&handle).cloned().ok_or_else(|| CallError::Handle { handle }.into())
@@ -50,7 +50,7 @@ impl Handles {
     /// Removes the board of a handle and returns it.
     ///
     /// # Errors
-    /// [`CallError::Handle`].
+    /// [`CallError::Handle`]: no board in the table has this handle.
     pub fn remove(&self, handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
         let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
         table.boards.remove(&handle).ok_or_else(|| CallError::Handle { handle }.into())

@@ -6,7 +6,7 @@ use ecmsk::link::LinkError;
 use crate::error::CallError;
 use crate::module::set_last_error;
 
-/// `ERROR_SUCCESS`, after OpenECMUSB.
+/// `ERROR_SUCCESS`: set after OpenECMUSB, even if that has failed.
 const NO_ERROR: u32 = 0;
 /// `ERROR_ACCESS_DENIED`: the device was unplugged, or the board was closed during the call.
 const ACCESS_DENIED: u32 = 5;
@@ -14,15 +14,16 @@ const ACCESS_DENIED: u32 = 5;
 const INVALID_HANDLE: u32 = 6;
 /// `ERROR_GEN_FAILURE`: the device did not do what it was asked for.
 const GEN_FAILURE: u32 = 31;
-/// `ERROR_INVALID_PARAMETER`
+/// `ERROR_INVALID_PARAMETER`: `data` is NULL or `dwlength` is 0.
 const INVALID_PARAMETER: u32 = 87;
 
-/// Sets the code after OpenECMUSB, whatever it returns.
+/// Sets what GetLastError returns after OpenECMUSB: the same code whether it succeeds or fails.
 pub fn after_open() {
     set_last_error(NO_ERROR);
 }
 
-/// Sets the code after ECMUSBWrite and ECMUSBRead. Success leaves the last error unchanged.
+/// Sets what GetLastError returns after ECMUSBWrite and ECMUSBRead, if they have failed. Success leaves the last error
+/// unchanged.
 pub fn after_transfer(result: &Result<(), Box<CallError>>) {
     if let Err(error) = result {
         set_last_error(code(error));

@@ -1,33 +1,36 @@
 //! The frame that was moved last, in either direction.
 //!
-//! The vendor's library has one static buffer for both directions, and a read copies it to the caller, even if the read has
-//! failed. So a program that looks at the state byte or at the CRC, and not at the result, sees its own last command after
-//! its board is gone, and not forever the last state of a machine that is no longer there.
+//! The vendor's library has one static buffer for both directions, and a read copies it to the caller, even if the read
+//! has failed. So a program that looks at the state byte or at the CRC, and not at the result, sees its own last command
+//! after its board is gone, and not forever the last state of a machine that is no longer there.
 //!
 //! A thread may be ended by force while it copies a frame. It then holds nothing for which another thread waits: only the
-//! slot that it was writing to is no longer used, and there are other slots.
+//! place that it was writing to is no longer used, and there are others.
 
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use ecmsk::sk::{FRAME_LEN, Frame};
 
-/// The number of slots. It should be more than the number of threads that move frames at the same moment. \[OURS]
+/// The number of places in memory in which a frame can be kept. There should be more of them than threads that write or read
+/// frames at the same moment: a frame that finds no free place is not kept. \[OURS]
 const PLACES: usize = 8;
-/// How many times a frame is copied at most, if another thread replaces it during the copy. \[OURS]
+/// How many times a frame is copied at most, if another thread replaces it during the copy. After that the result is a
+/// frame of zeros. \[OURS]
 const TRIES: usize = 100;
-/// The [`Place::number`] of a slot that a thread is writing to, or was writing to when it was ended.
+/// The [`Place::number`] of a place that a thread is writing to, or was writing to when it was ended by force.
 const WRITING: u64 = u64::MAX;
 const WORD: usize = size_of::<u64>();
 const WORDS: usize = FRAME_LEN / WORD;
 
-/// The last frames with their numbers. The frame with the greatest number is the last one.
+/// The newest frames, each with the serial number under which it was kept. The frame with the greatest number is the last
+/// one.
 pub struct LastFrame {
     places: [Place; PLACES],
     numbers: AtomicU64,
 }
 
 struct Place {
-    /// The number of the frame in the slot, from 1; 0 if the slot is empty.
+    /// The serial number of the frame in this place, from 1; 0 if the place is empty.
     number: AtomicU64,
     words: [AtomicU64; WORDS],
 }
@@ -43,15 +46,16 @@ impl Place {
 pub static LAST_FRAME: LastFrame = LastFrame::new();
 
 impl LastFrame {
-    /// Empty slots: the last frame is all 0, as in the vendor's buffer at its start. \[OURS]
+    /// Without a frame so far: [`Self::get`] returns a frame of zeros, as the vendor's buffer is before the first call. \[OURS]
     pub const fn new() -> Self {
         Self { places: [const { Place::new() }; PLACES], numbers: AtomicU64::new(0) }
     }
 
-    /// Keeps the frame as the last one.
+    /// Keeps a frame that was just written or read, as the one that [`Self::get`] returns.
     pub fn keep(&self, frame: &Frame) {
         let number = self.numbers.fetch_add(1, Ordering::Relaxed) + 1;
-        // The slot of the frame before stays unchanged, for threads that are reading it.
+        // The search for a place begins after the place of the previous frame, which so stays unchanged for threads that are
+        // reading it.
         let from = (number % PLACES as u64) as usize;
         for place in self.places[from..].iter().chain(&self.places[..from]) {
             if place.number.swap(WRITING, Ordering::Acquire) == WRITING {
@@ -64,7 +68,8 @@ impl LastFrame {
             place.number.store(number, Ordering::Release);
             return;
         }
-        // All slots are in use by other threads that move frames at this moment; one of those frames is the last one.
+        // Other threads are writing to all places at this moment, so this frame is not kept: one of theirs is the last
+        // one.
     }
 
     /// The frame that was kept last.
@@ -144,7 +149,7 @@ mod tests {
         let last = LastFrame::new();
         for with in 1..=PLACES as u8 {
             last.keep(&filled(with));
-            // The state of a slot if the thread is ended between two words.
+            // A thread that was ended by force in the middle of a frame leaves its place marked as being written to.
             let newest = last.places.iter().max_by_key(|place| place.number.load(Ordering::Relaxed)).unwrap();
             if with < PLACES as u8 {
                 let other = last

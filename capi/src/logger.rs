@@ -36,7 +36,7 @@ pub fn set_up() {
     }
 }
 
-/// Waits until the lines so far are written, at most 100 ms. Called at the end of the process.
+/// Waits until the queued lines are written, at most 100 ms. Called at the end of the process.
 pub fn finish() {
     // A thread holds the lock for a few instructions. If this process ends in a signal handler that has interrupted these
     // instructions, the lock never becomes free.
@@ -63,11 +63,12 @@ pub fn rest() {
 static LINES: Mutex<Option<Lines>> = Mutex::new(None);
 
 struct Lines {
-    /// The id of the process. A child of fork has another id and no thread of its parent, so it begins again.
+    /// The id of the process that has queued the lines. A child of fork has another id, and not the thread that writes them, so
+    /// it begins a queue of its own.
     process: u32,
     notes: Notes<Vec<u8>>,
-    /// The thread that writes lines; `None`: the system could not start one. The lines are kept, and the next line tries
-    /// again.
+    /// The thread that writes lines; `None`: it was not started yet, or the system could not start one. Then the lines
+    /// stay queued, and the next line tries to start it.
     teller: Option<NoteThread<Vec<u8>>>,
 }
 
@@ -95,18 +96,19 @@ fn tell(note: Note<Vec<u8>>) {
     }
 }
 
-/// Writes to standard error. An error is ignored.
+/// Writes to standard error. An error is ignored, since there is nowhere to report it.
 fn write_now(bytes: &[u8]) {
     let _ = raw::write_all(bytes);
 }
 
-/// Standard error as `env_logger` sees it, which writes a record in one piece.
+/// The output that `env_logger` writes to: each write is one log record, which is queued as one line for standard error.
 struct StandardError;
 
 impl Write for StandardError {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if cfg!(windows) && !crate::forked::any_open() {
-            // No thread of this library may exist when the library is unloaded, and no board is open that could be delayed.
+            // No board is open, so Windows may unload this library, and no thread of it may exist. The call writes the
+            // line itself, which delays no axis.
             write_now(bytes);
             return Ok(bytes.len());
         }
@@ -114,7 +116,8 @@ impl Write for StandardError {
         let here = process::id();
         let lines = lines.get_or_insert_with(|| Lines::begin(here));
         if lines.process != here {
-            // A thread of the parent may have held a lock of the old lines.
+            // This is a child of fork. A thread of the parent may have held a lock of the old queue, so the queue is
+            // leaked, not dropped.
             mem::forget(mem::replace(lines, Lines::begin(here)));
         }
         lines.add(bytes.to_vec());

@@ -21,7 +21,7 @@ static KEPT_AT: AtomicPtr<u8> = AtomicPtr::new(null_mut());
 /// Checks that `bytes` bytes of memory are available.
 ///
 /// # Errors
-/// [`CallError::Memory`].
+/// [`CallError::Memory`]: the system has less. The memory that was reserved for errors is released then.
 pub fn check(bytes: usize) -> Result<(), Box<CallError>> {
     if keep() && can_be_had(bytes) {
         return Ok(());
@@ -43,8 +43,8 @@ fn can_be_had(bytes: usize) -> bool {
     can_be
 }
 
-/// Requests the memory from the system and not from the heap: the heap would return pages to the system that the next
-/// allocations request again.
+/// Requests the memory from the system and not from the heap. The heap would give freed pages back to the system, and the
+/// allocations of the call would have to request them again.
 #[cfg(windows)]
 fn can_be_had(bytes: usize) -> bool {
     use std::ptr::null;
@@ -59,7 +59,7 @@ fn can_be_had(bytes: usize) -> bool {
     }
 }
 
-/// Reserves the memory for errors. Returns whether it is there.
+/// Reserves the memory for errors. Returns false if there is not enough memory to reserve.
 fn keep() -> bool {
     if !KEPT_AT.load(Ordering::Acquire).is_null() {
         return true;
@@ -70,14 +70,14 @@ fn keep() -> bool {
         return false;
     }
     if KEPT_AT.compare_exchange(null_mut(), new, Ordering::AcqRel, Ordering::Acquire).is_err() {
-        // Another thread was faster.
+        // Another thread has reserved the memory at the same time, so the memory of this thread is not needed.
         // SAFETY: it was made above and nobody else has it.
         unsafe { dealloc(new, KEPT) };
     }
     true
 }
 
-/// Functions in this section run when the library is loaded, while there is memory.
+/// The loader calls the functions in the section `.init_array` when it loads the library, while there is still memory.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".init_array")]

@@ -18,8 +18,8 @@ use crate::{logger, open_boards};
 #[cfg(unix)]
 static OWNER: AtomicU32 = AtomicU32::new(0);
 
-/// Has all boards released when this process exits, after the exit handlers of the program, whose global objects may still
-/// stop the machine and close the board. Called before each board is opened.
+/// Arranges that boards still open are let go when this process exits, after the exit handlers of the program, whose
+/// global objects may still stop the machine and close the board. Called before each board is opened.
 pub fn end_at_exit() {
     #[cfg(unix)]
     OWNER.store(process::id(), Ordering::Relaxed);
@@ -30,13 +30,15 @@ pub fn end_at_exit() {
     }
 }
 
-/// Functions in this section run before main, or when the library is loaded.
+/// The loader calls the functions in the section `.init_array` before main, or when it loads the library: forks are noticed
+/// from then on.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".init_array")]
 static AT_START: extern "C" fn() = watch_forks;
 
-/// Functions in this section run after the exit handlers and the destructors of the program's global objects.
+/// The functions in the section `.fini_array` run after the exit handlers and the destructors of the program's global objects.
+/// These may still close the boards; those that they leave open are let go then.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".fini_array")]
@@ -62,7 +64,7 @@ extern "C" fn watch_forks() {
         }
     }
 
-    // SAFETY: the function only reads and sets atomics and closes descriptors, and the library stays in memory (`nodelete`). If the
-    // system has no memory for the registration forks are not noticed.
+    // SAFETY: the function only reads and sets atomics and closes descriptors, and the library stays in memory (`nodelete`). If
+    // the system has no memory for the registration forks are not noticed.
     unsafe { libc::pthread_atfork(None, None, Some(in_child)) };
 }

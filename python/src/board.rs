@@ -1,7 +1,8 @@
-//! A board: opening and closing it, and how the calls of several threads and its end meet.
+//! A board: how it is opened, how it is closed while other threads call it, and how a wait is ended.
 //!
-//! A call has its own share of the open board ([`Shared::share`]). Closing takes the board away, ends the waits of other
-//! threads, ends the stream, and waits until no call has a share any more, which takes as long as a step at most.
+//! A call holds its own reference to the open board ([`Shared::share`]) while it runs. Closing first makes the board
+//! unavailable to new calls and ends the waits of other threads and the stream. Then it waits until no call has a
+//! reference any more, which takes as long as a step of a stream at most.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,20 +25,21 @@ use crate::stream::StreamCell;
 use crate::values::{Close, seconds};
 use crate::wait;
 
-/// How often closing looks whether the calls of other threads have ended.
+/// The interval at which closing checks whether the calls of other threads have ended.
 const CALLS_END_PERIOD: Duration = Duration::from_millis(1);
-/// How long [`open_when_there`] waits between two looks at signals.
+/// How long [`open_when_there`] waits between two checks for signals, so that Ctrl-C ends it soon.
 const OPEN_SLICE: Duration = Duration::from_millis(200);
 
 /// The boards of this process, which are closed when it ends.
 static BOARDS: Mutex<Vec<Weak<Shared>>> = Mutex::new(Vec::new());
 
-/// A lock that a panic of another thread does not close.
+/// Locks a mutex, even if another thread has panicked while it held the lock.
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// An opened board, and what ends the waits of its threads. The board and its streams have it in common.
+/// An opened board, and the flag that ends the waits of its threads. The handle of the board and its streams share this
+/// value.
 pub struct Shared {
     /// The board; `None` once it is closed.
     opened: Mutex<Option<Arc<Ecm>>>,
@@ -45,12 +47,13 @@ pub struct Shared {
     is_closing: Arc<AtomicBool>,
     /// The stream that was begun last.
     pub stream: Mutex<Option<Arc<StreamCell>>>,
-    /// What happens to the axes when a program does not say it.
+    /// What happens to the axes when a program closes the board without an argument, or leaves the ``with`` block: the option
+    /// ``close`` with which the board was opened.
     close: ecmsk::ecm::Close,
 }
 
 impl Shared {
-    /// A share of the open board.
+    /// Returns a reference to the open board, which the caller drops when its call ends.
     pub fn share(&self) -> Result<Arc<Ecm>, EcmError> {
         lock(&self.opened).clone().ok_or_else(|| LinkError::Closed.into())
     }
@@ -59,7 +62,8 @@ impl Shared {
     pub fn end_stream(&self) {
         let stream = lock(&self.stream).take();
         if let Some(stream) = stream {
-            // Whoever asked for the end has a reason of his own to report. Closing the board finds axes that still move.
+            // An error of the stream is dropped: the caller reports why it ends the stream. If axes still move, closing
+            // the board finds that.
             let _ = stream.finish();
         }
     }
@@ -69,7 +73,8 @@ impl Shared {
         let mut opened = lock(&self.opened).take()?;
         self.is_closing.store(true, Ordering::Release);
         loop {
-            // In each round: a call of another thread may just have begun it.
+            // The stream is ended in each pass of this loop, since a call of another thread that is still running may
+            // just have begun one.
             self.end_stream();
             match Arc::try_unwrap(opened) {
                 Ok(ecm) => return Some(end(ecm)),
@@ -107,14 +112,15 @@ impl Board {
         Self { shared, names, link, is_virtual }
     }
 
-    /// Runs a call that waits. If a signal or an own function ends it, the stream of the board is ended first, too.
+    /// Runs a call that waits. If a signal, or a function of the program that the call runs, ends the call with an
+    /// exception, the stream of the board is ended first.
     pub fn wait<T: Send>(&self, py: Python<'_>, call: impl FnOnce(&Ecm) -> Result<T, EcmError> + Send) -> PyResult<T> {
         let shared = &self.shared;
         wait::during(py, || shared.end_stream(), || call(&*shared.share()?))
     }
 
-    /// Ends the board. A handler of signals and a function of the program's own run inside of a call, which would have to
-    /// end first.
+    /// Ends the board. Inside a call of the board, that is in a handler of signals or in a function of the program that
+    /// the call runs, this is an error: it would wait for the call in which it runs.
     fn end(&self, py: Python<'_>, end: impl FnOnce(Ecm) -> Result<(), EcmError> + Send) -> PyResult<()> {
         if wait::is_in_a_call() {
             let message =
@@ -176,8 +182,8 @@ impl Board {
 impl Drop for Board {
     fn drop(&mut self) {
         let (shared, close) = (&self.shared, self.shared.close);
-        // As the library has it: an error of a board that nobody closes is not raised. At the end of the interpreter
-        // `close_all` has closed it.
+        // As in Rust, where an error of dropping an `Ecm` is only logged, no exception is raised here. At the end of the
+        // interpreter `close_all` has closed the board already.
         Python::try_attach(|py| py.detach(|| shared.end(|ecm| ecm.close(close)).map(drop)));
     }
 }

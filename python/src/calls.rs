@@ -26,7 +26,8 @@ impl Board {
         Ok(ecm::Config::of_machine(machine))
     }
 
-    /// A call with the slaves of some axes.
+    /// Runs a call with the slave numbers of `axes`, which are given as numbers or names. Other threads run while it
+    /// waits.
     fn with_axes(
         &self,
         axes: &Bound<'_, PyAny>,
@@ -37,7 +38,8 @@ impl Board {
     }
 }
 
-/// A value of the type that a program names, for an object of a slave.
+/// Calls a generic function for an SDO, such as `read` or `write` below, with the integer type whose name the program gives
+/// ("u8" to "i32"). A tuple of arguments follows the function's name.
 macro_rules! sdo {
     ($name:expr, $call:ident $arguments:tt) => {
         match $name {

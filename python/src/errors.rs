@@ -51,7 +51,7 @@ fn class_of_link(error: &LinkError) -> &'static str {
     }
 }
 
-/// The slave that an error is about, and the code that it carries.
+/// The number of the slave that an error is about, and the error code of the drive or the abort code of the SDO in it.
 fn parts(error: &EcmError) -> (Option<u8>, Option<u32>) {
     match error {
         EcmError::Alarm { slave, code } => (Some(*slave), Some((*code).into())),
@@ -86,6 +86,7 @@ pub fn named(py: Python<'_>, class: &str, message: &str, slave: Option<u8>, code
         let exception = py.import("ecmsk.errors")?.getattr(class)?.call((message,), Some(&fields))?;
         Ok(PyErr::from_value(exception))
     };
-    // The message must not be lost with a package that lacks a file.
+    // If the package is damaged, so that `ecmsk/errors.py` cannot be imported, the message of the error must still be
+    // shown.
     made().unwrap_or_else(|error| PyRuntimeError::new_err(format!("{message} ({class}: {error})")))
 }

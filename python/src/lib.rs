@@ -1,9 +1,9 @@
 //! The Python package `ecmsk`, as far as it is written in Rust: the module `ecmsk._ecmsk`. The rest is in `ecmsk/` beside
 //! `src/`: names, exceptions, types for checkers, the plugin for pytest.
 //!
-//! - `values.rs`, `snapshot.rs`: what a program passes and gets, as [`ecmsk::ecm`] has it
-//! - `board.rs`: opening and closing, and how calls of several threads and the end of a board meet
-//! - `calls.rs`: the calls of a board; `homing.rs`, `stream.rs`: those with more to them
+//! - `values.rs`, `snapshot.rs`: the values that a program passes and gets, those of [`ecmsk::ecm`] as classes
+//! - `board.rs`: opening and closing a board, also while other threads call it
+//! - `calls.rs`: the calls of a board; `homing.rs`, `stream.rs`: homing and streams of targets
 //! - `recording.rs`, `recorded_axes.rs`: recordings, and what each axis did
 //! - `names.rs`: axes by number, or by name of a machine file
 //! - `wait.rs`: waits without Python's lock, and what ends them

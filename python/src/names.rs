@@ -29,7 +29,7 @@ impl Names {
         axis.extract().map_err(|_| PyValueError::new_err(format!("{axis} is no slave; slaves are 1 to 40")))
     }
 
-    /// The slaves of one axis, or of several.
+    /// The slave numbers of one axis (a number or a name), or of several axes, given as an iterable.
     pub fn slaves(&self, axes: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
         if axes.is_instance_of::<PyString>() || axes.is_instance_of::<PyInt>() {
             return Ok(vec![self.slave(axes)?]);
@@ -37,7 +37,7 @@ impl Names {
         axes.try_iter()?.map(|axis| self.slave(&axis?)).collect()
     }
 
-    /// The axis of that name.
+    /// The axis with this name in the machine file; an exception that lists the names if there is none.
     pub fn axis(&self, py: Python<'_>, name: &str) -> PyResult<&MachineAxis> {
         let unknown = |message: String| named(py, "NoSuchAxisError", &message, None, None);
         let machine = self.0.as_ref().ok_or_else(|| {

@@ -16,9 +16,11 @@ pub struct Columns {
     pub error_code: Vec<u16>,
     /// The executed target, counts; NaN while none is in force.
     pub target: Vec<f64>,
-    /// The target in force.
+    /// The target of the last CSP command, counts. `None`: none is in force, because there was no such command, another command
+    /// for axes came after it, or the axis is off or was homed.
     in_force: Option<i32>,
-    /// Whether a command for axes was sent to the slave, which makes it an axis without SET_AXIS, too.
+    /// Whether a command for axes was sent to the slave. It then counts as an axis even if the recording has no SET_AXIS
+    /// for it.
     is_axis: bool,
 }
 
@@ -38,14 +40,15 @@ impl Columns {
     }
 
     fn report(&mut self, at_ns: i64, drive: &DriveResponse, is_hsp: bool, is_certain: bool) {
-        // Homing moves the zero of the position, and an axis that is off does not follow.
+        // No target is in force after homing, which moves the zero of the position, and while the axis is off, since it
+        // does not follow.
         if CommandId::from_code(drive.head.id) == CommandId::GoHome || !drive.statusword.is_enabled() {
             self.in_force = None;
         }
         self.time_ns.push(at_ns);
         self.position.push(drive.position);
         self.statusword.push(drive.statusword.0);
-        // A pulse module has inputs where a drive has its torque and its error code.
+        // In the report of a pulse module inputs are in the place of torque and error code, so these columns get 0.
         self.torque.push(if is_hsp { 0 } else { drive.torque });
         self.error_code.push(if is_hsp { 0 } else { drive.error_code });
         self.target.push(self.in_force.filter(|_| is_certain).map_or(f64::NAN, f64::from));

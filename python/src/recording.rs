@@ -17,9 +17,9 @@ use crate::errors::named;
 use crate::names::Names;
 use crate::recorded_axes::{Columns, Reader};
 
-/// The most frames by which the slot size is found, if the recording does not state it.
+/// The most frames that are read to find the slot size, if the recording does not state it.
 const SIZE_FRAMES_MAX: usize = 1000;
-/// Handlers of signals run after this many frames.
+/// Handlers of signals run each time this many frames were read, so that Ctrl-C ends the reading.
 const SIGNAL_CHECK_FRAMES: u64 = 100_000;
 
 /// What ``ecmsk.Recording`` is made of.
@@ -57,7 +57,7 @@ fn slot_size(path: &Path, device: Option<Address>) -> Result<SlotSize, RecordErr
         if sizes.is_sure() {
             break;
         }
-        // An error comes again when the frames are read.
+        // An error is ignored here: it occurs again when all frames are read, and is reported then.
         let Ok(recorded) = recorded else { break };
         sizes.look(&recorded.frame, FRAME_LEN);
     }
@@ -72,7 +72,8 @@ fn opened(path: &Path, device: Option<Address>) -> Result<Recording<std::fs::Fil
     })
 }
 
-/// Sorts frames by time.
+/// Sorts the frames of a recording by time: the file has them in the order in which the host read and wrote them, so that
+/// a report that was read late stands behind later commands.
 #[derive(Default)]
 struct InTime {
     timeline: Timeline<Recorded>,
@@ -101,7 +102,8 @@ fn follow(recording: &mut Recording<std::fs::File>, reader: &mut Reader) -> Resu
     for recorded in recording {
         match recorded {
             Ok(recorded) => in_time.push(recorded).into_iter().for_each(&mut take),
-            // What comes before the damage is as good as ever.
+            // The frames before the damage are valid, so they are used, and the damage is reported as what the recording
+            // lacks.
             Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
                 damage = Some(error.to_string());
                 break;
@@ -217,7 +219,7 @@ impl RecordedRun {
         self.summary.counts().collect()
     }
 
-    /// Slave, error code, and how often the alarm began.
+    /// For each alarm of a drive: the slave, the error code, and how often the alarm began.
     #[getter]
     fn alarms(&self) -> Vec<(u8, u16, u64)> {
         self.summary.alarms().map(|(alarm, times)| (alarm.slave, alarm.code, times)).collect()
@@ -266,7 +268,8 @@ impl RecordedRun {
     }
 }
 
-/// The frames of a recording, in the order of the file.
+/// The frames of a recording in the order of the file, which is not always the order of time: a report that was read late
+/// stands behind later commands.
 #[pyclass(module = "ecmsk")]
 pub struct RecordedFrames {
     recording: Recording<std::fs::File>,

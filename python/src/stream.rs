@@ -1,5 +1,5 @@
-//! A stream of targets. It has its own share of the board, and the board knows its newest stream, so that either end of
-//! the two comes to the other.
+//! A stream of targets. The stream has a reference to its board, and the board has one to its newest stream: so the end
+//! of the stream releases the board, and closing the board ends the stream.
 
 use std::sync::{Arc, Mutex};
 
@@ -17,7 +17,7 @@ use crate::snapshot::Snapshot;
 type Running<'a> = Option<ecm::Stream<'a>>;
 
 self_cell!(
-    /// A stream with its share of the board.
+    /// A stream together with the reference to the board from which it borrows.
     struct OwnedStream {
         owner: Arc<Ecm>,
         #[covariant]
@@ -48,7 +48,7 @@ impl StreamStats {
     }
 }
 
-/// A stream, or what is left of it once it has ended.
+/// A running stream, or the counters of one that has ended.
 enum Life {
     Open(OwnedStream),
     Ended(ecm::StreamStats),
@@ -67,7 +67,8 @@ impl StreamCell {
                 let so_far = open.borrow_dependent().as_ref().and_then(|stream| stream.stats().ok());
                 let finished = open.with_dependent_mut(|_, stream| stream.take().map(ecm::Stream::finish));
                 let ended = finished.unwrap_or_else(|| Ok(so_far.unwrap_or_default()));
-                // The stream has ended even if an axis does not stand; the share of the board is given back.
+                // The stream has ended even if an axis could not be brought to a standstill: the reference to the board
+                // is dropped.
                 *life = Life::Ended(ended.as_ref().copied().unwrap_or(so_far.unwrap_or_default()));
                 ended
             }
@@ -87,7 +88,8 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Does something with the open stream. Other threads run meanwhile.
+    /// Runs `call` on the open stream without Python's lock, so that other threads run meanwhile. An ended stream is an
+    /// exception.
     fn with<T: Send>(
         &self,
         py: Python<'_>,
@@ -215,7 +217,7 @@ impl Stream {
 
 impl Drop for Stream {
     fn drop(&mut self) {
-        // As the library has it: an error of a stream that nobody ends is not raised.
+        // As in Rust, where an error of dropping a stream is only logged, no exception is raised here.
         let cell = &self.cell;
         Python::try_attach(|py| py.detach(|| cell.finish().map(drop)));
     }

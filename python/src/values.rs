@@ -193,7 +193,8 @@ impl Config {
     /// That many drives in CSP.
     #[staticmethod]
     fn drives(count: usize) -> Self {
-        // More than any board drives is an error of `configure`; so many here would only take memory.
+        // `configure` refuses more slaves than a board can drive. The limit here only keeps a huge number from taking
+        // memory.
         Self(ecm::Config::drives(count.min(1000)))
     }
 

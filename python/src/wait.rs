@@ -15,25 +15,27 @@ use pyo3::prelude::*;
 
 use crate::errors::exception;
 
-/// How often handlers of signals are run during a wait at most. In virtual time there are a hundred thousand reports a second.
+/// The minimum time between two runs of the handlers of signals during a wait. In virtual time there are a hundred
+/// thousand reports a second: checking for signals after each of them would slow the wait down.
 const SIGNAL_CHECK_PERIOD: Duration = Duration::from_millis(20);
 
 /// A call that waits in a thread.
 struct Waiting {
     /// When handlers of signals ran last.
     checked: Instant,
-    /// What an own function or a handler has raised.
+    /// The exception that a handler of signals, or a function of the program that the call runs, has raised.
     raised: Option<PyErr>,
     /// Whether the wait was told to end. Then what the library does to undo the call is not interrupted any more.
     is_over: bool,
 }
 
 thread_local! {
-    /// The calls of this thread: more than one if a handler of signals or an own function has called one itself.
+    /// The calls of this thread: more than one if a handler of signals, or a function of the program that a call runs,
+    /// has made a call itself.
     static CALLS: RefCell<Vec<Waiting>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Takes the call of this thread from the list, also when it panics.
+/// An entry in the list of calls of this thread. Dropping it removes the entry, also if the call panics.
 struct Call;
 
 impl Call {
@@ -54,13 +56,15 @@ impl Drop for Call {
     }
 }
 
-/// Whether this thread is inside a call of a board: this code runs in a handler of signals or an own function.
+/// Whether this thread is inside a call of a board: then this code runs in a handler of signals, or in a function of the
+/// program that the call runs.
 pub fn is_in_a_call() -> bool {
     CALLS.with_borrow(|calls| !calls.is_empty())
 }
 
-/// Runs a call that waits. An exception that came meanwhile takes the place of its result, after `stop` has ended what
-/// moves axes beside the call.
+/// Runs a call of a board that waits. If a handler of signals, or a function of the program that the call runs, has raised an
+/// exception meanwhile, the exception is raised instead of returning the call's result. Before that, `stop` is called: it has
+/// to stop axes that the call itself does not stop, which are those of an open stream.
 pub fn during<T: Send>(
     py: Python<'_>,
     stop: impl FnOnce() + Send,
@@ -80,7 +84,7 @@ pub fn during<T: Send>(
         return Err(raised);
     }
     result.map_err(|error| match error {
-        // Nothing was raised, so the board was closed.
+        // No exception was raised, so the wait was interrupted because another thread closes the board.
         EcmError::Interrupted => exception(py, &LinkError::Closed.into()),
         error => exception(py, &error),
     })

@@ -41,7 +41,7 @@ pub const DEFAULT_LINK: &str = "usb:";
 /// The maximum size of `ecmsk.toml` \[OURS].
 const FILE_SIZE_MAX_BYTES: u64 = 1 << 16;
 
-/// The allowed content of the file, for error messages.
+/// What an `ecmsk.toml` may contain, for error messages: one line, the link.
 const ALLOWED: &str = "allowed: one line, link = \"sim:?slaves=drive*2\"";
 
 /// The environment variables and folders that the search uses. A folder that is `None` is skipped.
@@ -122,7 +122,8 @@ impl fmt::Display for Source {
     }
 }
 
-/// Why the link to open cannot be determined.
+/// The cases in which the configuration names no usable link: `ECMSK_LINK` or an `ecmsk.toml` is unreadable, invalid or
+/// not to be trusted.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ConfigError {
@@ -137,8 +138,8 @@ pub enum ConfigError {
     /// The file exists but cannot be read.
     #[error("{}: {message}; make it readable or remove it", .path.display())]
     Unreadable { path: PathBuf, message: String },
-    /// The program has more rights than the user who started it, and that user or another one may have written the
-    /// file.
+    /// The program has more rights than the user who started it, and somebody other than root, such as that user, may
+    /// have written the file.
     #[error(
         "{}: not read, since this program runs with more rights than the user who started it and {reason}; make root \
          the owner of the file and its folder, writable by nobody else, or remove the file",

@@ -12,7 +12,7 @@ use super::slaves;
 use super::text::decimal;
 pub use table::KEYS;
 
-/// The last words of every error message about a link.
+/// The end of every error message about an invalid link URI, which tells the user where the keys are described.
 pub(crate) const WHERE_TO_LOOK: &str = "see `ecmsk link help`";
 
 /// The syntax of a key's value.
@@ -34,12 +34,12 @@ pub enum Syntax {
     UsbId,
     /// A frequency in Hz in this range, both ends included: an integer, optionally followed by `k` or `M`.
     Hertz(u64, u64),
-    /// A GPIO line: `CHIP/LINE`.
+    /// A GPIO line: `CHIP/LINE`, a chip such as `gpiochip0` and the number or the name of its line.
     Line,
     /// A list of simulated slaves, see [`slaves`].
     Slaves,
-    /// The pins of 1 to 6 lines of a chip, at most this pin number; `-` for a line that is not wired. No pin may appear
-    /// twice.
+    /// 1 to 6 GPIO pin numbers of an ECM-XF, separated by commas: element k is the pin that line k of the board's local
+    /// inputs or outputs is wired to, from 0 to this number; `-` for a line that is not wired. No pin may appear twice.
     Pins(u8),
 }
 
@@ -162,7 +162,7 @@ pub(crate) fn usb_id(value: &str) -> Option<u16> {
     u16::from_str_radix(digits, 16).ok().filter(|_| digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
 }
 
-/// The shortest text for a frequency in Hz: with `k` or `M` where it divides.
+/// The shortest text for a frequency in Hz: `24M` for whole MHz, `500k` for whole kHz, else all digits.
 fn hertz_text(number: u64) -> String {
     match number {
         0 => "0".to_owned(),
@@ -184,19 +184,19 @@ pub struct Key {
     /// The value in normal form that applies if the URI does not have the key. `None`: there is no default, and
     /// `meaning` says what happens then.
     pub default: Option<&'static str>,
-    /// A valid value other than the default.
+    /// A valid value other than the default, for examples and tests: it has to appear in a URI's normal form.
     pub example: &'static str,
     /// The effect of the key, with the unit of its value.
     pub meaning: &'static str,
 }
 
 impl Key {
-    /// The row of the key `name` in links of that scheme; `None` if they do not have the key.
+    /// Looks up the key `name` in the table; `None` if links of the scheme do not have this key.
     pub fn find(scheme: Scheme, name: &str) -> Option<&'static Self> {
         Self::of(scheme).find(|key| key.name == name)
     }
 
-    /// The keys of links of that scheme, in the order of the table.
+    /// The keys that links of `scheme` have, in the order of the table.
     pub fn of(scheme: Scheme) -> impl Iterator<Item = &'static Self> {
         KEYS.iter().filter(move |key| key.schemes.contains(&scheme))
     }

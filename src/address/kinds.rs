@@ -23,13 +23,14 @@ pub enum SlaveModel {
     Hsp2,
 }
 
-/// The word for a network without slaves, and for an unused slave.
+/// The word `none`: as a whole list, a network without slaves; as an entry of a declared list, a slot that is not used.
 pub(super) const NONE: &str = "none";
 
-/// The default travel of an axis: switches, index pulse and end stops if a list does not give them.
+/// The default travel of an axis: switches, index pulse and end stops, as far as the entry of the slave in the URI does
+/// not give them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct UsualTravel {
-    /// The travel in the syntax of a list: the parts that a user would write after the kind.
+    /// The travel as text: the parts as a user would write them after the kind of the slave, without the first colon.
     pub(super) parts: &'static str,
     pub(super) counts_a_turn: u32,
 }
@@ -162,12 +163,13 @@ struct Row {
     usual_travel: Option<UsualTravel>,
 }
 
-/// The word in lists of slaves for a kind that SET_AXIS can declare: `drive`, `io`, `step`, `hsp`, `none`.
+/// The word by which a list of slaves names a kind of SET_AXIS: `drive`, `io`, `step`, `hsp`, or `none` for an unused
+/// slot.
 pub fn word(kind: SlaveKind) -> &'static str {
     SlaveModel::ALL.into_iter().find(|model| model.kind() == kind).map_or(NONE, SlaveModel::name)
 }
 
-/// The names of the models for which `holds` is true, as a text for messages.
+/// The names of the models that `holds` selects, separated by commas, for error messages.
 pub(super) fn names(holds: impl Fn(SlaveModel) -> bool) -> String {
     let names: Vec<_> = SlaveModel::ALL.into_iter().filter(|model| holds(*model)).map(SlaveModel::name).collect();
     names.join(", ")

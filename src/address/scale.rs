@@ -20,7 +20,7 @@ impl Scale {
     /// The unit is one count.
     pub const COUNTS: Self = Self::per_unit(1.0);
 
-    /// A unit of that many counts.
+    /// The scale of a unit that has `counts_per_unit` counts.
     pub const fn per_unit(counts_per_unit: f64) -> Self {
         Self { counts_per_unit }
     }
@@ -73,7 +73,7 @@ impl Default for SoftLimits {
     }
 }
 
-/// The counts of one unit, for all axes or for some.
+/// How many counts one unit has: scales by axis number, and scales with `None`, which apply to all other axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scales(Vec<(Option<u8>, Scale)>);
 
@@ -97,7 +97,7 @@ impl Scales {
         })
     }
 
-    /// Whether the options give the scale of an axis, for all axes or for this one.
+    /// Whether an axis has a scale, either of its own or the one for all axes.
     pub fn has(&self, axis: u8) -> bool {
         self.0.iter().any(|(of, _)| of.is_none_or(|of| of == axis))
     }

@@ -24,7 +24,7 @@ pub enum Scheme {
     Nic,
 }
 
-/// The operating systems between which links differ, one bit each.
+/// The operating systems, one bit each; [`Row::systems`] combines those on which a scheme can be used.
 const LINUX: u8 = 1 << 0;
 const OTHER_UNIX: u8 = 1 << 1;
 const WINDOWS: u8 = 1 << 2;
@@ -32,7 +32,7 @@ const OTHER: u8 = 1 << 3;
 const UNIX: u8 = LINUX | OTHER_UNIX;
 const EVERY: u8 = UNIX | WINDOWS | OTHER;
 
-/// The operating system of this build, as one of these bits.
+/// The operating system of this build, as one of the bits above.
 const SYSTEM: u8 = if cfg!(target_os = "linux") {
     LINUX
 } else if cfg!(unix) {
@@ -43,20 +43,20 @@ const SYSTEM: u8 = if cfg!(target_os = "linux") {
     OTHER
 };
 
-/// The name of a Cargo feature of this crate, and whether this build has it.
+/// The name of a Cargo feature together with a `bool`: whether this build was compiled with the feature.
 macro_rules! feature {
     ($name:tt) => {
         ($name, cfg!(feature = $name))
     };
 }
 
-/// The form of the path in the URI of a link over SPI.
+/// The path of links over SPI, for the help: bus B and chip select C of Linux' spidev. Used by `spi:` and `xf-spi:`.
 const SPI_DEVICE: Option<&str> = Some("/dev/spidevB.C");
 
 /// The properties of a scheme. The code that opens its links is in `open/`.
 struct Row {
     name: &'static str,
-    /// The name of the Cargo feature, and whether this build has it.
+    /// The Cargo feature that links of the scheme need, and whether this build has the feature.
     feature: (&'static str, bool),
     /// The operating systems on which such links exist, as bits.
     systems: u8,
@@ -197,7 +197,7 @@ impl Scheme {
         }
     }
 
-    /// Whether the network is simulated in this process, so that its clock can be virtual.
+    /// Whether the network is simulated in this process. Only such links can have virtual time (`clock=virtual`).
     pub const fn is_model(self) -> bool {
         matches!(self, Self::Sim | Self::XfSim)
     }
@@ -230,8 +230,8 @@ mod tests {
 
     const SYSTEMS: [u8; 4] = [LINUX, OTHER_UNIX, WINDOWS, OTHER];
 
-    /// For each scheme its feature, whether this build has it, and how many of the operating systems above, counted
-    /// from the first, have such links.
+    /// For each scheme: its feature, whether this build has the feature, and how many entries of `SYSTEMS`, from the
+    /// first on, can open such links.
     const EXPECTED: [(Scheme, &str, bool, usize); 8] = [
         (Scheme::Sim, "sim", cfg!(feature = "sim"), 4),
         (Scheme::Usb, "usb", cfg!(feature = "usb"), 3),
@@ -243,8 +243,8 @@ mod tests {
         (Scheme::Nic, "nic", cfg!(feature = "nic"), 1),
     ];
 
-    /// A link whose feature is not built in names the feature and how to build with it, also in `ecmsk link help`. A
-    /// build with only that feature opens it.
+    /// If the feature of a link is not built in, the error and `ecmsk link help` name the feature and how to build with
+    /// it. A build with only that feature opens the link.
     #[test]
     fn a_link_whose_feature_is_not_built_names_the_feature() {
         for (scheme, feature, has_feature, systems) in EXPECTED {

@@ -39,7 +39,7 @@ impl fmt::Display for ManufacturerObjectsSpec {
     }
 }
 
-/// The identity of a slave, as far as it is given.
+/// The identity of a slave. A number that is `None` is that of the slave's model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct IdentitySpec {
     /// The vendor, 0x1018:1.
@@ -59,7 +59,7 @@ pub struct SlaveSpec {
     pub travel: TravelSpec,
     /// The manufacturer-specific objects of the slave; `None` if it has none.
     pub manufacturer_objects: Option<ManufacturerObjectsSpec>,
-    /// The identity in the place of its model's. Only a machine file gives one.
+    /// The numbers that replace those of the model's identity. Only a machine file gives any.
     pub identity: IdentitySpec,
 }
 
@@ -77,7 +77,7 @@ pub(crate) fn manufacturer_objects_help() -> String {
         .to_owned()
 }
 
-/// The syntax of the list, for messages.
+/// The syntax of the key `slaves`, for error messages.
 pub(crate) fn form() -> String {
     format!(
         "a comma list of kinds, each with *N if there are N in a row and with its travel (:limits@N..P and so on, see below) \
@@ -163,7 +163,8 @@ pub(crate) fn normal(slaves: &[SlaveSpec]) -> String {
     if slaves.is_empty() {
         return NONE.to_owned();
     }
-    // Slaves are compared by their normal form, which leaves out defaults.
+    // The texts of the slaves are compared, not their fields: a default that is written and one that is left out give the
+    // same text.
     let name = |slave: &SlaveSpec| {
         let objects = slave.manufacturer_objects.as_ref().map(|spec| format!(":{OBJECTS}@{spec}")).unwrap_or_default();
         format!("{}{}{objects}", slave.model.name(), slave.travel)
@@ -176,7 +177,7 @@ pub(crate) fn too_many(slot: SlotSize) -> String {
     format!("allowed: at most {} slaves with slot={}", slot.max_slaves(), slot.bytes())
 }
 
-/// Splits the parts that follow a kind into those for the travel and the one for manufacturer-specific objects.
+/// Splits the parts that follow a kind: those for the travel, and the part `objects@`, of which there may be one.
 fn split_parts<'a>(parts: &[&'a str]) -> Result<(Vec<&'a str>, Option<ManufacturerObjectsSpec>), String> {
     let mut travel = Vec::new();
     let mut manufacturer_objects = None;
@@ -186,7 +187,8 @@ fn split_parts<'a>(parts: &[&'a str]) -> Result<(Vec<&'a str>, Option<Manufactur
             travel.push(part);
             continue;
         };
-        // A path on Windows contains a colon behind its drive letter: `C:\...`.
+        // The list was split at every colon, also at the one behind a drive letter of Windows (`C:\...`). That path is
+        // joined again.
         let is_letter = value.len() == 1 && value.bytes().all(|byte| byte.is_ascii_alphabetic());
         let path = parts.next_if(|next| is_letter && next.starts_with(['/', '\\']));
         let value = path.map_or_else(|| value.to_owned(), |path| format!("{value}:{path}"));

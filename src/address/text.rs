@@ -22,8 +22,8 @@ pub(crate) fn visible(message: &str) -> String {
 /// Longer words get no suggestion, because the time of the comparison grows with the square of the length.
 const SUGGESTION_LEN_MAX: usize = 64;
 
-/// The text ` did you mean ..?` if one of the known words is similar, otherwise an empty text. Similar means that at most
-/// every third letter differs. \[OURS]
+/// The text ` did you mean ..?` if one of the known words is similar, otherwise an empty text. Similar means that the
+/// edit distance is at most a third of the longer word's length. \[OURS]
 pub(crate) fn suggestion(word: &str, known: impl IntoIterator<Item = &'static str>) -> String {
     if word.len() > SUGGESTION_LEN_MAX {
         return String::new();

@@ -12,7 +12,7 @@ use super::text::{decimal, suggestion};
 /// The largest position in either direction \[OURS]: the range of object 0x6064.
 const POSITION_MAX_COUNTS: i64 = i32::MAX as i64;
 
-/// The value of a part that the axis does not have.
+/// The value that takes a default part away from an axis: `home@none` is an axis without a home switch.
 const NONE: &str = "none";
 
 /// A range of positions in counts, both ends included. One of the two ends may be missing; the range is then unlimited
@@ -57,7 +57,7 @@ pub struct TravelSpec {
     /// The positions at which the home switch is active, counts. If one end is missing, the switch is active everywhere
     /// beyond the other end.
     pub home: Option<Option<PositionRange>>,
-    /// A position of the index pulse, counts; the pulse repeats every turn.
+    /// A position of the index pulse, counts, from 0; the pulse repeats once per turn in both directions.
     pub index: Option<Option<u32>>,
     /// Mechanical end stops that the shaft cannot pass, counts.
     pub stops: Option<PositionRange>,
@@ -65,7 +65,7 @@ pub struct TravelSpec {
     pub search: Option<u64>,
 }
 
-/// One part of the syntax, such as `limits@..`.
+/// One part of a slave's travel in a URI, such as `limits@..`: how it is written, read and explained.
 struct Part {
     word: &'static str,
     /// The syntax of the value after the `@`.
@@ -137,7 +137,8 @@ const PARTS: [Part; 6] = [
     },
 ];
 
-/// Stores a parsed value in `place`; returns false if `value` is `None`, because parsing has failed.
+/// Stores a parsed value in a field of [`TravelSpec`], `place`. Returns false if `value` is `None`, because parsing has
+/// failed.
 fn set<T>(place: &mut Option<T>, value: Option<T>) -> bool {
     *place = value;
     place.is_some()
@@ -214,7 +215,7 @@ fn usual_help() -> String {
     text
 }
 
-/// The words of the parts that a slave of this kind can have.
+/// The words before `@`, such as `limits`, of the parts that a slave of this kind can have.
 pub(super) fn words_of(model: SlaveModel) -> impl Iterator<Item = &'static str> {
     PARTS.iter().filter(move |part| (part.axes)(model) > 0).map(|part| part.word)
 }

@@ -40,8 +40,8 @@ pub struct LinkUri {
     lists_slaves: ListsSlaves,
 }
 
-/// Whether the list of slaves was written, though it may be the default one. Links with the same meaning are equal with and
-/// without it.
+/// Whether the URI has the key `slaves`, even with the default list, which the normal form leaves out. A machine file
+/// replaces only the slaves of a link that lists none. Not compared, so that links with the same meaning are equal.
 #[derive(Clone, Copy, Debug, Default)]
 struct ListsSlaves(bool);
 
@@ -75,7 +75,7 @@ pub enum UriError {
         suggestion: String,
         allowed: String,
     },
-    /// A link has another scheme than the one whose options were requested.
+    /// A caller has asked for the options of one scheme, and the link has another one.
     #[error("link `{uri}` is no `{expected}:` link; allowed here: {expected}:; {WHERE_TO_LOOK}")]
     OtherScheme { uri: String, expected: Scheme },
     /// Text stands between the colon and the question mark, where this scheme allows none.
@@ -183,10 +183,11 @@ impl LinkUri {
         given.or_else(|| Key::find(self.scheme, key)?.default)
     }
 
-    /// The value of a key, converted by `read`; `None` if the key is neither given nor has a default.
+    /// Gets the value of a key and converts it with `read`; `None` if the key is not given and has no default.
     pub(crate) fn typed<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<Option<T>, UriError> {
         let Some(value) = self.value(key) else { return Ok(None) };
-        // The value was checked against the table. `read` fails only if the option's type allows less than the table.
+        // The table allows the value. `read` fails only if the type of the option has a smaller range than the table; the
+        // error then shows what the table allows.
         let why = || Key::find(self.scheme, key).map(|row| row.syntax.allowed()).unwrap_or_default();
         let bad = || UriError::BadValue { key: key.to_owned(), value: value.to_owned(), why: why() };
         read(value).map(Some).ok_or_else(bad)
@@ -219,7 +220,7 @@ impl LinkUri {
         self.required("slaves", |value| slaves::parse(value).ok())
     }
 
-    /// Refuses a link of another scheme.
+    /// Returns an error if the link has another scheme than `expected`.
     pub(crate) fn expect_scheme(&self, expected: Scheme) -> Result<(), UriError> {
         if self.scheme == expected {
             return Ok(());
@@ -261,7 +262,7 @@ impl LinkUri {
         if slaves <= slot.max_slaves() { Ok(()) } else { Err(slaves::too_many(slot)) }
     }
 
-    /// Rejects a list of slaves beside a machine file, which has them, too.
+    /// Rejects the key `slaves` beside the key `machine`, since a machine file lists slaves, too.
     fn check_machine(&self) -> Result<(), UriError> {
         let given = |key: &str| self.keys().find(|(name, _)| *name == key).map(|(_, value)| value.to_owned());
         match (given("machine"), given("slaves")) {
@@ -274,7 +275,8 @@ impl LinkUri {
         }
     }
 
-    /// This link with the slaves of a machine file; `None` unless it is one to simulated slaves that lists none.
+    /// This link with the slaves of the machine file `file`. `None` if the link has no simulated slaves, lists its own,
+    /// or names a machine file already.
     pub(crate) fn with_machine(&self, file: &str) -> Option<Self> {
         let has_slaves = self.lists_slaves.0 || self.keys().any(|(key, _)| key == "machine");
         if has_slaves || !self.scheme.is_model() {
@@ -339,7 +341,7 @@ impl fmt::Display for LinkUri {
     }
 }
 
-/// Keys without effect on a virtual clock, each with the reason.
+/// Keys without effect on a virtual clock, each with the reason why it has none, for the error message.
 const REAL_CLOCK_ONLY: &[(&str, &str)] = &[
     ("rate", "with clock=virtual time passes by calls alone, at no rate"),
     ("priority", "with clock=virtual there is no thread of the cycle"),

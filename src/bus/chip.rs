@@ -20,7 +20,7 @@ use crate::xf::request::{EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX
 use crate::xf::response::EepromAnswer;
 use crate::xf_api::{NetworkConfig, Xf, XfError};
 
-/// \[OURS] Timeout of the chip for one access to a word of an EEPROM.
+/// \[OURS] Timeout of the chip for reading or writing one word of an EEPROM.
 const EEPROM_MAX: Duration = Duration::from_millis(500);
 /// \[OURS] The maximum number of attempts: to send a datagram that does not come back, and to read a word of an EEPROM.
 const TRIES: u32 = 3;
@@ -30,7 +30,8 @@ const LOAD_INTERVAL: Duration = Duration::from_millis(1);
 const LOAD_ADDRESS: u32 = 0x0000_0000;
 /// \[OURS] Interval at which our own master is polled while it waits for a slave.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
-/// The slave number that our own master uses for [`XfNetwork::joined`], the only slave that it knows.
+/// The number of the slave [`XfNetwork::joined`] in our own master. It is 1, because that master is given one slave at a
+/// time.
 const JOINED: u8 = 1;
 
 /// The network behind an ECM-XF.
@@ -57,7 +58,10 @@ impl XfNetwork {
         Ok(Self { xf, is_virtual, stations: Vec::new(), master, joined: None })
     }
 
-    /// The number that the chip's commands use for a slave; it counts from 0.
+    /// Converts the number of a slave, from 1, to the number in the chip's commands, from 0.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchSlave`]: the last scan has found no slave with this number.
     fn number(&self, slave: u8) -> Result<SlaveNumber, BusError> {
         let found = self.stations.len();
         let number = slave.checked_sub(1).filter(|place| usize::from(*place) < found).and_then(SlaveNumber::new);
@@ -93,7 +97,8 @@ impl XfNetwork {
     fn eeprom(&mut self, slave: u8, position: u16, operation: EepromOperation) -> Result<Vec<u8>, BusError> {
         let timeout_us = u32::try_from(EEPROM_MAX.as_micros()).unwrap_or(u32::MAX);
         let request = EepromRequest { slave: self.number(slave)?, position, timeout_us, operation };
-        // On a bad cable a second read may succeed. A write is not repeated.
+        // On a bad cable a second read may succeed. A write is sent only once, since it may have changed the EEPROM even
+        // if its answer was lost.
         let mut tries = if operation == EepromOperation::Read { TRIES } else { 1 };
         loop {
             tries -= 1;
@@ -156,7 +161,8 @@ impl Network for XfNetwork {
             true => self.xf.count_slaves()?,
             false => match self.xf.start_network(&NetworkConfig::default()) {
                 Ok(found) => found,
-                // The command fails if the chip finds no slave.
+                // The chip's command fails also if there is no slave at all. Then the count is 0, and the error is that
+                // there is no slave.
                 Err(error) => match self.xf.count_slaves()? {
                     0 => 0,
                     _ => return Err(error.into()),
@@ -168,7 +174,7 @@ impl Network for XfNetwork {
         }
         self.xf.state()?;
         let described: Vec<_> = (0..found).map(|slave| self.xf.slave_description(slave)).collect::<Result<_, _>>()?;
-        // The chip reports 0 bytes for every slave until its network is configured.
+        // Until its network is configured, the chip reports 0 bytes for every slave. The lengths count as unknown then.
         let is_laid_out = described.iter().any(|slave| slave.output_bytes > 0 || slave.input_bytes > 0);
         self.joined = None;
         self.stations = described.iter().map(|slave| slave.station_address).collect();

@@ -21,7 +21,7 @@ pub(super) fn bytes_max(xf: &Xf) -> usize {
 /// Lets the chip send a datagram. Returns its working counter and its data; `None` if it did not come back.
 ///
 /// # Errors
-/// [`XfError`]
+/// [`XfError`]: the chip does not answer, or refuses the datagram for another reason than that it was lost.
 pub(super) fn datagram(
     xf: &mut Xf,
     operation: RawOperation,
@@ -47,7 +47,7 @@ pub(super) struct ChipWire<'x> {
     xf: &'x mut Xf,
     /// Frames that have come back from the slaves, until the master receives them.
     received: VecDeque<Vec<u8>>,
-    /// The error that made the chip unreachable.
+    /// Why the chip cannot be reached any more, until [`ChipWire::wait`] returns this error.
     error: Option<XfError>,
 }
 
@@ -82,7 +82,8 @@ impl<'x> ChipWire<'x> {
             let address = header.address.wrapping_add(at << 16);
             let Some((counted, data)) = self::datagram(self.xf, operation, address, part)? else { return Ok(None) };
             part.iter_mut().zip(data).for_each(|(to, from)| *to = from);
-            // If no slave handles the first part, the other parts are pointless.
+            // If the first part comes back with working counter 0, no slave has this address. The other parts are not
+            // sent, and the datagram keeps counter 0.
             match counter {
                 None if counted == 0 => return Ok(Some(())),
                 Some(first) if first != counted => return Ok(None),
@@ -94,8 +95,8 @@ impl<'x> ChipWire<'x> {
     }
 }
 
-/// The chip's operation for a command of our master. A master that joined a running network addresses slaves by station
-/// address only.
+/// The chip's operation for a datagram of our own master; `None` if it has none. FPRD and FPWR suffice, since a master
+/// that joined a running network addresses slaves by station address only.
 const fn operation(command: Command) -> Option<RawOperation> {
     match command {
         Command::Fprd => Some(RawOperation::Fprd),

@@ -63,11 +63,11 @@ pub struct SlaveClock {
     pub ahead: Option<ClockSpread>,
 }
 
-/// Measures the differences of the clocks for this time, once they are synchronized ([`SETTLING`], [`SETTLING_MAX`]).
-/// The result leaves out slaves without clocks.
+/// Measures the differences of the clocks for this time, once they are synchronized ([`SETTLING`], [`SETTLING_MAX`]). The
+/// result leaves out slaves without clocks.
 ///
 /// # Errors
-/// [`BusError`]
+/// A slave's clock registers cannot be read ([`BusError::Register`]), or the network fails during a wait.
 pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration) -> Result<Vec<SlaveClock>, BusError> {
     let with_clock: Vec<u8> = slaves.iter().filter(|slave| slave.has_clock).map(|slave| slave.slave).collect();
     if with_clock.is_empty() {
@@ -93,7 +93,8 @@ pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration)
         waited += INTERVAL;
     }
     let mut left = time;
-    // Readings still to be skipped after a stall of this machine, until the clocks are synchronized again.
+    // How many readings are still skipped after a stall of this machine. They give the clocks time to get synchronized
+    // again.
     let mut unsettled = 0;
     while !left.is_zero() {
         let step = INTERVAL.min(left);

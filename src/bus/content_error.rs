@@ -16,13 +16,13 @@ pub enum ContentError {
     /// The content is longer than the slave's EEPROM.
     #[error("{len} bytes do not fit into this slave's EEPROM of {room} bytes; name the file that belongs to it")]
     TooLong { len: usize, room: usize },
-    /// The checksum of the first words is wrong.
+    /// The checksum of the first seven words, the configuration of the slave controller, is wrong.
     #[error(
         "the checksum of the first 7 words is 0x{found:02X} and should be 0x{expected:02X}: no slave would load them; \
          name an undamaged file"
     )]
     Checksum { found: u8, expected: u8 },
-    /// The list of categories has no end.
+    /// The list of categories behind the words with a fixed layout has no end marker, or is damaged.
     #[error("the categories after the first words are not whole ({0}); name a complete file")]
     Categories(WireError),
     /// The content is for another device: vendor or product differ.

@@ -42,7 +42,8 @@ pub struct Entry {
 /// The objects of a slave, by ascending index. Objects that the slave does not describe are left out.
 ///
 /// # Errors
-/// [`BusError::NoCoe`], [`BusError::NoInformation`], [`BusError::Information`]
+/// [`BusError::NoCoe`], [`BusError::NoInformation`]: the slave has no CoE, or no SDO information service.
+/// [`BusError::Information`]: it gives no valid answer.
 pub fn objects(network: &mut dyn Network, slave: u8) -> Result<Vec<Object>, BusError> {
     let mut indices = network.object_list(slave)?;
     indices.sort_unstable();
@@ -77,7 +78,8 @@ pub fn entries(network: &mut dyn Network, slave: u8, object: &Object) -> Result<
         let Ok(described) = EntryDescription::decode(&bytes) else { continue };
         entries.push(Entry {
             object,
-            // The request asks for no values, so the data consist of the name alone.
+            // The request asks for the access rights and no other values, so the data after the fixed fields are the name
+            // of the entry.
             name: text(described.data),
             data_type: DataTypeCode(described.data_type),
             bits: described.bits,
@@ -87,11 +89,11 @@ pub fn entries(network: &mut dyn Network, slave: u8, object: &Object) -> Result<
     Ok(entries)
 }
 
-/// The value of an entry, or the abort code with which the slave refuses to read it; `None` if the entry is not
-/// readable.
+/// Reads the value of an entry. `None`: the entry is not readable. `Some(Err(code))`: the slave has refused the read with
+/// this abort code.
 ///
 /// # Errors
-/// [`BusError::Sdo`]: the slave gives no answer.
+/// [`BusError::Sdo`]: the slave does not answer, or its answer is invalid.
 pub fn value(
     network: &mut dyn Network,
     slave: u8,

@@ -5,10 +5,11 @@ use super::{BusError, Network};
 use crate::ethercat::sii::{SII_INFO_LEN, Sii};
 use crate::master::SiiError;
 
-/// \[OURS] The maximum number of bytes that are read from an EEPROM.
+/// \[OURS] The maximum number of bytes that are read from an EEPROM, against a damaged list of categories that never
+/// ends.
 const BYTES_MAX: usize = 0x8000;
 
-/// A word that new content changes.
+/// A word of an EEPROM that new content changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WordChange {
     /// The address of the word.
@@ -23,7 +24,8 @@ pub struct WordChange {
 /// end.
 ///
 /// # Errors
-/// [`ContentError::Len`], [`ContentError::Checksum`], [`ContentError::Categories`]
+/// [`ContentError::Len`]: the length is odd or too short. [`ContentError::Checksum`]: the checksum is wrong.
+/// [`ContentError::Categories`]: the list of categories is damaged or has no end.
 pub fn check(content: &[u8]) -> Result<(), ContentError> {
     let len = content.len();
     let sii = match Sii::new(content) {
@@ -37,11 +39,12 @@ pub fn check(content: &[u8]) -> Result<(), ContentError> {
     sii.categories().find_map(Result::err).map_or(Ok(()), |error| Err(ContentError::Categories(error)))
 }
 
-/// Checks that new content fits the slave whose EEPROM has `present` now. If `present` has a wrong checksum, any
-/// content passes.
+/// Checks that new content fits the slave whose EEPROM has `present` now. If `present` has a wrong checksum, any content
+/// passes.
 ///
 /// # Errors
-/// [`ContentError::TooLong`], [`ContentError::OtherDevice`]
+/// [`ContentError::TooLong`]: the content is longer than the slave's EEPROM. [`ContentError::OtherDevice`]: it is for
+/// another vendor or product.
 pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
     let (Ok(wanted), Ok(found)) = (Sii::new(content), Sii::new(present)) else { return Ok(()) };
     if !found.has_right_checksum() {
@@ -50,7 +53,8 @@ pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
     }
     let (wanted, found) = (wanted.info(), found.info());
     let room = (usize::from(found.kbit_less_1) + 1) * 128;
-    // Some makers leave the word with the EEPROM's size at 0, so that value is not checked.
+    // Some makers leave the word with the EEPROM's size at 0. Then the size is unknown, and the length of the content is
+    // not checked.
     if found.kbit_less_1 > 0 && content.len() > room {
         return Err(ContentError::TooLong { len: content.len(), room });
     }
@@ -59,8 +63,8 @@ pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
     if is_same { Ok(()) } else { Err(ContentError::OtherDevice { wanted, found }) }
 }
 
-/// Reads an EEPROM up to the end of its categories. If the list of categories is damaged, returns the bytes up to
-/// there.
+/// Reads an EEPROM up to the end of its categories. If the list of categories is damaged, returns the bytes before the
+/// damage.
 ///
 /// # Errors
 /// [`BusError::Eeprom`]: the EEPROM cannot be read, or is blank.
@@ -89,7 +93,7 @@ fn words(content: &[u8]) -> Vec<u16> {
 /// The words of a slave's EEPROM that differ from the new content, by ascending address.
 ///
 /// # Errors
-/// [`BusError::Eeprom`]
+/// [`BusError::Eeprom`]: the EEPROM cannot be read.
 pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<Vec<WordChange>, BusError> {
     let wanted = words(content);
     let present = network.read_eeprom_words(slave, 0, wanted.len())?;
@@ -100,12 +104,13 @@ pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<V
         .collect())
 }
 
-/// Writes the changed words in descending order of address, so that the configuration words at the beginning, with their
-/// checksum, come last. Then reads all of them back. Calls `written` after each word with the number of words written so
-/// far.
+/// Writes the words that differ from the present content, in descending order of address: the configuration words at the
+/// beginning come last, with their checksum. So a write that is interrupted before these leaves the old configuration with its
+/// right checksum. Then reads all written words back. Calls `written` after each word with the number of words written so far.
 ///
 /// # Errors
-/// [`BusError::Eeprom`], [`BusError::NotWritten`]
+/// [`BusError::Eeprom`]: a word cannot be read or written. [`BusError::NotWritten`]: a word reads back with another value than
+/// was written.
 pub fn write(
     network: &mut dyn Network,
     slave: u8,
@@ -156,7 +161,8 @@ mod tests {
         assert!(matches!(check_for(&good, &content(256, 2)), Err(ContentError::OtherDevice { .. })));
         let long = content(512, 1);
         assert_eq!(check_for(&long, &good), Err(ContentError::TooLong { len: 512, room: 256 }));
-        // The present content has a wrong checksum, so any content passes.
+        // If the present content has a wrong checksum, neither its device nor its size can be trusted, so any content
+        // passes.
         assert_eq!(check_for(&long, &wrong), Ok(()));
     }
 }

@@ -23,13 +23,14 @@ pub enum BusError {
         "slave {slave}: the chip reports error {error} for its EEPROM; is the slave there, and its EEPROM not write protected"
     )]
     ChipEeprom { slave: u8, error: u8 },
-    /// The link is one to a board, which gives no access to its network.
+    /// The link leads to a board. A board gives no access to the registers and EEPROMs of its slaves, which inspection
+    /// needs.
     #[error(
         "`{link}` is a board, which reports little of its network; use `ecmsk info` and `ecmsk sdo` for it, or plug \
          the drives' cable into a network card and name that, e.g. --link nic:eth1"
     )]
     IsBoard { link: String },
-    /// The network card is gone; with a ring, both are.
+    /// The network card is gone. If the network is a ring with two cards, both are gone.
     #[error("{text}")]
     CardGone { text: String },
     /// The scan failed, see [`ScanError`].
@@ -95,7 +96,8 @@ pub enum BusError {
 }
 
 impl From<XfError> for BusError {
-    /// Converts the numbers of slaves: the chip counts them from 0, and this module from 1.
+    /// Wraps an error of the chip's API. Slave numbers in it are raised by 1: the chip counts slaves from 0, and this
+    /// module from 1.
     fn from(mut error: XfError) -> Self {
         if let XfError::StateStuck { slaves, .. } = &mut error {
             slaves.iter_mut().for_each(|(slave, ..)| *slave = slave.saturating_add(1));

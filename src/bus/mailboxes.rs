@@ -10,7 +10,7 @@ use crate::master::{Ending, FileError, Job, MailboxInfo, Master, SdoError};
 /// \[OURS] Timeout for each answer of a slave's mailbox.
 pub(super) const ANSWER_MAX_NS: Ns = 5_000_000_000;
 
-/// A network in which our own master has access to the mailboxes.
+/// A network whose mailboxes our own master can use: it runs the network itself, or has joined the network of a chip.
 pub(super) trait Mailboxes: Network {
     /// The mailbox of a slave as its EEPROM describes it; `None` if it has none.
     ///
@@ -18,15 +18,19 @@ pub(super) trait Mailboxes: Network {
     /// [`BusError::NoSuchSlave`], or the EEPROM cannot be read.
     fn mailbox(&mut self, slave: u8) -> Result<Option<MailboxInfo>, BusError>;
 
-    /// Starts a job of our master with `start` and waits until it ends. `start` gets the master's number of the slave.
+    /// Starts a job of our own master with `start` and waits until it ends. `start` gets the number that the slave has in
+    /// this master, which differs from `slave` behind a chip.
     ///
     /// # Errors
     /// The network card is gone, or the chip cannot be reached.
     fn run<T: Ending>(&mut self, slave: u8, start: impl FnOnce(&mut Master, u8) -> Job<T>) -> Result<T, BusError>;
 }
 
-/// Checks that a slave has a mailbox for a protocol, and brings the slave to PreOP. Returns the error `without` if it
-/// has none.
+/// Checks that a slave's mailbox supports a protocol, and brings the slave to PreOP, where its mailbox works.
+///
+/// # Errors
+/// `without`: the slave has no mailbox, or one without this protocol. Those of [`Mailboxes::mailbox`] and
+/// [`Network::bring_to_preop`].
 pub(super) fn open(
     network: &mut impl Mailboxes,
     slave: u8,
@@ -43,19 +47,19 @@ fn open_information(network: &mut impl Mailboxes, slave: u8) -> Result<(), BusEr
     if mailbox.coe.contains(CoeDetails::SDO_INFO) { Ok(()) } else { Err(BusError::NoInformation { slave }) }
 }
 
-/// Implements [`Network::object_list`].
+/// [`Network::object_list`] by the SDO information service, for both kinds of network.
 pub(super) fn object_list(network: &mut impl Mailboxes, slave: u8) -> Result<Vec<u16>, BusError> {
     open_information(network, slave)?;
     let list = network.run(slave, |master, slave| master.object_list(slave, ObjectListType::All, ANSWER_MAX_NS))?;
     list.map_err(|error| failed_information(network, slave, error))
 }
 
-/// Implements [`Network::describe_object`].
+/// [`Network::describe_object`] by the SDO information service, for both kinds of network.
 pub(super) fn describe_object(network: &mut impl Mailboxes, slave: u8, index: u16) -> Result<Vec<u8>, BusError> {
     describe(network, slave, |master, slave| master.describe_object(slave, index, ANSWER_MAX_NS))
 }
 
-/// Implements [`Network::describe_entry`].
+/// [`Network::describe_entry`] by the SDO information service, for both kinds of network.
 pub(super) fn describe_entry(
     network: &mut impl Mailboxes,
     slave: u8,
@@ -73,7 +77,7 @@ fn describe(
     network.run(slave, start)?.map_err(|error| failed_information(network, slave, error))
 }
 
-/// Implements [`Network::read_file`].
+/// [`Network::read_file`] by FoE, for both kinds of network.
 pub(super) fn read_file(
     network: &mut impl Mailboxes,
     slave: u8,
@@ -85,7 +89,7 @@ pub(super) fn read_file(
     network.run(slave, start)?.map_err(|error| failed_file(network, slave, name, error))
 }
 
-/// Implements [`Network::write_file`].
+/// [`Network::write_file`] by FoE, for both kinds of network.
 pub(super) fn write_file(
     network: &mut impl Mailboxes,
     slave: u8,
@@ -107,8 +111,8 @@ fn failed_file(network: &mut impl Mailboxes, slave: u8, name: &str, error: FileE
     unless_gone(network, slave, BusError::File { slave, name: name.to_owned(), error })
 }
 
-/// Returns `error`, or the error that slave or card is gone if the slave does not answer a read of its AL status
-/// either. An abort of the slave is returned at once, since it is an answer.
+/// Finds the cause of a failed mailbox request. Returns `error` if the slave has refused the request, or still answers a
+/// read of its AL status. If it does not answer, returns that the slave, or the network card, is gone.
 pub(super) fn unless_gone(network: &mut impl Mailboxes, slave: u8, error: BusError) -> BusError {
     let is_refusal = match &error {
         BusError::Sdo { error, .. } | BusError::Information { error, .. } => matches!(error, SdoError::Abort(_)),

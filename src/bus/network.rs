@@ -41,8 +41,9 @@ pub struct FoundSlave {
     pub port_types: u8,
     /// The slave and the port that this slave is connected to; `None` if it is connected to the master.
     pub upstream: Option<Upstream>,
-    /// The port at which frames arrive, by the receive times of its clock. 0, unless the plugs IN and OUT are swapped;
-    /// also 0 if it is not known.
+    /// The port at which frames enter the slave, as the receive times of its clock show. 0 is port IN, the usual one; if
+    /// the plugs IN and OUT are swapped it is another port. It is 0 also for a slave without a clock, whose entry port is
+    /// not known.
     pub entry_port: u8,
     /// Whether the slave has distributed clocks.
     pub has_clock: bool,
@@ -63,7 +64,7 @@ pub trait Network {
     /// Finds the slaves. If [`Network::resets_slaves`], all slaves are in Init afterwards.
     ///
     /// # Errors
-    /// [`BusError`]
+    /// There is no slave, a slave does not answer, another master runs the network, or the card or the chip is gone.
     fn scan(&mut self) -> Result<Vec<FoundSlave>, BusError>;
 
     /// Whether the network runs in virtual time, which passes in waits alone.
@@ -72,95 +73,102 @@ pub trait Network {
     /// Whether a scan takes all slaves to Init. If a chip runs the network, the scan leaves them in their states.
     fn resets_slaves(&self) -> bool;
 
-    /// Waits for this time and keeps the clocks synchronized meanwhile.
+    /// Waits for this time. Our own master keeps the slaves' distributed clocks synchronized meanwhile.
     ///
     /// # Errors
-    /// [`BusError`]
+    /// [`BusError::CardGone`], or [`BusError::Chip`] if the chip cannot be reached.
     fn wait(&mut self, time: Duration) -> Result<(), BusError>;
 
     /// Sends long frames for this time, so that a bad cable shows in the error counters.
     ///
     /// # Errors
-    /// [`BusError`]
+    /// As [`Network::wait`]. Lost frames are no error.
     fn load(&mut self, time: Duration) -> Result<(), BusError>;
 
     /// Reads registers of a slave.
     ///
     /// # Errors
-    /// [`BusError::Register`]
+    /// [`BusError::Register`]: the slave does not answer, or with a wrong working counter.
     fn read(&mut self, slave: u8, address: u16, data: &mut [u8]) -> Result<(), BusError>;
 
     /// Writes registers of a slave.
     ///
     /// # Errors
-    /// [`BusError::Register`]
+    /// [`BusError::Register`]: the slave does not answer, or with a wrong working counter.
     fn write(&mut self, slave: u8, address: u16, data: &[u8]) -> Result<(), BusError>;
 
     /// Brings a slave from Init to PreOP, where its mailbox works. A slave in a higher state stays there.
     ///
     /// # Errors
-    /// [`BusError::State`]
+    /// [`BusError::State`]: the slave refuses the change or does not reach PreOP in time.
     fn bring_to_preop(&mut self, slave: u8) -> Result<(), BusError>;
 
     /// Reads an object by SDO.
     ///
     /// # Errors
-    /// [`BusError::Sdo`]
+    /// [`BusError::Sdo`]: the slave has aborted the transfer, or has not answered in time.
     fn upload(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, BusError>;
 
     /// Writes an object by SDO.
     ///
     /// # Errors
-    /// [`BusError::Sdo`]
+    /// [`BusError::Sdo`]: the slave has aborted the transfer, or has not answered in time.
     fn download(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), BusError>;
 
     /// The indices of all objects of a slave, from its SDO information service.
     ///
     /// # Errors
-    /// [`BusError::Information`]
+    /// [`BusError::Information`]: the slave gives no valid answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it
+    /// has no CoE, or no SDO information service.
     fn object_list(&mut self, slave: u8) -> Result<Vec<u16>, BusError>;
 
-    /// The description of an object: an [`ObjectDescription`](crate::ethercat::coe::ObjectDescription) as bytes.
+    /// The description of an object as the slave sends it: the bytes of an
+    /// [`ObjectDescription`](crate::ethercat::coe::ObjectDescription), which borrows the name from them.
     ///
     /// # Errors
-    /// [`BusError::Information`]
+    /// [`BusError::Information`]: the slave gives no valid answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it
+    /// has no CoE, or no SDO information service.
     fn describe_object(&mut self, slave: u8, index: u16) -> Result<Vec<u8>, BusError>;
 
-    /// The description of a sub-index: an [`EntryDescription`](crate::ethercat::coe::EntryDescription) as bytes.
+    /// The description of a sub-index as the slave sends it: the bytes of an
+    /// [`EntryDescription`](crate::ethercat::coe::EntryDescription).
     ///
     /// # Errors
-    /// [`BusError::Information`]
+    /// [`BusError::Information`]: the slave gives no valid answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it
+    /// has no CoE, or no SDO information service.
     fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError>;
 
     /// The content of a slave's EEPROM from its first word to the end of its categories. Our own master returns the
     /// content that the last scan has read.
     ///
     /// # Errors
-    /// [`BusError::Eeprom`]
+    /// [`BusError::Eeprom`]: the EEPROM cannot be read.
     fn read_eeprom(&mut self, slave: u8) -> Result<Vec<u8>, BusError>;
 
     /// Reads `count` words of a slave's EEPROM, beginning at the word `first`.
     ///
     /// # Errors
-    /// [`BusError::Eeprom`]
+    /// [`BusError::Eeprom`]: the words cannot be read.
     fn read_eeprom_words(&mut self, slave: u8, first: u16, count: usize) -> Result<Vec<u16>, BusError>;
 
     /// Writes words to a slave's EEPROM, beginning at the word `first`.
     ///
     /// # Errors
-    /// [`BusError::Eeprom`]
+    /// [`BusError::Eeprom`]: the words cannot be written.
     fn write_eeprom_words(&mut self, slave: u8, first: u16, words: &[u16]) -> Result<(), BusError>;
 
     /// Reads a file by FoE.
     ///
     /// # Errors
-    /// [`BusError::File`]
+    /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it has refused the transfer, or has not answered in
+    /// time.
     fn read_file(&mut self, slave: u8, name: &str, password: u32) -> Result<Vec<u8>, BusError>;
 
     /// Writes a file by FoE.
     ///
     /// # Errors
-    /// [`BusError::File`]
+    /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it has refused the transfer, or has not answered in
+    /// time.
     fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError>;
 
     /// The slave with the reference clock; `None` if no slave has a clock, or if it is not known.

@@ -40,7 +40,8 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
     }
 }
 
-/// A network behind any wires, with our own master, as [`open`] returns it for a network card. Nothing is sent yet.
+/// A network whose slaves our own master reaches over `wires`, a network card or a simulated one, as [`open`] returns it
+/// for a link `nic:`. Nothing is sent yet.
 #[cfg(any(feature = "sim", all(feature = "nic", target_os = "linux")))]
 pub fn over<W: crate::fieldbus::nic::NicWires + 'static>(
     wires: W,

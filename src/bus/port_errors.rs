@@ -12,7 +12,7 @@ pub const COUNTER_MAX: u8 = u8::MAX;
 /// The length of the block of counter registers, bytes.
 const LEN: usize = LOST_LINKS as usize + PORTS - RX_ERRORS as usize;
 
-/// The counters of a port. Each stops at [`COUNTER_MAX`].
+/// The error counters of one port of a slave. Each stops at [`COUNTER_MAX`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PortErrors {
     /// Frames that arrived with a wrong check sequence and without the mark of an earlier slave.
@@ -32,7 +32,8 @@ pub struct SlaveErrors {
     pub slave: u8,
     /// The counters of its ports 0 to 3.
     pub ports: [PortErrors; PORTS],
-    /// Frames whose datagrams are longer than the frame.
+    /// Frames with a wrong structure, such as a datagram that runs beyond the end of its frame (ECAT processing unit
+    /// errors). The master has sent them that way.
     pub processing_unit: u8,
     /// Wrong accesses by the microcontroller of the slave (PDI errors).
     pub pdi: u8,
@@ -55,8 +56,8 @@ impl SlaveErrors {
         }
     }
 
-    /// What was counted since the reading `before`. If a counter is lower than before, it was cleared, and its whole
-    /// value counts. A counter at [`COUNTER_MAX`] may have missed errors.
+    /// Returns how much each counter has risen since the reading `before`. A counter that is lower than before was
+    /// cleared meanwhile, and counts with its whole value. A counter at [`COUNTER_MAX`] may have missed errors.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         let more = |now: u8, before: u8| now.checked_sub(before).unwrap_or(now);
@@ -81,7 +82,7 @@ impl SlaveErrors {
 /// Reads the counters of a slave.
 ///
 /// # Errors
-/// [`BusError::Register`]
+/// [`BusError::Register`]: a slave does not answer.
 pub fn read_one(network: &mut dyn Network, slave: u8) -> Result<SlaveErrors, BusError> {
     let mut bytes = [0; LEN];
     network.read(slave, RX_ERRORS, &mut bytes)?;
@@ -91,7 +92,7 @@ pub fn read_one(network: &mut dyn Network, slave: u8) -> Result<SlaveErrors, Bus
 /// Reads the counters of all slaves.
 ///
 /// # Errors
-/// [`BusError::Register`]
+/// [`BusError::Register`]: a slave does not answer.
 pub fn read(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<Vec<SlaveErrors>, BusError> {
     slaves.iter().map(|found| read_one(network, found.slave)).collect()
 }
@@ -99,10 +100,10 @@ pub fn read(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<Vec<Slav
 /// Clears the counters of all slaves.
 ///
 /// # Errors
-/// [`BusError::Register`]
+/// [`BusError::Register`]: a slave does not answer.
 pub fn clear(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<(), BusError> {
     for found in slaves {
-        // Writing one register of a group clears the whole group.
+        // The error registers form four groups. Writing to any register of a group clears all counters of the group.
         for register in [RX_ERRORS, PROCESSING_UNIT_ERRORS, PDI_ERRORS, LOST_LINKS] {
             network.write(found.slave, register, &[0])?;
         }
@@ -140,16 +141,19 @@ pub enum ProblemPlace {
 pub struct Problem {
     /// Where the problem is.
     pub place: ProblemPlace,
-    /// The counters of the port at the near end of the cable.
+    /// The counters of the port at the near end of the cable; all 0 if that end is the master, or if the place is not a
+    /// cable.
     pub near: PortErrors,
-    /// The counters of the port at the far end of the cable.
+    /// The counters of the port at the far end of the cable; all 0 if no slave is connected there, or if the place is not
+    /// a cable.
     pub far: PortErrors,
     /// The number of errors, if the place is not a cable.
     pub count: u8,
 }
 
 impl PortErrors {
-    /// Whether these counters point to the cable at this port.
+    /// Whether these counters point to the cable at this port. Forwarded errors do not: another port has counted their
+    /// frames as invalid.
     const fn points_to_cable(&self) -> bool {
         self.invalid > 0 || self.physical > 0 || self.lost_links > 0
     }
@@ -166,8 +170,8 @@ fn cable_at(slaves: &[FoundSlave], end: CablePort) -> (Option<CablePort>, Option
     (Some(end), slaves.iter().find(is_there).map(|found| CablePort { slave: found.slave, port: 0 }))
 }
 
-/// The problems that the counters show, in network order. Each cable is listed once, with the counters of both its
-/// ends.
+/// Finds the cables, slaves or the master that cause the counted errors, in network order. Each cable is listed once,
+/// with the counters of both its ends.
 pub fn judge(slaves: &[FoundSlave], errors: &[SlaveErrors]) -> Vec<Problem> {
     let mut problems: Vec<Problem> = Vec::new();
     let counters = |end: Option<CablePort>| {

@@ -13,10 +13,10 @@ use crate::own_board::nic::{CardWires, wires};
 /// \[OURS] Longest wait for a frame between two polls of the master, ns.
 const TURN_NS: u64 = 1_000_000;
 
-/// The round-trip times of some frames. Percentiles are nearest ranks, so each is a measured value.
+/// The round-trip times of the frames of one measurement. Percentiles are nearest ranks, so each is a measured value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RoundTrips {
-    /// The number of slaves that the last frame passed.
+    /// The number of slaves on the network: the working counter of the last frame that came back.
     pub slaves: u16,
     /// The number of frames that did not come back.
     pub lost: u32,
@@ -38,12 +38,12 @@ impl RoundTrips {
     }
 }
 
-/// Sends frames to the slaves of a link `nic:`, one after the other, and measures their round-trip times. `times` is
-/// their number. The frames only read AL states. `None` if none came back. The checks of `nic:` come first: nothing is
-/// sent on a card that another program has, that belongs to another network, or on which another master sends.
+/// Sends `times` frames to the slaves of a link `nic:`, one after the other, and measures their round-trip times. The
+/// frames only read AL states. `None` if no frame came back. The checks of `nic:` come first: nothing is sent on a card
+/// that another program has, that belongs to another network, or on which another master sends.
 ///
 /// # Errors
-/// [`BusError::Link`]
+/// [`BusError::Link`]: the network card cannot be opened, or a check refuses it.
 pub fn round_trips(link: &LinkUri, times: u32) -> Result<Option<RoundTrips>, BusError> {
     Ok(match wires(link)? {
         (CardWires::Line(card), settings) => measure(card, settings, times),

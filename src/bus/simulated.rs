@@ -1,5 +1,5 @@
-//! Simulated slaves in virtual time as the wires of our own master, with the script of their link. Also a simulated
-//! chip with such slaves.
+//! Simulated slaves in virtual time, which our own master reaches like slaves on a network card. The script of the link
+//! (`script=`) acts on them. Also a simulated chip with such slaves.
 
 use super::BusError;
 use crate::address::uri::LinkUri;
@@ -22,9 +22,10 @@ use crate::testbed::simulated_slaves;
 use crate::xf::host::HostConfig;
 use crate::xf_api::XfError;
 
-/// \[OURS] Error of the crystals of the first and of the last slave, parts per billion: the usual tolerance.
+/// \[OURS] Error of the slaves' crystals, parts per billion, at most the usual tolerance: the first slave's is too fast
+/// by this, the last one's too slow by as much, and those between are evenly distributed.
 const DRIFT_PPB: u32 = 20_000;
-/// Longest step of time between two runs of the script, ns.
+/// Longest step of virtual time between two runs of the script, ns: an action of the script is late by at most this.
 const STEP_NS: Ns = 1_000_000;
 
 /// Simulated slaves that were just powered on.
@@ -103,7 +104,7 @@ impl NicWires for SimulatedWires {
             let next = until.min(self.slaves.now().saturating_add(STEP_NS));
             self.slaves.wait(next);
             if self.slaves.now() < next {
-                // A frame has arrived.
+                // A frame has arrived. The wait ends early, so that the master can receive the frame.
                 return;
             }
         }

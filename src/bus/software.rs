@@ -1,4 +1,4 @@
-//! The network of our own master, on any wires.
+//! A network that our own master runs over a network card, or over simulated slaves.
 
 use std::time::Duration;
 
@@ -16,8 +16,8 @@ use crate::master::{DatagramAnswer, Ending, FrameCounters, Job, MailboxInfo, Mas
 const PREOP_MAX_NS: Ns = 10_000_000_000;
 /// \[OURS] Longest wait for frames between two polls of the master, ns.
 const TURN_NS: Ns = 200_000;
-/// \[OURS] Interval at which the master distributes the time of the reference clock, ns. A master with cycles of 1 ms
-/// does it as often.
+/// \[OURS] Interval of the master's watch over the slaves, ns. The watch also distributes the time of the reference clock
+/// here, since there are no cycles to do that; a master with cycles of 1 ms does it as often.
 const WATCH_NS: Ns = 1_000_000;
 /// \[OURS] The maximum number of attempts to send a datagram that reads states before the scan, if it does not come back.
 const TRIES: u32 = 3;
@@ -65,7 +65,8 @@ impl<W: NicWires> SoftwareNetwork<W> {
         })
     }
 
-    /// Reads the AL states of all slaves, before a scan takes them to Init. Fails if a slave is in OP.
+    /// Reads the AL states of all slaves into `found`, since the scan that follows takes all slaves to Init. Fails if a
+    /// slave is in OP, which means that another master runs the network.
     fn look(&mut self) -> Result<(), BusError> {
         self.found.clear();
         let counted = self.datagram(Command::Brd, 0, AL_STATUS, 2).map_or(0, |answer| answer.working_counter);
@@ -85,7 +86,7 @@ impl<W: NicWires> SoftwareNetwork<W> {
     /// Waits for the end of a job and checks that a network card is still there.
     ///
     /// # Errors
-    /// [`BusError::CardGone`]
+    /// [`BusError::CardGone`]: all network cards are gone.
     fn finish<T: Ending>(&mut self, job: Job<T>) -> Result<T, BusError> {
         let end = self.wait_for(job);
         self.check_cards().map(|()| end)
@@ -94,7 +95,7 @@ impl<W: NicWires> SoftwareNetwork<W> {
     /// Fails if all network cards are gone.
     ///
     /// # Errors
-    /// [`BusError::CardGone`]
+    /// [`BusError::CardGone`]: all network cards are gone.
     fn check_cards(&self) -> Result<(), BusError> {
         match self.wires.cards_gone().filter(|gone| gone.is_all) {
             Some(gone) => Err(BusError::CardGone { text: gone.text.to_string() }),
@@ -320,10 +321,12 @@ mod tests {
             wires.leave(&mut Predecessor::seeded(seed));
             for look in 0..4 {
                 let mut network = SoftwareNetwork::new(wires, Settings::default());
-                // The scan must also find a slave that was left in OP.
+                // The predecessor may have left the slave in OP. `SoftwareNetwork::scan` would take that for a running
+                // network and refuse, so the master scans directly.
                 let scan = network.master.scan();
                 assert_eq!(network.wait_for(scan), Ok(1));
-                // Each master makes another number of requests, so that the last mailbox counter differs.
+                // Each master makes one request more than the master before it, so that each leaves another mailbox
+                // counter in the slave.
                 for _ in 0..=look {
                     let begin = network.wires.now();
                     let value = network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry);

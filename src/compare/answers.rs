@@ -8,8 +8,8 @@ use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::SlaveData;
 use crate::sk::{HspAxis, SdoCommand, SdoResponse};
 
-/// All differences between the answers of two steps: those of slot 0 first, then by slave. If one step has no answer,
-/// only lost commands and faults are compared.
+/// All differences between the answers to a command, given as its step in each run: those of slot 0 first, then by slave.
+/// If the command has no answer in one run, only lost commands and faults are compared.
 pub fn differences(a: &Step, b: &Step, options: &CompareOptions) -> Vec<Deviation> {
     let mut found = Vec::new();
     if a.lost != b.lost {
@@ -19,7 +19,7 @@ pub fn differences(a: &Step, b: &Step, options: &CompareOptions) -> Vec<Deviatio
         answer_differences(a.size.max_slaves() as u8, answer_a, answer_b, options, &mut found);
         rest_differences(a, b, options, &mut found);
     }
-    // A fault may be over in the last report, so the faults of all reports are compared.
+    // A fault may have been reset before the last report of the step, so the faults of all its reports are compared.
     for (side, faults, faults_of_other) in [(Side::A, &a.faults, &b.faults), (Side::B, &b.faults, &a.faults)] {
         for (slave, error_code) in faults.iter().copied() {
             if !faults_of_other.contains(&(slave, error_code)) {
@@ -130,8 +130,9 @@ pub struct SdoComparison {
 }
 
 impl SdoComparison {
-    /// Processes the next two equal steps, one of each run. Returns a difference between the two answers, once, and a
-    /// difference for the previous transfer if only one run answered it.
+    /// Processes the next two equal steps, one of each run. Returns a difference between the two answers to the present
+    /// transfer when both are known. If the steps begin another transfer, also returns a difference if only one run has
+    /// answered the transfer before.
     pub fn steps(&mut self, a: &Step, b: &Step) -> Vec<Deviation> {
         let mut found = Vec::new();
         if let Some(request) = a.sdo() {

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Display, Formatter};
 
-/// The number of frames of a run, and its duration.
+/// How many frames of each sort a run has, and how long the run is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RunCounts {
     /// Command frames in which some slot requests something.
@@ -13,7 +13,8 @@ pub struct RunCounts {
     pub repeats: u64,
     /// Reports of the board.
     pub reports: u64,
-    /// The time of the last frame, in nanoseconds.
+    /// The time of the last frame, in nanoseconds, as in [`TimedFrame::at_ns`](super::TimedFrame::at_ns). If the first
+    /// frame has time 0, it is the duration of the run.
     pub last_ns: i64,
 }
 

@@ -1,17 +1,18 @@
 //! Counts the cycles of a run by the reports of the board, which sends one in each cycle.
 
-/// A report that comes at most this fraction of a cycle (1/4) before a whole number of cycles counts for that number:
-/// the host missed the reports between. An earlier one counts as a late report of the cycle before. \[OURS]
+/// How early a report may come, as a fraction of a cycle (1/4). A report that comes up to this much before the end of the
+/// nth cycle since the previous report counts as that of the nth: the host missed the reports between. A report that
+/// comes earlier counts as a late one of the cycle before. \[OURS]
 const EARLY_FRACTION: i64 = 4;
 
-/// Cycle counter of an uninterrupted time in OP.
+/// Counts the cycles of the board from the moment the network reaches OP until it leaves OP.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cycles {
     /// The number of cycles so far.
     passed: i64,
     before_ns: Option<i64>,
-    /// The delay of the report before against the counted cycles, in nanoseconds. Each report halves it, so that the
-    /// drift between the clocks of host and board does not accumulate.
+    /// How much later the previous report came than the counted cycles say, in nanoseconds. Each report halves the value,
+    /// so that the drift between the clocks of host and board does not accumulate.
     late_ns: i64,
 }
 
@@ -48,7 +49,8 @@ mod tests {
         cycles.passed()
     }
 
-    /// Each report counts as one cycle, with any jitter; missing reports count as well.
+    /// A report counts as one cycle even if it comes up to 0.7 cycles early or late. The cycles of missing reports are
+    /// counted as well.
     #[test]
     fn a_report_is_a_cycle_and_missing_ones_count() {
         assert_eq!(passed(&[0, 1000, 2000, 3000]), 4);

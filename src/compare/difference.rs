@@ -15,19 +15,20 @@ use crate::sk::{SdoCommand, SdoResponse, StateByte};
 pub enum Deviation {
     /// The programs sent different commands.
     Command {
-        /// The first slot that differs, from each run.
+        /// The first slot in which the two commands differ, as each run has it.
         lines: Box<[SlotLine; 2]>,
     },
     /// The run `side` ends, and the other run has more commands.
     Ends { side: Side },
-    /// In the run `side` commands were lost, or refused because of their CRC; in the other run none was.
+    /// In the run `side` the board lost command frames because its FIFO was full, or refused them because of their CRC;
+    /// in the other run it did not.
     Lost { side: Side },
     /// The run `side` answers this many cycles later than the other one, more than [`super::CompareOptions::latency_cycles`]
     /// allows.
     Late {
         side: Side,
         cycles: u64,
-        /// The number of the first command with that latency.
+        /// The number of the first of the consecutive commands that are answered so late.
         from_command: u64,
     },
     /// The state of the network in the reports differs.
@@ -40,7 +41,8 @@ pub enum Deviation {
         /// The result in each run, from Data1 of slot 0.
         results: [u32; 2],
     },
-    /// In the run `side` a drive had a fault, which may be reset again; in the other run it had none.
+    /// In the run `side` a drive had a fault, even if the fault was reset before the answer; in the other run it had
+    /// none.
     Fault {
         slave: u8,
         side: Side,
@@ -89,8 +91,9 @@ impl Deviation {
 pub struct Difference {
     /// The number of the command, from 1. Frames in which all slots are GET_STATUS are not counted.
     pub command: u64,
-    /// The slot of the command that the difference is about, as [`crate::sk::dump`] writes it. If one run has ended,
-    /// the text is that of the other run's command.
+    /// The slot of the command for the slave that the first difference is about, as [`crate::sk::dump`] writes it. If
+    /// that slot requests nothing, or the difference is about no slave, it is the first slot that requests something. If
+    /// one run has ended, the text is that of the other run's command.
     pub text: String,
     /// The frame number of the command in run A and in run B; `None` if the run has ended.
     pub frames: [Option<u64>; 2],
@@ -157,7 +160,8 @@ impl Display for Deviation {
         match self {
             Self::Command { lines } => {
                 let [a, b] = [&lines[0], &lines[1]].map(line_words);
-                // Both lines begin with the slot's role, which the text writes only once.
+                // Both lines begin with the role of the slot, such as the slave's number. The text writes it once, so it
+                // is removed from the second line.
                 let role = lines[0].role.to_string();
                 let b = b.strip_prefix(&role).map_or(b.as_str(), str::trim);
                 write!(f, "{a} in A, {b} in B")

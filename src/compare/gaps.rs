@@ -6,11 +6,11 @@ use crate::sk::dump::MAX_SLAVES;
 use crate::sk::{CommandId, FIFO_ENTRIES};
 use crate::summary::GapFinder;
 
-/// A gap is certain once this many consecutive commands show the same number of additional cycles. A single report may
-/// be assigned to the command before or after its own. \[OURS]
+/// How many consecutive commands have to show the same number of additional cycles before these count. Fewer commands
+/// prove nothing: a report may have been assigned to the command before or after its own. \[OURS]
 const SURE_COMMANDS: u32 = 3;
-/// The gaps of a run: additional cycles between two targets of a moving axis that the other run does not have. In each
-/// of these cycles the board sent the axis the first target once more.
+/// The gaps of a run: additional cycles between two targets of a moving axis that the other run does not have. In each of
+/// these cycles the board repeated the first of the two targets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gaps {
     /// The number of gaps.
@@ -45,11 +45,13 @@ struct Observation {
 #[derive(Debug)]
 pub(super) struct GapCount {
     gaps: [Gaps; 2],
-    /// One for each slave: whether its axis is moving.
+    /// For each slave the newest targets of its axis, which show whether the axis is moving.
     axes: [GapFinder; MAX_SLAVES],
-    /// The last certain value of [`Observation::cycle_offset`].
+    /// The [`Observation::cycle_offset`] in force: that at the beginning of the motion, or a later one that
+    /// [`SURE_COMMANDS`] commands have shown.
     cycle_offset: Option<i64>,
-    /// The first observation with another value, and how many consecutive commands have shown it.
+    /// The first observation whose cycle offset is not the one in force, and how many consecutive commands have shown
+    /// that offset.
     candidate: Option<(Observation, u32)>,
     /// The observation at the previous command.
     before: Option<Observation>,
@@ -85,7 +87,7 @@ impl GapCount {
         self.gaps
     }
 
-    /// Whether the command continues a motion: a pause before it would stop the axis.
+    /// Whether the command continues the motion of an axis, so that additional cycles before it would stop the axis.
     fn moves(&mut self, step: &Step) -> bool {
         let mut moves = false;
         for (slave, axis) in (1..=step.size.max_slaves()).zip(&mut self.axes) {
@@ -101,8 +103,8 @@ impl GapCount {
     /// Evaluates an observation. `moves` says whether the command after it continues the same motion.
     fn evaluate(&mut self, observation: Observation, moves: bool) {
         let Some(offset) = self.cycle_offset.filter(|_| moves) else {
-            // The motion ends. A change that enough commands have shown is still a gap, but a pause after the motion is
-            // none.
+            // The motion ends. A change that enough commands have shown before is still a gap. Additional cycles between
+            // two motions are none, so the present offset is taken over.
             self.accept_change();
             self.cycle_offset = Some(observation.cycle_offset);
             return;
@@ -123,8 +125,8 @@ impl GapCount {
     }
 
     /// Takes over a new value of the cycle offset, if enough commands have shown it. The change counts as a gap if the
-    /// answers differ, so that the axis is elsewhere in one run, and if the FIFO was empty or the cycles are too many
-    /// for a wrongly assigned report.
+    /// answers differ, so that the axis is elsewhere in one run. In addition, the FIFO has to have been empty, or the
+    /// change has to be larger than [`Observation::unsure_cycles`].
     fn accept_change(&mut self) {
         let Some((observation, count)) = self.candidate.take() else { return };
         let Some(offset) = self.cycle_offset.filter(|_| count >= SURE_COMMANDS) else { return };

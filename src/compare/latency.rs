@@ -4,19 +4,20 @@ use std::collections::BTreeMap;
 
 use super::steps::Step;
 
-/// A command that was executed within this many cycles did not wait in the FIFO. If it waited in both runs, the FIFO
-/// hides the latency of the board, and the command does not count. \[OURS]
+/// A command that was executed within this many cycles did not wait in the FIFO. If a command waited in both runs, its
+/// time in the FIFO hides how long the boards take, and the command is not measured. \[OURS]
 const AT_ONCE_CYCLES: u64 = 2;
 /// A latency that differs by at most this many cycles counts as the same: the cycle of a report is known to within one
 /// or two cycles. \[OURS]
 const STEADY_CYCLES: u64 = 2;
-/// A new stretch begins once this many consecutive commands show another latency. \[OURS]
+/// How many consecutive commands have to show another latency before a new [`LatencyStretch`] begins. \[OURS]
 const SURE_COMMANDS: usize = 5;
-/// The maximum number of stretches that are kept; the last one then includes all later commands. \[OURS]
+/// The maximum number of stretches that are kept. The last one then includes all later commands. \[OURS]
 const STRETCHES_MAX: usize = 64;
 
-/// How many cycles of the board run B answers later than run A; negative if earlier. A command counts only if it did not
-/// wait in the FIFO in at least one run, and if it does not continue a motion.
+/// How many cycles of the board run B answers later than run A; negative if earlier. A command is measured only if it did
+/// not wait in the FIFO in at least one run. Commands that continue a motion are not measured, since programs send them
+/// ahead and they wait in the FIFO.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Latency {
     /// The number of commands whose latency was measured.
@@ -47,7 +48,7 @@ pub struct LatencyStretch {
 pub(super) struct LatencyFinder {
     shown: BTreeMap<i64, u64>,
     in_stretch: BTreeMap<i64, u64>,
-    /// The last consecutive commands whose latency differs from that of the stretch.
+    /// The last consecutive commands whose latency differs from the usual one of the current stretch.
     others: Vec<LatencyStretch>,
     stretches: Vec<LatencyStretch>,
     /// The latency of the newest command, until [`Self::late`] takes it.
@@ -100,9 +101,9 @@ impl LatencyFinder {
         }
     }
 
-    /// The latency that is longer than `allowed` cycles, as of the newest pair: that of the current stretch once enough
-    /// commands show it. Otherwise that of the newest command, if it is too long to come from a wrongly assigned
-    /// report.
+    /// Returns the latency at the newest pair if it exceeds `allowed` cycles: the latency of the current stretch if
+    /// enough commands have shown it, or else the latency of the newest command alone if it is too long to come from a
+    /// report that was assigned to a wrong command.
     pub(super) fn late(&mut self, allowed: u64) -> Option<LatencyStretch> {
         let sure = self.in_stretch.values().sum::<u64>() >= SURE_COMMANDS as u64;
         let cycles = usual(&self.in_stretch).filter(|_| sure);
@@ -112,7 +113,7 @@ impl LatencyFinder {
         stretch.filter(|stretch| is_late(stretch, allowed)).or(alone)
     }
 
-    /// The first stretch that is longer than `allowed` cycles, once both runs have ended. It may have only a few
+    /// The first stretch whose latency exceeds `allowed` cycles, once both runs have ended. It may consist of a few
     /// commands.
     pub(super) fn late_at_end(&mut self, allowed: u64) -> Option<LatencyStretch> {
         self.close();
@@ -131,7 +132,8 @@ impl LatencyFinder {
     }
 }
 
-/// The most frequent latency. If several are equally frequent, the one nearest to 0; 0 if these are `n` and `-n`.
+/// The most frequent latency in `shown`, which has the number of commands for each latency. If several are equally
+/// frequent, it is the one nearest to 0; for `n` and `-n` it is 0.
 fn usual(shown: &BTreeMap<i64, u64>) -> Option<i64> {
     let most = shown.values().max()?;
     let mut usual: Option<i64> = None;

@@ -64,16 +64,16 @@ pub use steps::{Step, Steps};
 use crate::link::Dir;
 use crate::sk::{Frame, SlotSize};
 
-/// The maximum number of the board's cycles by which the same answer may be earlier or later in one run, unless
-/// [`CompareOptions::latency_cycles`] is smaller. A board over an ECM-XF answers up to 8 cycles later, and takes up to 12
-/// for SET_FIFO 1. \[OURS]
+/// How many cycles of the board earlier or later one run may show the other run's answer, so that the difference counts
+/// as timing alone. A smaller [`CompareOptions::latency_cycles`] replaces this number. A board over an ECM-XF answers up
+/// to 8 cycles later, and takes up to 12 for SET_FIFO 1. \[OURS]
 pub const WINDOW_CYCLES: usize = 24;
 
 /// An axis counts as at rest once its positions have not changed for this many reports. \[OURS]
 pub(crate) const AT_REST_REPORTS: u16 = 8;
 
-/// Uncertainty of the cycle that a report belongs to, in nanoseconds: the host may send a command while the report is
-/// in flight, which takes two exchanges with an ECM-XF. \[OURS]
+/// Uncertainty of the cycle that a report belongs to, in nanoseconds: the host may send a command while the report is in
+/// flight. Over an ECM-XF a report is in flight while the host exchanges two packets with the chip. \[OURS]
 const UNSURE_NS: i64 = 2_000_000;
 
 /// The uncertainty of a report in cycles of this length, at least one.

@@ -71,7 +71,8 @@ impl RecordedRun {
     /// address of the board in a capture, `None` to search for it.
     ///
     /// # Errors
-    /// [`CompareError::Recording`], [`CompareError::Empty`].
+    /// [`CompareError::Recording`]: the file cannot be read, or the board in it cannot be found. [`CompareError::Empty`]:
+    /// it holds no frame.
     pub fn open(path: &Path, slot: Option<SlotSize>, device: Option<Address>) -> Result<Self, CompareError> {
         let device = match device {
             Some(device) => Some(device),
@@ -109,7 +110,8 @@ impl RecordedRun {
         self.board
     }
 
-    /// The metadata at the first frame of the recording; `None` for a capture that another program made.
+    /// What the recording states before its first frame: the link, the slot size and the clock. `None` for a capture that
+    /// another program made.
     pub const fn meta(&self) -> Option<&RecordMeta> {
         self.meta.as_ref()
     }
@@ -134,28 +136,30 @@ impl RecordedRun {
         self.size_from == SizeFrom::Assumed
     }
 
-    /// The number of frames that are known to be missing in the part read so far.
+    /// The number of frames that the recorder could not write, as the recording states it in the part read so far.
     pub const fn missing(&self) -> u64 {
         self.recording.missing()
     }
 
-    /// Why the recording is not the whole run: it is cut off or damaged, was not ended, or lacks frames. Complete only
-    /// after the last frame was read. `None` if it seems whole.
+    /// Why the recording is not the whole run: it is cut off or damaged, was not ended, or lacks frames. `None` if it
+    /// seems whole. The result is final only after the last frame was read.
     pub fn shortcoming(&self) -> Option<String> {
         let lacks = || Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing());
         self.error.as_ref().map(RecordError::to_string).or_else(|| lacks().map(|lacks| lacks.to_string()))
     }
 
-    /// The jumps of the recording's times in the part read so far; `None` if there are none.
+    /// How often, where and how far the clock of the recording was set forward or back, in the part read so far; `None` if
+    /// it was not.
     pub const fn jumps(&self) -> Option<Jumps> {
         self.timeline.jumps()
     }
 
-    /// Takes a frame in the order of the file. Returns the earliest of the buffered frames, once there are so many that
-    /// no earlier one can follow.
+    /// Sorts frames by time: a report that the host read late stands in the file behind later commands. Takes the next
+    /// frame of the file. Once enough frames are buffered that no earlier one can follow, returns the earliest of them.
     fn sort(&mut self, (at_ns, (number, recorded)): (i64, (u64, Recorded))) -> Option<TimedFrame> {
         let Recorded { dir, frame, .. } = recorded;
-        // If a report and a command have the same time, the report comes first, since it cannot show that command yet.
+        // At equal times a report is sorted before a command, since the board cannot have executed that command yet. So
+        // the key is twice the time, plus 1 for a command.
         let key = at_ns.saturating_mul(2).saturating_add(i64::from(dir == Dir::Write));
         self.order.push(key, TimedFrame { number, at_ns, dir, frame })
     }
@@ -165,7 +169,8 @@ impl RecordedRun {
         self.error.as_ref()
     }
 
-    /// Checks that the file was read up to its end, or up to where it is cut off or damaged.
+    /// Checks that the file was read up to its end, or up to where it is cut off or damaged: the frames before the damage
+    /// can be compared.
     ///
     /// # Errors
     /// [`CompareError::Recording`] if reading failed for another reason.

@@ -1,9 +1,10 @@
-//! A report of the board, with the kinds of the slaves, which its bytes do not show.
+//! A report of the board, together with the kinds of the slaves that SET_AXIS has declared: the report itself does not
+//! show them.
 
 use crate::sk::dump::{MAX_SLAVES, ResponseDump, SlaveData, SlotMeaning};
 use crate::sk::{CommandId, Frame, MasterResponse, MasterState, SdoResponse, SlaveKind, SlotSize};
 
-/// A report, with the kinds of the slaves at its time.
+/// A report, with the kinds of the slaves when it was received.
 #[derive(Clone, Debug)]
 pub struct BoardReport {
     /// The number of the report in the run.
@@ -13,7 +14,8 @@ pub struct BoardReport {
     pub(super) frame: Frame,
     pub(super) size: SlotSize,
     pub(super) kinds: [Option<SlaveKind>; MAX_SLAVES],
-    /// For each slave: for how many reports up to this one its positions have not changed.
+    /// For each slave: how many consecutive reports, up to this one, show the same positions of its axes as the report
+    /// before them.
     pub(super) unchanged_reports: [u16; MAX_SLAVES],
 }
 
@@ -61,7 +63,7 @@ impl BoardReport {
         }
     }
 
-    /// Whether the slot of `slave` has the same bytes in both reports, and the slave is of the same kind.
+    /// Whether both reports have the same bytes in the slot of `slave`, and the slave has the same kind in both.
     pub(super) fn shows_the_same(&self, other: &Self, slave: u8) -> bool {
         let kind = |answer: &Self| usize::from(slave).checked_sub(1).and_then(|n| answer.kinds.get(n)).copied();
         let slot = |answer: &Self| answer.frame.slot(answer.size, slave.into());

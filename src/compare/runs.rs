@@ -46,7 +46,8 @@ pub struct Comparison {
     pub gaps: [Gaps; 2],
     /// The first difference; `None` if the runs are equal.
     pub first: Option<Difference>,
-    /// The run that ends first although all its commands are equal; `None` if neither run does.
+    /// The run that ends first although all its commands are equal to those of the other run; `None` if neither run does.
+    /// Its end counts as a difference.
     pub ends_early: Option<Side>,
     /// The last three commands before the first difference.
     pub context: Vec<Context>,
@@ -94,15 +95,16 @@ where
 /// The state of a comparison, with the result so far.
 struct ComparisonState {
     options: CompareOptions,
-    /// Whether a pair of differing commands has been read.
+    /// Whether a pair of differing commands has been read. It may still wait in the window of pairs.
     differ: bool,
-    /// Whether a pair of differing commands has been judged, or one run has ended. Later pairs are not judged.
+    /// Whether the alignment by commands has ended: [`Self::judge`] has reached a pair of differing commands, or one run
+    /// has ended. Later pairs are not compared.
     alignment_ended: bool,
     transfer: SdoComparison,
     timing: PairWindow,
     latency: LatencyFinder,
     gaps: GapCount,
-    /// The first command of the last stretch whose latency was reported as too long.
+    /// The first command of the last [`LatencyStretch`] that was reported because its latency is longer than allowed.
     late_from: Option<u64>,
     recent: VecDeque<(Step, Step)>,
     result: Comparison,
@@ -127,7 +129,8 @@ impl ComparisonState {
     fn pair(&mut self, a: Step, b: Step) {
         let slot = (0..a.size.slots()).find(|i| a.slot(*i) != b.slot(*i));
         if slot.is_some() || self.differ {
-            // The pairs after a differing command are read only to judge the answers before it.
+            // The runs are not aligned after a differing command. Later pairs are read only because their reports may
+            // show that a difference before that command is timing alone.
             let line = |step: &Step| CommandDump::new(&step.command, step.size).line(slot?);
             let lines = line(&a).zip(line(&b)).filter(|_| !std::mem::replace(&mut self.differ, true));
             let what = lines.map(|(a, b)| Deviation::Command { lines: Box::new([a, b]) });
@@ -137,7 +140,8 @@ impl ComparisonState {
         }
         self.result.answers += u64::from(a.answer.is_some() && b.answer.is_some());
         let mut what = answers::differences(&a, &b, &self.options);
-        // In a motion commands wait in the FIFO, as many as the program sends ahead.
+        // In a motion commands wait in the FIFO, as many as the program sends ahead. Their delay is not the latency of
+        // the board.
         let moves = self.gaps.pair(&a, &b, what.is_empty());
         if !moves {
             self.latency.pair(&a, &b);
@@ -148,20 +152,23 @@ impl ComparisonState {
         self.judge(NextSteps::More);
     }
 
-    /// A latency that is longer than allowed; each stretch is reported once, at its beginning.
+    /// Returns a latency that is longer than allowed as a difference. Each [`LatencyStretch`] is reported once, at its
+    /// beginning.
     fn late(&mut self) -> Option<Deviation> {
         let now = self.latency.late(self.options.latency_cycles?.into())?;
         let is_new = self.late_from.replace(now.from_command) != Some(now.from_command);
         is_new.then_some(late(now))
     }
 
-    /// A latency that is longer than allowed, with too few commands to be certain before the end of the runs.
+    /// Returns a latency that is longer than allowed as a difference, once both runs have ended. Here a few commands with
+    /// that latency suffice.
     fn late_at_end(&mut self) -> Option<Deviation> {
         let allowed = self.options.latency_cycles.filter(|_| self.late_from.is_none())?;
         self.latency.late_at_end(allowed.into()).map(late)
     }
 
-    /// Judges the pairs whose following pairs are known, up to the first command that differs.
+    /// Sets the result of each pair for which enough later pairs are known ([`PairWindow::judge`]), up to the first
+    /// command that differs.
     fn judge(&mut self, next_steps: NextSteps) {
         while !self.alignment_ended
             && let Some((StepPair { a, b, .. }, what)) = self.timing.judge(next_steps)
@@ -222,10 +229,12 @@ impl ComparisonState {
 }
 
 impl Comparison {
-    /// Writes how the timing of the two runs differs, one line for each kind; nothing if it does not differ.
+    /// Writes how the timing of the two runs differs: a line for the latency, for the gaps of each run, and for answers
+    /// that come earlier or later. Writes nothing if the timing does not differ.
     fn timing(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let Latency { commands, usual, least, most, ref stretches } = self.latency;
-        // The cycle of a report is known to within one or two cycles.
+        // Single commands that differ by one or two cycles are not shown: the cycle of a report is not known more
+        // exactly.
         if usual != 0 || stretches.iter().any(|stretch| stretch.cycles != 0) {
             write!(f, "latency: {}", Later(usual))?;
             if least != most {

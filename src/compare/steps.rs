@@ -14,11 +14,11 @@ use crate::sk::{FifoAction, Frame, MasterCommand, MasterResponse, MasterState, R
 
 /// The EtherCAT cycle time until SET_DC changes it (SK-4).
 const DEFAULT_CYCLE_NS: i64 = 1_000_000;
-/// The maximum number of steps that wait for an answer, more than the FIFO has entries. With one more, the oldest step ends
-/// without an answer. \[OURS]
+/// The maximum number of steps that may still get an answer, more than the FIFO has entries. If there is one more, the
+/// oldest step is completed with the answer that it has, or without one. \[OURS]
 const OPEN_STEPS_MAX: usize = 1024;
 
-/// The maximum number of reports that wait for a later report, which shows the commands that they answer. \[OURS]
+/// The maximum number of ambiguous reports that are kept until a later report shows which commands they answer. \[OURS]
 const AMBIGUOUS_MAX: usize = 32;
 
 /// A command frame that requests something, and the board's answer to it.
@@ -51,8 +51,8 @@ pub struct Step {
     pub lost: bool,
     /// The number of reports that belong to the step.
     pub reports: u64,
-    /// The cycles of the board from the sending of the command to the end of the cycle that executed it, by the
-    /// reports; `None` outside OP.
+    /// How many cycles of the board passed from the sending of the command to the end of the cycle that executed it,
+    /// counted by the reports; `None` outside OP.
     pub answered_after: Option<u64>,
     /// The EtherCAT cycle time when the command was sent, in nanoseconds.
     pub(super) cycle_ns: i64,
@@ -60,10 +60,11 @@ pub struct Step {
     sent_in: i64,
     /// The number of the cycle, counted in OP, that the answer reports; `None` outside OP, or without an answer.
     pub answered_in: Option<i64>,
-    /// The first and the last reports of the step, with the ambiguous ones between them.
+    /// The first and the last [`WINDOW_CYCLES`] reports of the step. Ambiguous reports, which may belong to a later step,
+    /// are among them.
     pub(super) kept: VecDeque<BoardReport>,
-    /// The number of the command among the frames sent in OP; `None` if it was sent outside OP, where the board
-    /// executes commands on arrival.
+    /// The number of the command among the frames sent in OP, which is compared with the last executed command that a
+    /// report shows. `None` if the command was sent outside OP, where the board executes commands on arrival.
     entry: Option<u64>,
 }
 
@@ -74,12 +75,12 @@ impl Step {
         if i == 0 { RawSlot { parm: slot.parm & 0xFF, ..slot } } else { slot }
     }
 
-    /// The number of the first slot of the command that requests something.
+    /// The number of the first slot of the command that requests something; 0 if none does.
     pub(super) fn asking_slot(&self) -> usize {
         (0..self.size.slots()).find(|i| !self.slot(*i).is_zero()).unwrap_or_default()
     }
 
-    /// Adds a report that belongs, or may belong, to the step: its faults, and itself to the kept reports.
+    /// Keeps a report that belongs, or may belong, to the step, and adds the faults in it to those of the step.
     fn note_report(&mut self, answer: &BoardReport, size: SlotSize) {
         if answer.is_op() {
             for slave in 1..=size.max_slaves() as u8 {
@@ -117,7 +118,7 @@ pub struct Steps<I> {
     in_op: bool,
     losses: Option<(u16, u8)>,
     cycles: Cycles,
-    /// Ambiguous reports, whose last executed command is not known yet, with their cycles.
+    /// Ambiguous reports, whose last executed command is not known yet, each with the number of its cycle.
     ambiguous: Vec<(BoardReport, i64)>,
     /// The newest unambiguous report: the number of the command that it shows as executed last, among the commands sent in
     /// OP, and the cycle of the report.
@@ -207,7 +208,8 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
         let losses = (board.full_count, board.error);
         let was_op = std::mem::replace(&mut self.in_op, board.state.state() == Some(MasterState::Op));
-        // Outside OP a report has no full count.
+        // Only reports of OP have the count of frames that found the FIFO full. A change of this count or of the error
+        // byte means that commands were lost.
         if self.in_op && self.losses.replace(losses).is_some_and(|before| before != losses) {
             self.open.back_mut().into_iter().for_each(|newest| newest.lost = true);
         }
@@ -245,8 +247,9 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         self.last_certain = Some((last, cycle));
     }
 
-    /// Resolves the ambiguous reports before an unambiguous one, whose last executed command is `last`. It works if the
-    /// board executed one command in each cycle since the last unambiguous report.
+    /// Finds the steps of the ambiguous reports before an unambiguous one, whose last executed command is `last`. This is
+    /// possible if the board executed one command in each cycle since the unambiguous report before them: then the cycle
+    /// of a report tells its command. Otherwise the reports are given up.
     fn resolve_ambiguous(&mut self, last: Option<u64>, cycle: i64) {
         let number = |last: Option<u64>| last.map_or(-1, |last| i64::try_from(last).unwrap_or(i64::MAX));
         let Some((before, cycle_before)) = self.last_certain else { return self.give_up_ambiguous() };
@@ -260,8 +263,8 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         }
     }
 
-    /// Gives up the ambiguous reports: they answer the command of the oldest open step, or a later one. Their faults
-    /// count for the oldest.
+    /// Gives up the search for the steps of the ambiguous reports. They answer the command of the oldest open step or of
+    /// a later one, so the oldest step keeps them and their faults, but none of them becomes its answer.
     fn give_up_ambiguous(&mut self) {
         let size = self.size;
         for (answer, _) in std::mem::take(&mut self.ambiguous) {
@@ -269,8 +272,8 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         }
     }
 
-    /// Adds a report of OP to the step that was executed last. Steps that were executed on arrival have the entry
-    /// `None`, which is less than any number.
+    /// Adds a report of OP to the step whose command was executed last; `last` is its number among the commands sent in
+    /// OP. Steps that were executed on arrival have the entry `None`, which is less than any number.
     fn add_report_after(&mut self, last: Option<u64>, answer: BoardReport, cycle: i64) {
         if let Some(i) = self.open.iter().rposition(|step| step.entry <= last) {
             self.add_report(i, answer, cycle);

@@ -26,19 +26,19 @@ use super::{AT_REST_REPORTS, CompareOptions, Side, WINDOW_CYCLES, answers, unsur
 use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::MAX_SLAVES;
 
-/// Once this many consecutive answers are the same in both runs, earlier additional cycles of one run no longer explain
-/// another position of a moving axis. \[OURS]
+/// After this many consecutive answers that are the same in both runs, additional cycles before them do not count any
+/// more as the reason why a moving axis is at another position. \[OURS]
 const SAME_ANSWERS: u32 = 16;
-/// Cycles that are searched in addition to those by which the runs differ: a drive follows after one or two cycles, and
-/// a report may belong to the next cycle. \[OURS]
+/// How many cycles more than the runs differ by are searched for the same value: a drive follows after one or two cycles,
+/// and a report may belong to the next cycle. \[OURS]
 const SLACK_CYCLES: usize = 2;
-/// If this many answers are the same some cycles earlier or later, the run has no additional cycles: its reports were
-/// only assigned to the wrong commands. \[OURS]
+/// How many consecutive answers have to be the same some cycles earlier or later to show that neither run had additional
+/// cycles, and that reports were only assigned to the wrong commands. \[OURS]
 const UNMOVED_ANSWERS: usize = 3;
-/// The maximum number of additional cycles of one run for which positions of a moving axis are searched: enough for a
-/// program that waits for a few SDOs in succession. \[OURS]
+/// The maximum number of cycles that are searched for the other run's position of a moving axis, if one run had
+/// additional cycles: enough for a program that waits for a few SDOs in succession. \[OURS]
 const WAY_CYCLES: usize = 128;
-/// The maximum number of pairs of steps that are searched before and after a pair. \[OURS]
+/// The maximum number of pairs of steps whose reports are searched before and after a pair. \[OURS]
 const PAIRS_MAX: usize = 2 * WAY_CYCLES;
 
 /// Two equal steps, one of each run.
@@ -83,14 +83,16 @@ pub(super) enum NextSteps {
     Nothing,
 }
 
-/// By how many cycles one run is ahead of the other, for one axis.
+/// For one axis: how the number of additional cycles of the runs has changed since both runs showed the axis at the same
+/// position.
 #[derive(Clone, Copy, Debug, Default)]
 struct CycleOffset {
-    /// The cycle count of run B minus that of run A, when the axis was last at the same position in both runs.
+    /// The cycle count of run B minus that of run A at the last answer that showed the axis the same in both runs, either at
+    /// rest or for the 16th time in a row; `None` before the first answer in OP.
     offset_when_equal: Option<i64>,
     /// The largest change of that difference since then, in cycles.
     largest_change: u64,
-    /// The number of consecutive answers that were the same in both runs.
+    /// The number of consecutive answers that showed the same for this axis in both runs.
     same: u32,
 }
 
@@ -139,14 +141,16 @@ impl PairWindow {
             what.retain(|deviation| !self.is_timing(at, deviation, ended));
             self.shifted += u64::from(what.is_empty());
         }
-        // A difference in a slave's answer says more than the fault, so the fault is dropped then.
+        // If other values of a slave's answer differ, they tell more than that the slave had a fault, so the fault is
+        // left out.
         let shown: Vec<u8> = what.iter().filter(|what| !is_fault(what)).filter_map(Deviation::slave).collect();
         what.retain(|what| !is_fault(what) || what.slave().is_none_or(|slave| !shown.contains(&slave)));
         self.forget();
         Some((pair, what))
     }
 
-    /// Whether enough reports after the next pair are known to judge it.
+    /// Whether enough reports after the next pair are known to judge it: more than [`Self::window`] of each run, or more
+    /// than [`WAY_CYCLES`] if a run had additional cycles.
     fn is_followed(&self) -> bool {
         let wanted = if self.axes.iter().any(|axis| axis.largest_change > 0) { WAY_CYCLES } else { self.window() };
         let enough = |side| self.reports(self.next + 1, self.pairs.len(), side) > wanted;
@@ -157,7 +161,8 @@ impl PairWindow {
         self.pairs.range(from.min(to)..to).map(|pair| pair.step(side).kept.len()).sum()
     }
 
-    /// Drops pairs that are too old to be searched.
+    /// Drops the oldest pairs while the others before the next pair suffice for a search: they have more than 2 *
+    /// [`WAY_CYCLES`] reports of each run, or are [`PAIRS_MAX`] pairs.
     fn forget(&mut self) {
         let enough = |this: &Self, side| this.reports(1, this.next, side) > 2 * WAY_CYCLES;
         while self.next > PAIRS_MAX || (enough(self, Side::A) && enough(self, Side::B)) {
@@ -189,7 +194,7 @@ impl PairWindow {
         one.is_op() && other.is_op() && answers::is_same(slave, one, other, &self.options)
     }
 
-    /// Updates for each axis how many cycles the runs are apart.
+    /// Updates for each axis by how many cycles the runs are apart, from the answers of the pair `at`.
     fn follow(&mut self, at: usize) {
         let mut axes = self.axes;
         self.follow_axes(at, &mut axes);
@@ -228,8 +233,9 @@ impl PairWindow {
         }
     }
 
-    /// The largest number of additional cycles of one run while an axis was moving, up to the pair `at` and the pairs
-    /// right after it.
+    /// By how many cycles the difference between the runs' cycle counts has changed at most since both showed the axis at
+    /// the same position, up to the pair `at` and the pairs right after it. These are the additional cycles of either
+    /// run.
     fn largest_offset_change(&self, at: usize, slave: u8) -> u64 {
         let Some(axis) = self.axes.get(usize::from(slave).wrapping_sub(1)) else { return 0 };
         let Some(offset_when_equal) = axis.offset_when_equal else { return 0 };
@@ -279,7 +285,9 @@ impl PairWindow {
             && answers.iter().all(|answer| answer.unchanged_reports(slave) < AT_REST_REPORTS)
     }
 
-    /// Whether a difference concerns a moving axis of which one run has had additional cycles.
+    /// Whether a difference comes from additional cycles of one run. A position has to lie, within a small tolerance,
+    /// among those that the other run shows within that number of cycles. Any other value has to occur in a report close
+    /// to the answer in at least one run.
     fn is_on_its_way(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let most = self.largest_offset_change(at, slave);
         if most == 0 {
@@ -352,8 +360,8 @@ impl PairWindow {
         before.any(|pair| is_it(pair.step(side)))
     }
 
-    /// The smallest and the largest position of an axis, in counts, in the reports within `cycles` of the answer, and
-    /// in the first reports to the command ([`Self::first_reports`]).
+    /// The smallest and the largest position of an axis, in counts, in the reports within `cycles` of the answer and in
+    /// the first reports of the step ([`Self::first_reports`]).
     fn moved(&self, at: usize, side: Side, slave: u8, axis: u8, cycles: usize) -> Option<(i32, i32)> {
         let place = usize::from(axis.saturating_sub(1));
         let reports = self.reports_around(at, side, cycles).chain(self.first_reports(at, side, cycles));
@@ -364,12 +372,14 @@ impl PairWindow {
         })
     }
 
-    /// Whether each run shows the other run's answer close to its own answer.
+    /// Whether each run shows the other run's answer within [`Self::window`] cycles of its own answer, or among the first
+    /// reports of the step.
     fn both_show(&self, at: usize, same: impl Fn(&BoardReport, &BoardReport) -> bool) -> bool {
         self.shows(at, Side::A, &same) && self.shows(at, Side::B, &same)
     }
 
-    /// Whether the run `side` shows the other run's answer close to its own answer.
+    /// Whether the run `side` shows the other run's answer within [`Self::window`] cycles of its own answer, or among the
+    /// first reports of the step.
     fn shows(&self, at: usize, side: Side, same: &impl Fn(&BoardReport, &BoardReport) -> bool) -> bool {
         let Some(pair) = self.pairs.get(at) else { return false };
         let Some(wanted) = &pair.step(side.other()).answer else { return false };
@@ -377,8 +387,8 @@ impl PairWindow {
         self.reports_around(at, side, self.window()).chain(self.first_reports(at, side, self.window())).any(same)
     }
 
-    /// The first reports of the run `side` to a command: as many as the other run had until its answer, and `cycles`
-    /// more. None if the other run waited longer than [`Self::window`].
+    /// The first reports of the run `side` in its step of the pair `at`: as many as the other run has in its step, and
+    /// `cycles` more. There are none if the other run has more reports than [`Self::window`] in the step.
     fn first_reports(&self, at: usize, side: Side, cycles: usize) -> impl Iterator<Item = &BoardReport> {
         let reports = self.pairs.get(at).map(|pair| (&pair.step(side).kept, pair.step(side.other()).kept.len()));
         let reports = reports.filter(|(_, waited)| *waited <= self.window());

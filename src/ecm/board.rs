@@ -27,8 +27,8 @@ impl Ecm {
     /// its next start ([`Ecm::reset`], or power on). Not possible in OP.
     ///
     /// # Errors
-    /// [`EcmError::WrongState`], [`EcmError::Setting`] for reports without a CRC if [`Options::strict_crc`] requires
-    /// one, [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::WrongState`] in OP, [`EcmError::Setting`] for reports without a CRC if [`Options::strict_crc`] requires one,
+    /// [`EcmError::Timeout`] if the board does not answer in time, [`EcmError::Link`] if the link fails.
     pub fn set_crc(&self, switches: CrcSwitches) -> Result<(), EcmError> {
         if self.exchange.options.strict_crc && !switches.fill_responses {
             return Err(EcmError::Setting {
@@ -53,15 +53,16 @@ impl Ecm {
     /// targets would not continue the positions of the axes. Ending the stream brings moving axes to a standstill.
     ///
     /// # Errors
-    /// [`EcmError::WrongState`], [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::WrongState`] outside OP, [`EcmError::Timeout`] if reports do not show in time that the FIFO was cleared,
+    /// [`EcmError::Link`] if the link fails.
     pub fn clear_fifo(&self) -> Result<(), EcmError> {
         drop(self.exchange.lock_in_op("clear_fifo")?);
         let (hint, limit) = ("see whether frames get lost (Ecm::stats)", self.exchange.options.servo_limit);
         let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         self.exchange.run(
             &Task::new("clearing the FIFO", hint, limit, &clear).seen(&ahead_of_the_board),
-            // The board executes SET_FIFO when it arrives. The frame that carries the command then becomes the first
-            // entry of the empty FIFO.
+            // The board executes SET_FIFO when it arrives, and the frame that carries the command then becomes the first
+            // entry of the empty FIFO. So once this entry is executed, the FIFO has been cleared.
             |session, sent| Ok(session.executed(sent).then_some(())),
         )
     }
@@ -84,8 +85,9 @@ impl Ecm {
     /// ```
     ///
     /// # Errors
-    /// The errors of [`Ecm::close`], if axes may still have moved at the reset; the board is reset in any case.
-    /// [`EcmError::Timeout`] if the board still makes reports, [`EcmError::NoReport`], [`EcmError::Link`].
+    /// The errors of [`Ecm::close`] if the axes were not brought to a standstill first; the board is reset all the same.
+    /// [`EcmError::Timeout`] if the board goes on making reports, [`EcmError::NoReport`] if the reports stop and the link does
+    /// not report that the board is lost, [`EcmError::Link`] for any other error of the link.
     pub fn reset(mut self) -> Result<(), EcmError> {
         self.exchange.link.check()?;
         let rested = self.bring_to_rest(false, &mut LeftBehind::default());
@@ -94,7 +96,8 @@ impl Ecm {
         let task = Task::new("SW_RESET", hint, limit, &commands);
         let seen = |session: &Session| format!("it still reports, in {}", session.board().state);
         let done = self.exchange.run(&task.seen(&seen), |_, _| Ok(None::<()>));
-        // After the reset no axis is left to be stopped. Closing without a stop cannot fail.
+        // The board has been reset, so its axes have no master and cannot be stopped. Closing without a stop returns no
+        // error.
         let _ = self.end(Close::Leave);
         match done {
             Err(EcmError::Link(LinkError::Lost { .. })) => rested,

@@ -7,8 +7,8 @@ use crate::address::slaves;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
 
-/// \[OURS] The default guard of an axis, counts: a target may be up to one turn of a 17-bit encoder away from the
-/// actual position.
+/// \[OURS] The default guard of an axis, counts: a target may be up to one turn of a motor with a 17-bit encoder away
+/// from the actual position. See [`Guard`].
 pub const DEFAULT_GUARD_COUNTS: u32 = 1 << 17;
 
 /// \[OURS] How far a stationary axis may move within 8 cycles by default, counts: encoders are noisy.
@@ -48,11 +48,11 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// CSP with distributed clocks and the default guard, in counts.
+    /// The settings of an axis in CSP: distributed clocks, the default guard, and counts as the unit of the program.
     pub const CSP: Self = Self::new(Mode::Csp);
-    /// CSV, otherwise as [`Axis::CSP`]. The guard checks no velocities.
+    /// As [`Axis::CSP`], but in CSV. The guard checks no velocities.
     pub const CSV: Self = Self::new(Mode::Csv);
-    /// CST, otherwise as [`Axis::CSP`]. The guard checks no torques.
+    /// As [`Axis::CSP`], but in CST. The guard checks no torques.
     pub const CST: Self = Self::new(Mode::Cst);
 
     const fn new(mode: Mode) -> Self {
@@ -88,7 +88,7 @@ pub enum Slave {
 }
 
 impl Slave {
-    /// A slave of the given kind. An axis of it runs in CSP.
+    /// A slave of the given kind. If it has an axis, the axis has the settings [`Axis::CSP`].
     pub const fn of_kind(kind: SlaveKind) -> Self {
         Self::with_axis(kind, Axis::CSP)
     }
@@ -104,7 +104,7 @@ impl Slave {
         }
     }
 
-    /// The code of the slave's kind in SET_AXIS.
+    /// The kind of slave that SET_AXIS declares for this slave.
     pub const fn kind(&self) -> SlaveKind {
         match self {
             Self::Drive(_) => SlaveKind::Drive,
@@ -134,7 +134,7 @@ pub(super) const fn modes(kind: SlaveKind) -> &'static [Mode] {
     }
 }
 
-/// The format of `--slaves` in the tool: `drive`, `drive:csv`, `io`.
+/// Formats a slave as the option `--slaves` of the tool has it: `drive`, `drive:csv`, `io`.
 impl fmt::Display for Slave {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(slaves::word(self.kind()))?;
@@ -155,7 +155,7 @@ pub struct Config {
 }
 
 impl Default for Config {
-    /// A configuration without slaves, with a cycle of 1000 us.
+    /// An empty configuration with a cycle of 1000 us, to be filled with slaves: [`Self::check`] refuses it without any.
     fn default() -> Self {
         Self { slaves: Vec::new(), cycle_us: CycleTime::DEFAULT.us() }
     }

@@ -24,26 +24,26 @@ pub enum EcmError {
     /// The machine file cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineFileError),
-    /// The link does not know the slot size, and reports did not show it.
+    /// The slot size of the board is not known: the link's URI does not give it, and no report has shown it by its CRC.
     #[error("`{name}` does not say how many bytes a slot has; put `slot=12` or `slot=16` (CONFIG2 high) into the link")]
     SlotUnknown { name: String },
     /// The value of an option or of a parameter is not allowed.
     #[error("{what} is {found}; set {allowed}")]
     Setting { what: &'static str, found: String, allowed: &'static str },
-    /// The board has made no usable report.
+    /// The board has made no usable report for longer than the timeout. A report with a wrong CRC is not usable.
     #[error(
         "{what}: no usable report for {} ({bad_crc} with a wrong CRC since it was opened); {}",
         Span(*.waited), silence(*.network_down)
     )]
     NoReport {
-        /// The operation that needed a report.
+        /// The name of the operation that needed a report.
         what: &'static str,
         /// How long the operation has waited.
         waited: Duration,
         /// The number of reports since the board was opened that were discarded because of a wrong CRC.
         bad_crc: u64,
-        /// Whether the board runs in this process and receives nothing from its network, see
-        /// [`LinkStats::network_down`](crate::link::LinkStats::network_down).
+        /// Whether the board is a model in this process that gets no frames back from its slaves, for example because the
+        /// first cable is cut, see [`LinkStats::network_down`](crate::link::LinkStats::network_down).
         network_down: bool,
     },
     /// The board makes reports, but they did not show the effect of the operation in time.
@@ -100,7 +100,7 @@ pub enum EcmError {
         slave: u8,
         kind: &'static str,
         what: &'static str,
-        /// The kinds of slaves that have this call.
+        /// The kinds of slaves that the call is for.
         wanted: &'static str,
     },
     /// The axis is configured for another mode.
@@ -108,7 +108,7 @@ pub enum EcmError {
     WrongMode {
         slave: u8,
         mode: Mode,
-        /// The mode that the target is for.
+        /// The mode for which the call sets a target.
         wanted: Mode,
     },
     /// A slave refused an SDO transfer.
@@ -116,7 +116,7 @@ pub enum EcmError {
         "{verb} {object} of slave {slave} was aborted with {code}; check object, size and state in the slave's manual"
     )]
     SdoAborted {
-        /// `reading` or `writing`.
+        /// What the transfer was for: `reading` or `writing`.
         verb: &'static str,
         slave: u8,
         object: ObjectAddress,
@@ -141,7 +141,8 @@ pub enum EcmError {
         slave: Option<u8>,
         found: StateByte,
     },
-    /// The depth of a stream is too large: its axes could not be brought to a standstill within the time limit of closing.
+    /// The depth of a stream is too large: at its end, that many frames would still be executed before the axes are
+    /// ramped, and closing would take more than 2 s.
     #[error(
         "depth is {found}; with a cycle of {cycle:?} set 1 to {max}: what is ahead of the board and the ramp have to end \
          within the 2 s of closing"
@@ -186,7 +187,7 @@ pub enum EcmError {
         "the program has interrupted the wait; what was sent may still take effect, so look at the state of the board"
     )]
     Interrupted,
-    /// Another thread uses the session, the SDO slot or the homing that the call needs.
+    /// Another thread uses what the call needs alone: the board, the SDO slot, the stream, or homing.
     #[error("{what} is in use by another thread; wait for it to end")]
     Busy { what: &'static str },
 }
@@ -198,13 +199,14 @@ impl EcmError {
     }
 }
 
-/// The slave that probably prevents a change of state, found by reading an object of each slave.
+/// The slave that probably prevents a change of state. It is found by reading an object from each slave by SDO that its
+/// configured kind must have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum Suspect {
-    /// A slave does not answer an SDO transfer.
+    /// The slave does not answer the SDO transfer with which the API reads the object.
     Silent { slave: u8 },
-    /// The slave lacks an object that every slave of its configured kind has.
+    /// The slave lacks the statusword or the device type, an object that every slave of its configured kind has.
     NotOfKind {
         slave: u8,
         kind: &'static str,

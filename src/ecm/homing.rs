@@ -13,8 +13,8 @@ use crate::sk::{CommandId, RawSlot, SlaveCommand, SlotCommand};
 /// \[OURS] After GO_HOME, bits 12 and 13 of the statusword may still be those of an earlier homing, until the drive
 /// clears them. If no report has shown them clear, they count as the result of this homing after this time.
 const OLD_RESULT_MAX: Duration = Duration::from_millis(100);
-/// \[OURS] A GO_HOME counts as lost if this many reports show no answer to it: more than the FIFO (160 entries) and a
-/// handshake take.
+/// \[OURS] A GO_HOME counts as lost if this many reports show no answer to it: more than a full FIFO (160 entries) takes,
+/// and some cycles for the drive.
 const ANSWER_REPORTS_MAX: u64 = 200;
 const HINT: &str = "check method, speeds and switches; the axis was told to end homing";
 
@@ -80,9 +80,11 @@ impl Ecm {
     /// shows how its homing ends.
     ///
     /// # Errors
-    /// [`EcmError::HomingFailed`], [`EcmError::Alarm`], [`EcmError::NotEnabled`], [`EcmError::SdoAborted`] for an
-    /// object or method that the drive does not have, [`EcmError::Timeout`], [`EcmError::Busy`] while another homing
-    /// runs, [`EcmError::WrongState`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::Link`].
+    /// [`EcmError::HomingFailed`] if homing ends without "homing attained", [`EcmError::Alarm`] if the drive has an alarm,
+    /// [`EcmError::NotEnabled`] if the axis is off, [`EcmError::SdoAborted`] for an object or method that the drive does not
+    /// have, [`EcmError::Timeout`] after the time limit, [`EcmError::Busy`] while another homing runs, [`EcmError::WrongState`]
+    /// outside OP, [`EcmError::WrongKind`] and [`EcmError::NoSuchSlave`] for a slave that has no axis or is not configured,
+    /// [`EcmError::Link`] if the link fails.
     pub fn home(&self, slave: u8, homing: &Homing, progress: impl FnMut(&HomingProgress)) -> Result<(), EcmError> {
         self.home_all(&[(slave, *homing)], progress)
     }
@@ -125,8 +127,8 @@ impl Ecm {
         });
         let done = prepared.and_then(|()| self.go(&slaves, &go, limit, began, &mut progress));
         let started = self.exchange.lock().is_ok_and(|session| !session.homing.started.is_empty());
-        // \[OURS] No axis may still be homing when this call returns. If there is only one axis and its homing failed,
-        // that has ended it already.
+        // \[OURS] No axis may still be homing when this call returns. With the errors HomingFailed and Alarm the homing of one
+        // axis has ended by itself, so that only other axes may go on.
         let goes_on = match &done {
             Ok(()) => false,
             Err(EcmError::HomingFailed { .. } | EcmError::Alarm { .. }) => slaves.len() > 1,
@@ -187,7 +189,7 @@ impl Ecm {
         Ok(())
     }
 
-    /// Writes the objects of one axis.
+    /// Writes the mode of operation, the method and the other objects of homing to one axis by SDO.
     fn prepare(&self, slave: u8, homing: &Homing) -> Result<(), EcmError> {
         let object = ObjectAddress::new;
         refuse_aborted(&*self.exchange.lock()?, slave)?;
@@ -202,7 +204,7 @@ impl Ecm {
         offset.map_or(Ok(()), |offset| self.sdo_write(slave, object(0x607C, 0), offset))
     }
 
-    /// Sends GO_HOME to all axes in one frame, and waits until all have attained home.
+    /// Sends GO_HOME to all axes in one frame, and waits for at most `limit` until all have attained home.
     fn go(
         &self,
         slaves: &[u8],
@@ -257,13 +259,15 @@ impl Ecm {
     /// [`EcmError::HomingFailed`]. If no axis is being homed, nothing is sent.
     ///
     /// # Errors
-    /// [`EcmError::Timeout`], [`EcmError::WrongState`], [`EcmError::Link`].
+    /// [`EcmError::Timeout`] if the board does not answer in time, [`EcmError::WrongState`] outside OP, [`EcmError::Link`] if
+    /// the link fails.
     pub fn abort_homing(&self) -> Result<(), EcmError> {
         let (slot, command) = {
             let mut session = self.exchange.lock_in_op("abort_homing")?;
             let Some(slave) = session.homing.active.iter().next() else { return Ok(()) };
             session.homing.aborted = session.homing.active;
-            // The objects are still being written. `aborted` makes the homing call fail before it sends GO_HOME.
+            // The objects are still being written, so no axis is homing yet. `aborted` is set, so the call that homes
+            // returns an error instead of sending GO_HOME.
             if session.homing.started.is_empty() {
                 return Ok(());
             }
@@ -298,9 +302,9 @@ struct AxisHoming {
     first: Option<(bool, bool)>,
     /// Whether both bits were clear in a later report, so that bits set after it belong to this homing.
     seen_clear: bool,
-    /// Whether "homing error" was set by this homing. On a bus with late answers that may show before the answer to
-    /// GO_HOME, and soon after it the board restores the mode, in which the bit means something else. So the error is
-    /// kept.
+    /// Whether "homing error" was set by this homing. The error is kept, since the bit may show it for a short time only:
+    /// soon after it the board restores the mode of operation, in which bit 13 means something else. If the slaves answer
+    /// late, reports may show the error before the answer to GO_HOME.
     failed: bool,
     /// The time of the first report after the answer to GO_HOME, nanoseconds.
     since: Option<u64>,
@@ -314,8 +318,8 @@ impl AxisHoming {
         Self { slave, taken: false, first: None, seen_clear: false, failed: false, since: None, home: false }
     }
 
-    /// Evaluates the newest report. Returns whether homing is attained. `ran`: the board has certainly executed the
-    /// frame with GO_HOME, or the frame counts as lost.
+    /// Evaluates the newest report. Returns whether homing is attained. `ran`: the board has executed the frame with
+    /// GO_HOME, or [`ANSWER_REPORTS_MAX`] reports have not shown that, so that the frame counts as lost.
     fn read(&mut self, session: &Session, ran: bool, tell: impl FnOnce(u8, HomingPhase)) -> Result<bool, EcmError> {
         let slave = self.slave;
         let failed = |why| Err(EcmError::HomingFailed { slave, why });

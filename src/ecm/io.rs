@@ -11,8 +11,9 @@ impl Ecm {
     /// Reads the 16 inputs of an IO slave, in OP. Bit k is input k.
     ///
     /// # Errors
-    /// [`EcmError::WrongState`], [`EcmError::NoSuchSlave`], [`EcmError::WrongKind`], [`EcmError::Timeout`],
-    /// [`EcmError::Link`].
+    /// [`EcmError::WrongState`] outside OP, [`EcmError::NoSuchSlave`] and [`EcmError::WrongKind`] for a slave that is not
+    /// configured as an IO slave, [`EcmError::SlaveLost`], [`EcmError::Timeout`] if the board does not answer in time,
+    /// [`EcmError::Link`] if the link fails.
     pub fn inputs(&self, slave: u8) -> Result<u16, EcmError> {
         self.io("reading inputs", slave, SlaveCommand::IoRead)
     }
@@ -47,7 +48,7 @@ impl Ecm {
     /// Reads the six inputs of the board itself, in any state. Bit k is input k.
     ///
     /// # Errors
-    /// [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::Timeout`] if the board does not answer in time, [`EcmError::Link`] if the link fails.
     pub fn local_inputs(&self) -> Result<u8, EcmError> {
         self.local("reading the board's inputs", MasterCommand::LocalRead).map(|result| result as u8)
     }
@@ -55,7 +56,8 @@ impl Ecm {
     /// Sets the six outputs of the board itself, in any state. Bit k is output k.
     ///
     /// # Errors
-    /// [`EcmError::Setting`] for bits 6 and 7, [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::Setting`] if bit 6 or 7 is set, [`EcmError::Timeout`] if the board does not answer in time,
+    /// [`EcmError::Link`] if the link fails.
     pub fn set_local_outputs(&self, bits: u8) -> Result<(), EcmError> {
         if bits > 0x3F {
             let found = format!("0x{bits:02X}");

@@ -37,9 +37,9 @@
 //! 1. Values that a program passes and gets: `options.rs`, `config.rs`, `snapshot.rs`, `error.rs`, `failure.rs`;
 //!    `network.rs` has the configuration in a form without heap allocations, for the other files.
 //! 2. `exchange/`: sends frames and receives reports for all calls of all threads, and keeps the state of the board.
-//! 3. The calls, one file for each subject: `machine.rs` opens the board of a machine file, `state.rs` configures the network and changes its state, `servo.rs` switches axes,
-//!    `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself. Each call sends a `Task` through the exchange and
-//!    checks reports until it is done.
+//! 3. The calls, one file for each subject: `machine.rs` opens the board of a machine file, `state.rs` configures the network
+//!    and changes its state, `servo.rs` switches axes, `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself.
+//!    Each call sends a `Task` through the exchange and checks reports until it is done.
 //! 4. `stream/`: targets for all axes in every cycle.
 //! 5. `standstill/`: how moving axes are brought to a standstill when a stream ends or a board is closed.
 //! 6. `takeover/`: how a server stops the axes of a program that has ended without closing its board.
@@ -85,7 +85,7 @@ use crate::link::{Link, LinkError, LinkInfo, Share, Wait};
 use crate::open;
 use crate::sk::{Frame, SlotSize, StateByte};
 
-/// The number of reports that are read at most to find the slot size. \[OURS]
+/// The number of reports that are read at most to find the slot size. If none of them shows it, opening fails. \[OURS]
 const PROBE_REPORTS: usize = 3;
 
 /// A handle of an open board.
@@ -100,7 +100,8 @@ impl Ecm {
     /// running.
     ///
     /// # Errors
-    /// [`EcmError::Link`], [`EcmError::SlotUnknown`], [`EcmError::NoReport`].
+    /// [`EcmError::Link`] if the link cannot be opened, [`EcmError::SlotUnknown`] if neither the link nor a report shows the
+    /// slot size, [`EcmError::NoReport`] if the board makes no report.
     pub fn open(uri: &str) -> Result<Self, EcmError> {
         Self::open_with(uri, Options::default())
     }
@@ -108,7 +109,7 @@ impl Ecm {
     /// As [`Ecm::open`], with timeouts and other settings.
     ///
     /// # Errors
-    /// As [`Ecm::open`], and [`EcmError::Setting`].
+    /// As [`Ecm::open`], and [`EcmError::Setting`] for an option with a value that is not allowed.
     pub fn open_with(uri: &str, options: Options) -> Result<Self, EcmError> {
         check(&options)?;
         Self::over(open::open(uri, Share::ByName)?, options)
@@ -135,13 +136,15 @@ impl Ecm {
         }
     }
 
-    /// Sets what ends waits, for a program that a user may interrupt, or that closes the board from another thread.
-    /// Calls that wait for reports call `is_due` at least every 100 ms, in their thread and without any lock, so it may
-    /// use the board. If it returns `true`, the call ends with [`EcmError::Interrupted`]. Before that
-    /// [`Ecm::servo_on`] switches off the axes that it was switching on, and [`Ecm::home_all`] aborts the homing: these
-    /// ends wait too, so `is_due` has to return `true` once and not for as long as a reason is there.
+    /// Sets a function that can end the waits of calls, for a program that a user may interrupt, or that closes the board
+    /// from another thread. Calls that wait for reports call `is_due` at least every 100 ms, in their thread and without
+    /// any lock, so it may use the board. If it returns `true`, the call ends with [`EcmError::Interrupted`]. Before
+    /// that, [`Ecm::servo_on`] switches off the axes that it was switching on, and [`Ecm::home_all`] aborts the homing.
+    /// These steps wait for reports, too, and must not be interrupted: so `is_due` has to return `true` once for each
+    /// interruption, and `false` after that.
     ///
-    /// The calls of a [`Stream`] do not ask: a step waits for some cycles only, and the end of a stream is a stop.
+    /// The calls of a [`Stream`] do not call `is_due`: a step waits for some cycles only, and the end of a stream has to
+    /// stop the axes.
     ///
     /// ```
     /// use std::sync::atomic::{AtomicBool, Ordering};
@@ -165,7 +168,7 @@ impl Ecm {
     /// The slot size of the board: that of the options or of the link, or else the one found in reports.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`] once the board is closed.
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn slot_size(&self) -> Result<SlotSize, EcmError> {
         Ok(self.exchange.lock()?.size)
     }
@@ -178,7 +181,8 @@ impl Ecm {
     /// The newest report, without waiting for another one.
     ///
     /// # Errors
-    /// [`EcmError::Link`], [`EcmError::Busy`].
+    /// [`EcmError::Link`] if the link has failed or is closed, [`EcmError::Busy`] if another thread uses the board for too
+    /// long.
     pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
         Ok(self.exchange.lock_newest()?.snapshot())
     }
@@ -186,7 +190,9 @@ impl Ecm {
     /// Waits for the next report. If it is called often enough, it returns one report of each cycle.
     ///
     /// # Errors
-    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::Link`], [`EcmError::Busy`].
+    /// [`EcmError::NoReport`] if no report comes within `limit` or the board is silent, [`EcmError::Timeout`] if a queued
+    /// command cannot be written in time, [`EcmError::Link`] if the link fails, [`EcmError::Busy`] if another thread uses the
+    /// board for too long.
     pub fn next_cycle(&self, limit: Duration) -> Result<Snapshot, EcmError> {
         let limit = limit.min(exchange::LIMIT_MAX);
         let began = self.exchange.now();
@@ -217,15 +223,15 @@ impl Ecm {
         Ok(self.snapshot()?.state())
     }
 
-    /// Counters since the board was opened.
+    /// Counters of frames, reports and failures since the board was opened.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`] once the board is closed.
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn stats(&self) -> Result<Stats, EcmError> {
         Ok(self.exchange.lock()?.stats)
     }
 
-    /// Returns and removes the events for a log since the last call, at most the newest 64.
+    /// Takes the events for a log that have occurred since the last call: the newest 64 at most, the oldest first.
     ///
     /// # Errors
     /// As [`Ecm::stats`].
@@ -234,13 +240,16 @@ impl Ecm {
     }
 }
 
-/// Runs the programs of docs/GUIDE.md as tests.
+/// Compiles and runs the programs in docs/GUIDE.md as documentation tests of this item.
 #[cfg(all(doctest, feature = "sim"))]
 #[doc = include_str!("../../docs/GUIDE.md")]
 struct Guide;
 
 /// Finds the slot size from reports, if the link does not know it: the size with which the CRC of a report is right.
-/// This fails if the board fills no CRCs.
+///
+/// # Errors
+/// [`EcmError::SlotUnknown`]: no report has a right CRC, for example because the board fills in none.
+/// [`EcmError::NoReport`], [`EcmError::Link`].
 fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize, EcmError> {
     let mut report = Frame::new();
     for _ in 0..PROBE_REPORTS {

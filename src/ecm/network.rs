@@ -20,7 +20,7 @@ pub(super) struct Network {
 }
 
 impl Network {
-    /// A network without configured slaves.
+    /// The network before it is configured: it has no slaves.
     pub(super) const NONE: Self =
         Self { slaves: [Slave::Unused; MAX_SLAVES], count: 0, cycle_ns: None, hsps: SlaveSet::EMPTY };
 
@@ -48,7 +48,8 @@ impl Network {
 
     /// The configuration of a slave; an error if it is not configured.
     pub(super) fn declared(&self, slave: u8) -> Result<&Slave, EcmError> {
-        // 40 axes take this path in a cycle. The error value needs no heap allocation.
+        // Called for up to 40 axes in each cycle. Making the error in advance costs little, since it needs no heap
+        // allocation.
         self.slave(slave).ok_or(EcmError::NoSuchSlave { slave, declared: self.count })
     }
 
@@ -58,7 +59,7 @@ impl Network {
         config.axis().ok_or_else(|| EcmError::wrong_kind(slave, config.kind(), what, "a drive, STEP or HSP"))
     }
 
-    /// The error for a slave with an alarm; `slot`: its slot in a report.
+    /// The error for a slave with an alarm. `slot` is its slot in a report, which has the error code of a drive.
     pub(super) fn alarm(&self, slave: u8, slot: &RawSlot) -> EcmError {
         let code = match self.slave(slave) {
             Some(Slave::Hsp(_)) => 0,

@@ -27,7 +27,8 @@ pub struct Options {
     pub slot: Option<SlotSize>,
     /// Whether a CRC byte of 0 in a report must match, too. Otherwise 0 means that the report has no CRC (SK-1).
     pub strict_crc: bool,
-    /// Whether the guard of an axis ([`Guard`](super::Guard)) checks the distance of its targets.
+    /// Whether the guard of each axis ([`Guard`](super::Guard)) checks the distance of its targets; `false` switches all
+    /// guards off.
     pub guard: bool,
     /// The time without a report after which the board counts as silent: 1 s, and at least three cycles.
     pub read_limit: Duration,
@@ -41,7 +42,8 @@ pub struct Options {
     pub servo_limit: Duration,
     /// What happens to the axes when the [`Ecm`](super::Ecm) is dropped.
     pub close: Close,
-    /// How long closing takes to ramp a velocity or torque to 0: 250 ms by default, at most 1.5 s.
+    /// How long a velocity or torque takes to fall to 0 when a stream ends or the board is closed: 250 ms by default, at
+    /// most 1.5 s.
     pub ramp: Duration,
 }
 

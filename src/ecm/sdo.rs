@@ -11,7 +11,8 @@ use crate::ethercat::coe::{ObjectAddress, SdoSize};
 use crate::sk::{CommandId, MasterState, SdoCommand, SdoResponse};
 
 /// Objects to read before a request that equals the last one (SK-6.10): first the device type, which every slave has.
-/// \[OURS] If the request is for that object itself, or its answer is late: vendor id, product code or revision.
+/// \[OURS] If the request is for the device type itself, or a late answer with the device type may still come: vendor id,
+/// product code or revision.
 const IN_BETWEEN: [ObjectAddress; 4] = [
     ObjectAddress::new(0x1000, 0),
     ObjectAddress::new(0x1018, 1),
@@ -21,13 +22,14 @@ const IN_BETWEEN: [ObjectAddress; 4] = [
 
 /// A type that an SDO transfer can read and write.
 pub trait SdoValue: Copy + Send {
-    /// The size in the SDO command.
+    /// The size of the value in an SDO command.
     const SIZE: SdoSize;
 
     /// The value as it stands in Data2 of the SDO slot.
     fn to_raw(self) -> u32;
 
-    /// Converts Data2 of an answer, which is extended with zeros; `None` if the value does not fit the type.
+    /// Converts Data2 of an answer, in which the board has filled the bytes beyond the object's size with 0. `None` if
+    /// the value does not fit the type.
     fn from_raw(raw: u32) -> Option<Self>;
 }
 
@@ -72,8 +74,9 @@ impl Ecm {
     /// ```
     ///
     /// # Errors
-    /// [`EcmError::SdoAborted`], [`EcmError::SdoTooWide`], [`EcmError::Timeout`], [`EcmError::WrongState`],
-    /// [`EcmError::NoSuchSlave`], [`EcmError::Link`].
+    /// [`EcmError::SdoAborted`] with the abort code if the slave refuses, [`EcmError::SdoTooWide`] if the value does not fit
+    /// `T`, [`EcmError::Timeout`] if no answer comes in time, [`EcmError::WrongState`] below PreOP, [`EcmError::NoSuchSlave`]
+    /// for slave 0 and for one above 40 (30 with 16-byte slots), [`EcmError::Link`] if the link fails.
     pub fn sdo_read<T: SdoValue>(&self, slave: u8, object: ObjectAddress) -> Result<T, EcmError> {
         let raw = self.transfer(SdoCommand::Read { slave, object }, self.exchange.options.sdo_limit)?;
         let bits = u32::from(T::SIZE.bytes()) * 8;
@@ -100,7 +103,8 @@ impl Ecm {
         let (size, cycle, in_between) = {
             let session = self.exchange.lock_newest()?;
             let cycle = session.network.cycle();
-            // Until here the thread may have had no turn.
+            // The wait for the locks so far counts only in part ([`Waited`]), since this thread may have got no processor
+            // meanwhile.
             waited.until(self.exchange.now(), cycle);
             let found = session.board().state;
             if found.state().is_none_or(|state| state < MasterState::PreOp) {
@@ -116,7 +120,7 @@ impl Ecm {
             return Err(EcmError::NoSuchSlave { slave: wanted.slave, declared: size.max_slaves() });
         }
         if let Some(object) = in_between {
-            // An abort changes the answer in the slot as well, so it serves the purpose.
+            // An abort is an answer too: the slot then shows it, and no longer the old answer to an equal request.
             match self.transfer_once(SdoCommand::Read { slave: wanted.slave, object }, limit) {
                 Ok(_) | Err(EcmError::SdoAborted { .. }) => {}
                 Err(error) => return Err(error),
@@ -151,7 +155,7 @@ impl Ecm {
     }
 }
 
-/// The fields by which the answer to a request is recognised in the SDO slot.
+/// By which fields of the SDO slot the answer to a request is recognised.
 #[derive(Clone, Copy)]
 struct Wanted {
     id: CommandId,

@@ -19,9 +19,10 @@ impl Ecm {
     /// axes that got a command are switched off again, so that none comes on by itself later.
     ///
     /// # Errors
-    /// [`EcmError::Alarm`] at once if an axis has an alarm, [`EcmError::IsHoming`], [`EcmError::SlaveLost`],
-    /// [`EcmError::Timeout`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`], [`EcmError::WrongKind`],
-    /// [`EcmError::Link`].
+    /// [`EcmError::Alarm`] at once if an axis has an alarm, [`EcmError::IsHoming`] if one is homing, [`EcmError::SlaveLost`] if
+    /// a slave is lost, [`EcmError::Timeout`] if an axis does not come on in time, [`EcmError::WrongState`] outside OP,
+    /// [`EcmError::NoSuchSlave`] and [`EcmError::WrongKind`] for a slave that is not configured or has no axis,
+    /// [`EcmError::Link`] if the link fails.
     pub fn servo_on(&self, slaves: &[u8]) -> Result<(), EcmError> {
         let mut commands = self.axis_commands("servo_on", slaves, SlaveCommand::ServoOn)?;
         // The board ignores SV_ON for an axis that is homing (SK-7.43); such an axis is on in any case.
@@ -50,15 +51,15 @@ impl Ecm {
         ended.map_err(|error| self.switch_off_again(&commands, error))
     }
 
-    /// Switches off the axes of `commands` after `servo_on` has failed. Returns `error`, extended if switching off has
-    /// failed, too.
+    /// Switches off the axes of `commands` after `servo_on` has failed. Returns `error`. The text of a timeout then also
+    /// says whether switching off has succeeded.
     fn switch_off_again(&self, commands: &[(usize, RawSlot)], error: EcmError) -> EcmError {
         if matches!(error, EcmError::Link(_)) {
             return error;
         }
         let size = match self.exchange.lock() {
             Ok(session) if session.in_op() => session.size,
-            // The drives are off outside OP, so nothing is left to do.
+            // The board is closed, or the network is not in OP. Outside OP the drives are off, so nothing is left to do.
             _ => return error,
         };
         let off = SlotCommand::from(SlaveCommand::ServoOff).encode(size);
@@ -126,7 +127,8 @@ impl Ecm {
         done
     }
 
-    /// Sends a command to each axis and waits until reports show its effect for all of them.
+    /// Sends a command to each axis and waits until `is_done` is true for all of them, for at most
+    /// [`Options::servo_limit`](super::Options::servo_limit).
     fn until(
         &self,
         what: &'static str,
@@ -153,8 +155,8 @@ impl Ecm {
         })
     }
 
-    /// Reads the statuswords of second channels until all are as wanted. With `no_alarm` an alarm is returned as an
-    /// error at once.
+    /// Reads the statuswords of second channels until `is_right` is true for each, for at most `limit`. With `no_alarm`
+    /// an alarm is returned as an error at once.
     fn until_second(
         &self,
         what: &'static str,
@@ -179,8 +181,9 @@ impl Ecm {
         Ok(())
     }
 
-    /// If the state byte shows lost slaves, finds out which ones: a lost slave does not return the mark of a frame. An
-    /// empty command in slot 0 is sent, because only a frame with a command has a mark.
+    /// If the state byte shows lost slaves, finds out within `limit` which ones: a lost slave does not return the mark of
+    /// a frame, and is then in [`Session::lost`]. An empty command in slot 0 is sent, because only a frame with a command
+    /// has a mark.
     pub(super) fn find_lost(&self, limit: Duration) -> Result<(), EcmError> {
         {
             let session = self.exchange.lock()?;
@@ -209,7 +212,11 @@ impl Ecm {
         }
     }
 
-    /// Builds `command` for each of these axes, after a check that all of them can take it.
+    /// Builds `command` for each of these axes.
+    ///
+    /// # Errors
+    /// [`EcmError::WrongState`] outside OP, [`EcmError::NoSuchSlave`] and [`EcmError::WrongKind`] for a slave that is not
+    /// configured or has no axis.
     pub(super) fn axis_commands(
         &self,
         what: &'static str,

@@ -70,7 +70,7 @@ impl Snapshot {
         }
     }
 
-    /// The actual position of a slave's first axis, in the units of its [`Scale`].
+    /// The actual position of a slave's first axis in the units of its [`Scale`]; `None` if the slave has no axis.
     pub fn position_units(&self, slave: u8) -> Option<f64> {
         let scale: Scale = self.network.slave(slave)?.axis()?.scale;
         Some(scale.to_units(self.position(slave)?))

@@ -17,7 +17,7 @@ use crate::sk::{
 /// SK-4 `[OURS]`: how long the board may take to answer SET_AXIS with the number of slaves, and to answer SET_DC and
 /// DRIVE_MODE.
 const CONFIGURE_LIMIT: Duration = Duration::from_secs(2);
-/// \[OURS] The time limit of the search for the slave that prevents a change of state.
+/// \[OURS] The time limit of the search for the slave that has prevented a change of state.
 const SUSPECT_LIMIT: Duration = Duration::from_secs(3);
 const HINT: &str = "see whether frames get lost (Ecm::stats), then configure again";
 
@@ -26,8 +26,9 @@ impl Ecm {
     /// configuration is checked before anything is sent, and the call waits for each answer.
     ///
     /// # Errors
-    /// [`EcmError::Config`], [`EcmError::WrongState`] (also for a board found in OP: see [`Ecm::adopt`]),
-    /// [`EcmError::SlaveCount`], [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::Config`] if the configuration is invalid, [`EcmError::WrongState`] outside PreOP (for a board found in OP
+    /// see [`Ecm::adopt`]), [`EcmError::SlaveCount`] if the board has found another number of slaves, [`EcmError::Timeout`] if
+    /// the board does not answer in time, [`EcmError::Link`] if the link fails.
     pub fn configure(&self, config: &Config) -> Result<(), EcmError> {
         let size = self.slot_size()?;
         let cycle = config.check(size)?;
@@ -71,13 +72,17 @@ impl Ecm {
     /// Nothing is sent, and moving axes go on.
     ///
     /// # Errors
-    /// [`EcmError::Config`], [`EcmError::Busy`].
+    /// [`EcmError::Config`] if the configuration is invalid, [`EcmError::Busy`] if another thread uses the board for too long.
     pub fn adopt(&self, config: &Config) -> Result<(), EcmError> {
         config.check(self.slot_size()?)?;
         self.exchange.set_network(config)
     }
 
-    /// Sends a command for the board itself, outside OP. Returns its result.
+    /// Sends a command for the board itself, outside OP, and waits for its answer. Returns the result in it, Data1 of
+    /// slot 0.
+    ///
+    /// # Errors
+    /// [`EcmError::Timeout`] without an answer, [`EcmError::Busy`], [`EcmError::NoReport`], [`EcmError::Link`].
     pub(super) fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
         self.exchange.run(&Task::new(what, HINT, CONFIGURE_LIMIT, &[(0, slot)]).exclusive(), |session, _| {
@@ -90,8 +95,8 @@ impl Ecm {
     ///
     /// # Errors
     /// [`EcmError::StateStuck`], with the state in which the change ended and the slave that probably prevented it;
-    /// [`EcmError::WrongState`] from Init to SafeOP or OP, [`EcmError::NoReport`], [`EcmError::Timeout`],
-    /// [`EcmError::Link`].
+    /// [`EcmError::WrongState`] from Init to SafeOP or OP, [`EcmError::NoReport`] if the board is silent, [`EcmError::Timeout`]
+    /// if the change does not end in time, [`EcmError::Link`] if the link fails.
     pub fn set_state(&self, wanted: MasterState) -> Result<(), EcmError> {
         self.set_state_within(wanted, self.exchange.options.state_limit)
     }
@@ -105,7 +110,8 @@ impl Ecm {
         let hint = "give it more time, or look at the slaves' LEDs";
         // SET_STATE is not sent again, as that would restart a failed change. So a lost frame ends in a timeout.
         let task = Task::new("a change of state", hint, limit, &commands).once();
-        // The state byte may still show the failure of an earlier change, until this one has begun.
+        // The state byte may still show the failure of an earlier change. So a failure counts only after the byte has
+        // differed from this old value.
         let old = self.state()?;
         // From Init the board rejects SET_STATE to SafeOP or OP, and no report shows that (SK-4.63). So the call fails
         // here.

@@ -1,5 +1,5 @@
-//! One CiA 402 axis as the board drives it: the controlwords of SV_ON and SV_OFF, the fault reset of ALM_CLR, and targets
-//! that hold an axis in place until it follows commands.
+//! One CiA 402 axis as the board drives it: the controlwords of SV_ON and SV_OFF, the fault reset of ALM_CLR, and the
+//! targets. Until an axis follows commands, its target holds it where it is: the actual position in CSP, 0 in CSV and CST.
 
 use super::fault_reset::FaultReset;
 use super::homing::AxisHoming;
@@ -23,7 +23,7 @@ enum Power {
     SwitchingOffThenOn,
 }
 
-/// What commands have requested of an axis, and the outputs that follow from it so far.
+/// What commands have requested of an axis, and the outputs that the board sends to the drive because of that.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisRequest {
     power: Power,
@@ -33,7 +33,9 @@ pub(super) struct AxisRequest {
     pub(super) out: AxisOut,
 }
 
-/// Counts how often requests ended for a reason other than a command. Both counters wrap.
+/// Counts how often requests such as SV_ON ended for a reason other than a command. A rollback, in which SET_FIFO 1 takes
+/// commands back, compares the counts with those at a checkpoint: a request that the drive or a loss has ended since must not
+/// come back. Both counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Ends {
     /// How often a statusword of the drive has ended an SV_ON or SV_OFF.
@@ -42,7 +44,8 @@ struct Ends {
     by_loss: u8,
 }
 
-/// Which sets of outputs were sent and which id comes next, at the time when the answer of a cycle is evaluated.
+/// The ids of two sets of outputs when the answer of a cycle is evaluated: up to which one they were sent, and which one
+/// comes next. A set of outputs is what all slaves get in one cycle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OutputIds {
     /// All sets of outputs with a lower id are known to be sent.
@@ -55,10 +58,10 @@ pub(super) struct OutputIds {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
     pub(super) requested: AxisRequest,
-    /// Once all sets of outputs with a lower id than this one are sent, the drive has the present controlword. 0: it
-    /// has it already.
+    /// The drive has the present controlword when all sets of outputs with a lower id than this one are sent. 0: the drive has
+    /// it already.
     asked_until: u64,
-    /// Whether the statusword of the last cycle showed Operation enabled, with the axis in the mode of DRIVE_MODE.
+    /// Whether the statusword of the last cycle showed Operation enabled, with the axis in the mode that DRIVE_MODE has set.
     enabled: bool,
     /// Whether the statusword of the last cycle showed Fault or Fault reaction active.
     faulted: bool,
@@ -74,9 +77,11 @@ pub(super) fn reset(axes: &mut AllAxes) {
     axes.iter_mut().flatten().for_each(|axis| *axis = Axis::default());
 }
 
-/// The state of an axis to which SET_FIFO 1 (clear) returns when it takes back entries whose outputs a bus has queued.
-/// One is recorded for every set of outputs, so it is small. The homing phase is recorded separately, for the few
-/// slaves that are homing.
+/// The state of an axis when a set of outputs was made. If SET_FIFO 1 (clear) drops outputs that a bus has queued, the
+/// axis returns to its state at the newest set that was sent.
+///
+/// One is recorded per axis for every set of outputs, so it is small. The homing phase is recorded separately, for the
+/// few slaves that are homing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisCheckpoint {
     requested: AxisRequest,
@@ -85,7 +90,8 @@ pub(super) struct AxisCheckpoint {
 }
 
 impl AxisCheckpoint {
-    /// Whether outputs made from this state switch on neither a motor nor a digital output.
+    /// Whether outputs made from this state switch on neither a motor nor a digital output. Only such outputs may be in
+    /// the queue of a bus when a lost slave returns to OP.
     pub(super) fn is_at_rest(&self) -> bool {
         let AxisOut { controlword, outputs, .. } = self.requested.out;
         controlword == Controlword::DISABLE_VOLTAGE && outputs == 0 && !self.requested.fault_reset.is_under_way()
@@ -126,7 +132,7 @@ impl Axis {
         matches!(self.requested.power, Power::SwitchingOn | Power::SwitchingOffThenOn)
     }
 
-    /// Whether the axis follows targets: SV_ON has enabled it, and it is in the mode of DRIVE_MODE.
+    /// Whether the axis follows targets: SV_ON has enabled it, and it is in the mode that DRIVE_MODE has set.
     pub(super) fn follows(&self) -> bool {
         self.enabled && self.requested.power == Power::On
     }
@@ -136,7 +142,8 @@ impl Axis {
         self.requested.power == Power::On
     }
 
-    /// The axis's part of the next set of outputs, whose id is `id`.
+    /// The axis' part of the next set of outputs. `id` is the id of that set: homing notes it with bit 4, the start of homing,
+    /// so that it later recognises the first answer of the drive to that bit.
     #[inline]
     pub(super) fn next_out(&mut self, id: u64) -> AxisOut {
         let mut out = self.requested.out;
@@ -152,7 +159,8 @@ impl Axis {
         out
     }
 
-    /// Whether the axis's part of the next set of outputs may differ from `last`.
+    /// Whether the axis's part of the next set of outputs may differ from `last`, its part of the set that was pushed
+    /// last.
     pub(super) fn differs_from(&self, last: &AxisOut) -> bool {
         let mut next = self.requested.out;
         if self.homing.start_bit() {
@@ -161,8 +169,8 @@ impl Axis {
         self.requested.fault_reset.is_under_way() || self.homing.is_under_way() || next != *last
     }
 
-    /// Takes a target if the axis follows targets now. Returns false if it does not: SV_ON has not brought it to
-    /// Operation enabled, or it is not in the mode of DRIVE_MODE.
+    /// Takes a target if the axis follows targets now. Returns false if it does not: SV_ON has not brought it to Operation
+    /// enabled, or it is not in the mode that DRIVE_MODE has set.
     pub(super) fn set_target(&mut self, target: i32) -> bool {
         let follows = self.follows();
         if follows {
@@ -171,8 +179,8 @@ impl Axis {
         follows
     }
 
-    /// Called after a write of 0x6060. If the newest statusword (`newest`) shows Operation enabled and the mode is that
-    /// of DRIVE_MODE (`in_mode`), the axis takes targets at once: the target of the next FIFO entry is not discarded.
+    /// Called after a write of 0x6060. If the newest statusword (`newest`) shows Operation enabled and the axis is in the mode
+    /// that DRIVE_MODE has set (`in_mode`), the axis takes targets at once: the target of the next FIFO entry is not discarded.
     pub(super) fn mode_written(&mut self, newest: Option<DriveState>, in_mode: bool) {
         self.enabled = newest == Some(DriveState::OperationEnabled) && in_mode;
     }
@@ -200,14 +208,14 @@ impl Axis {
     }
 
     /// Called when the slave of the axis is lost: all requests end, so that no motor starts when the slave comes back.
-    /// The target holds the axis at the position that was measured last.
+    /// The target holds the axis at the position in `input`, the last inputs of the slave.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
         let ends = Ends { by_loss: self.ends.by_loss.wrapping_add(1), ..self.ends };
         *self = Self { ends, ..Self::default() };
         self.requested.out.target = holding_target(input, mode);
     }
 
-    /// The state of the axis after the newest outputs, to which [`Self::roll_back_to`] can return.
+    /// A copy of the axis' requests after the newest outputs, to which [`Self::roll_back_to`] can return.
     pub(super) const fn checkpoint(&self) -> AxisCheckpoint {
         AxisCheckpoint { requested: self.requested, ends: self.ends, homing_low_sets: self.homing.low_sets_left() }
     }
@@ -260,7 +268,7 @@ impl Axis {
         let (Some(shown), Some(asked)) = (state.and_then(height), height_asked(controlword)) else { return false };
         match self.requested.power {
             Power::Off | Power::On => false,
-            // Disable voltage has not reached the drive yet, so this statusword is from before.
+            // Disable voltage was not sent to the drive yet, so this statusword answers an earlier controlword.
             Power::SwitchingOn if asked == 0 => true,
             Power::SwitchingOn => shown + 1 < asked,
             Power::SwitchingOffThenOn if shown == 0 => true,
@@ -303,7 +311,8 @@ impl Axis {
     }
 }
 
-/// The rank of a drive state on the way to Operation enabled: 0 for Switch on disabled, 3 for Operation enabled.
+/// The rank of a drive state on the way to Operation enabled: 0 for Switch on disabled, 3 for Operation enabled. `None`
+/// for states that are not on this way.
 const fn height(state: DriveState) -> Option<u8> {
     match state {
         DriveState::SwitchOnDisabled => Some(0),

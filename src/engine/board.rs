@@ -1,5 +1,5 @@
-//! The board: the engine, the bus that it drives, and the board time reached so far. Runners (`Stepped`, `Threaded`)
-//! run it.
+//! The board: the engine, the bus that it drives, and the board time reached so far. The runners (`Stepped` on a virtual
+//! clock, `Threaded` on the real one) call it to let board time pass.
 
 use super::partial_frames::{Assembler, INCOMPLETE_CYCLES};
 use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
@@ -8,8 +8,8 @@ use crate::sk::Frame;
 
 /// A script of actions on a board and its network at given times, for example faults.
 pub trait Script: Send {
-    /// Called when a cycle begins at `now`. Carries out every action that is due and calls `done` for each of them.
-    /// Must not allocate.
+    /// Called when a cycle begins at `now`. Carries out every action that is due and passes an event for each of them to
+    /// `done`, for the log. It is part of the cycle, so it must not allocate.
     fn run(&mut self, now: Ns, done: &mut dyn FnMut(Event));
 
     /// Whether all actions of the script are done.
@@ -27,10 +27,12 @@ pub struct Board {
     cycles: u64,
     last_report: Ns,
     silent_cycles: u64,
-    /// When the newest cycle of the bus ran.
+    /// When the newest cycle of the bus ran, board time. If that is too long ago, frames no longer come back from the
+    /// network.
     last_passed: Ns,
     partial: Assembler,
-    /// The number of boots, and whether the host interface answered, both as of the last cycle.
+    /// How often the board had booted at the end of the last cycle, and whether its host interface answered then. If
+    /// either has changed, an incomplete command frame is dropped.
     seen: (u64, bool),
 }
 
@@ -60,7 +62,7 @@ impl Board {
         &self.engine
     }
 
-    /// The engine of the board, for operations without a command on the wire.
+    /// The engine of the board, to change what no command changes, such as the local inputs.
     pub const fn engine_mut(&mut self) -> &mut Engine {
         &mut self.engine
     }
@@ -96,7 +98,7 @@ impl Board {
         self.bus.strangers()
     }
 
-    /// Whether frames come back from the network.
+    /// Whether frames come back from the network: a cycle of the bus has run within the tolerated silence and one cycle.
     pub(super) fn network_answers(&self) -> bool {
         self.now - self.last_passed < self.engine.silence_tolerance_ns() + self.engine.period_ns()
     }
@@ -147,8 +149,8 @@ impl Board {
         }
     }
 
-    /// Drops a frame that has been incomplete for too long. Called in each cycle, since no bytes may come to trigger
-    /// it.
+    /// Drops a command frame that has been incomplete for too long. This is called in each cycle, because there may be no
+    /// further bytes with which to notice it.
     fn drop_late(&mut self, now: Ns) {
         if self.engine.config().partial_frames == PartialFrames::Dropped
             && let Some(bytes) = self.partial.drop_late(now, INCOMPLETE_CYCLES * self.engine.period_ns())
@@ -201,8 +203,9 @@ impl Board {
         }
     }
 
-    /// Lets the bus work until `until`, at most until the next cycle is due. `now` is the time of the runner's clock,
-    /// which is ahead of board time if the runner is late. A bus on virtual time does not need this call.
+    /// Lets the bus work until `until`, at most until the next cycle is due. `now` is the time of the runner's clock. If the
+    /// runner is late, `now` is later than board time, which advances from cycle to cycle. A bus on virtual time does not need
+    /// this call.
     pub fn work_until(&mut self, now: Ns, until: Ns) {
         self.bus.work_until(now, until);
     }
@@ -217,7 +220,7 @@ impl Board {
         self.bus.catches_up()
     }
 
-    /// Called when the runner was late and has skipped `cycles` cycles. Board time does not include them.
+    /// Called when the runner was late and has skipped `cycles` cycles. Board time does not advance by them.
     pub fn leave_out(&mut self, cycles: u64) {
         self.bus.leave_out(cycles.saturating_mul(self.engine.period_ns()));
         self.engine.note_left_out(cycles);

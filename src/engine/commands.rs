@@ -55,17 +55,18 @@ const fn state_bit(state: MasterState) -> u8 {
     }
 }
 
-/// The outcome of a slave's command that was not rejected.
+/// What became of a slave's command that was not rejected.
 enum Outcome {
-    /// The command was executed. After IO_WR: the output image that the answer shows.
+    /// The command was executed. `Some` after IO_WR: the output image that the answer shows.
     Executed(Option<u16>),
     /// The command was ignored because the slave is homing. The answer does not show it.
     Ignored,
-    /// The command has no effect, but is answered as if it had been executed.
+    /// The command has no effect, because the slave is homing, but it is answered as if it had been executed (SV_ON).
     InVain,
 }
 
-/// Whether a slave in this role accepts the command; the error is the reason for the rejection.
+/// Whether a slave that is configured for this role, a kind of slave with its mode, accepts the command. The error is the
+/// reason for the rejection.
 #[inline(always)]
 pub(super) const fn check_kind(command: &SlaveCommand, role: Role) -> Result<(), Reason> {
     let id = command.id();
@@ -122,9 +123,9 @@ impl Engine {
         self.start_homing();
     }
 
-    /// Executes slot 0 of a FIFO entry. Commands that act when their frame arrives have done so already and do not act
-    /// again. The network may have left OP before the board learns that the entry was sent; commands that OP allows are
-    /// executed nevertheless.
+    /// Executes slot 0 of a FIFO entry. Commands that act on the arrival of their frame (SET_STATE, SET_FIFO and
+    /// SW_RESET) have been executed already and are skipped. The network may have left OP before the board learns that
+    /// the entry was sent; commands that OP allows are executed nevertheless.
     pub(super) fn execute_queued_master(&mut self, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
         if id.acts_on_arrival() {
@@ -201,16 +202,16 @@ impl Engine {
         }
         let head = SlotHead { id: slot.id, index: slot.index, output_image: None };
         if slot.id == CommandId::GetStatus.code() {
-            // Outside OP, GET_STATUS leaves bytes 1..11 of a slave's slot at the result of the previous command (UG17
-            // 2.1.1).
+            // Outside OP, GET_STATUS changes only the id, byte 0, of a slave's slot. Bytes 1..11 stay at the result of
+            // the previous command (UG17 2.1.1).
             let kept = if self.network().in_op() { head } else { self.volatile.heads[slave - 1] };
             self.volatile.heads[slave - 1] = SlotHead { id: slot.id, ..kept };
             return;
         }
         let id = CommandId::from_code(slot.id);
         let done = match id {
-            // During a motion nearly every slot contains CSP. The call with a constant id lets the compiler make a fast
-            // `run_slot` for it.
+            // During a motion nearly every slot contains CSP. A constant id lets the compiler inline a `run_slot` that
+            // decodes CSP only.
             CommandId::Csp => self.run_slot(slave, CommandId::Csp, slot, at),
             _ => self.run_other_slot(slave, id, slot, at),
         };
@@ -224,13 +225,15 @@ impl Engine {
                 self.commanded.remove(slave as u8);
                 self.volatile.heads[slave - 1] = head;
             }
-            // SK-3 [OURS]: byte 0 is the id of the command executed last, and this command was not executed.
+            // SK-3 [OURS]: byte 0 of the slave's slot shows the command that was executed last. An ignored command was not
+            // executed, so the byte stays as it was.
             Ok(Outcome::Ignored) => {
                 self.commanded.remove(slave as u8);
             }
             Err(reason) => {
                 self.commanded.remove(slave as u8);
-                // SK-4 [OURS]: outside OP the answer stays as it was. In OP it becomes an answer to GET_STATUS.
+                // SK-4 [OURS]: outside OP a rejected command leaves the slave's slot in reports as it was. In OP the slot
+                // becomes an answer to GET_STATUS.
                 if self.network().in_op() {
                     self.volatile.heads[slave - 1] = SlotHead::default();
                 }
@@ -266,8 +269,8 @@ impl Engine {
         }
         check_kind(command, self.role(slave))?;
         if command.id().is_ignored_while_homing() && self.ignores_motion(slave) {
-            // SV_ON is answered during homing [OURS]: a program that waits for the answer would otherwise wait until
-            // homing ends.
+            // SV_ON is answered during homing, although it has no effect [OURS]: a program that waits for the answer
+            // would otherwise wait until homing ends. Other ignored commands are not answered.
             let is_on = *command == SlaveCommand::ServoOn;
             return Ok(if is_on { Outcome::InVain } else { Outcome::Ignored });
         }
@@ -299,8 +302,8 @@ impl Engine {
         Ok(Outcome::Executed(None))
     }
 
-    /// Byte 1 of the answer to DRIVE_MODE: in firmware 1.5 the mode of operation (UG15 2.1.5). SK-3: 0 for an IO slave,
-    /// and for a number without a slave \[OURS].
+    /// Byte 1 of the answer to DRIVE_MODE. In firmware 1.7 it is the index of the command, `index`. In firmware 1.5 it is
+    /// the mode of operation (UG15 2.1.5); SK-3: 0 for an IO slave, and for a number without a slave \[OURS].
     fn index_of_drive_mode(&self, slave: usize, index: u8) -> u8 {
         self.config.firmware.byte_1(index, self.declared_mode(slave))
     }

@@ -16,7 +16,7 @@ pub enum Reason {
     WrongState,
     /// An argument has a value that the board's manuals do not allow.
     BadArgument(InvalidArgument),
-    /// CSP, CSV or CST does not match the mode of DRIVE_MODE or the value of 0x6060.
+    /// CSP, CSV or CST is not the command for the mode that DRIVE_MODE has set, or 0x6060 has another value than that mode.
     WrongMode,
     /// An SDO request was waiting behind a running transfer, and a newer request has replaced it.
     SdoBusy,
@@ -98,8 +98,9 @@ pub struct Counters {
     pub modes_not_restored: u64,
     /// Commands whose targets were discarded because the axis was not in Operation enabled.
     pub discarded_before_enabled: u64,
-    /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP
-    /// before the other slaves. An upper bound: a command counts unless it is known to have reached the slave.
+    /// Commands that did not reach their slave. The slave was lost before the command was executed or before its outputs
+    /// were sent, or it had left OP before the other slaves. It is an upper bound: a command counts unless it is known to
+    /// have reached the slave.
     pub for_lost: u64,
     /// FIFO entries that were dropped by SET_FIFO 1, or because the network left OP.
     pub cleared: u64,
@@ -116,10 +117,11 @@ pub struct Counters {
     /// SDO requests that repeat the transfer under way, as polling programs send them. Each counts as part of that
     /// transfer; nothing is lost.
     pub sdo_repeated: u64,
-    /// Cycles without a report, because a bus that queues outputs has lost their answers.
+    /// Cycles without a report, because a bus that queues outputs (a chip or a network card) has lost the slaves' answers of
+    /// these cycles.
     pub answers_lost: u64,
-    /// Sets of outputs that a bus had queued and then gave up. As far as is known they were not sent, or a slave that
-    /// the bus cannot name has missed them.
+    /// Sets of outputs, each for one cycle, that a bus (a chip or a network card) had queued and then gave up. As far as is
+    /// known they were not sent, or they have not reached a slave, and the bus does not know which one.
     pub outputs_lost: u64,
     /// Cycles that were skipped because the machine was late, on a bus that does not catch up on cycles. Motion stood
     /// still for as many cycles.
@@ -135,8 +137,8 @@ pub struct Counters {
     pub inputs_stale: u64,
     /// SDO transfers of the host that the slave has aborted, or has not answered in time.
     pub sdo_aborted: u64,
-    /// Command frames that arrived while the board booted: the host had not noticed the SW_RESET yet.
-    /// [`Counters::frames`] does not include them.
+    /// Command frames that arrived while the board booted, because the host had not noticed yet that the board was reset. They
+    /// are not executed, and [`Counters::frames`] does not include them.
     pub while_booting: u64,
 }
 

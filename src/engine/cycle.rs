@@ -99,8 +99,8 @@ impl Engine {
     }
 
     /// How long the bus may be without a cycle before the cable counts as cut. A bus that runs its own cycle may have
-    /// none within a cycle of the board, because of its phase, of jitter, or of a change of the cycle time. So two of
-    /// the longest cycles are allowed \[OURS], plus the delay of answers.
+    /// none within a cycle of the board: the two cycles are not synchronized, jitter moves them, and the cycle time may
+    /// just have changed. So two cycles are allowed, of the longer cycle time \[OURS], plus the delay of answers.
     pub(crate) fn silence_tolerance_ns(&self) -> Ns {
         match self.pacing {
             Pacing::Runner => 0,

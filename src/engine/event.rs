@@ -22,7 +22,7 @@ pub struct Event {
 }
 
 impl Event {
-    /// The same event, with its time counted from the board time `zero`.
+    /// The same event with its time counted from the board time `zero`, for example from the opening of the link.
     pub const fn since(self, zero: Ns) -> Self {
         Self { at: self.at.saturating_sub(zero), ..self }
     }
@@ -33,7 +33,8 @@ impl Event {
 pub enum EventKind {
     /// A command was rejected.
     Rejected(Rejection),
-    /// SET_DC had a Data2 that no user guide mentions. The board has accepted it (SK-4 \[OURS]).
+    /// SET_DC had a Data2 that no user guide mentions: neither 0xFFFF nor 0xFFFF0000. The board has accepted it (SK-4
+    /// \[OURS]).
     OddDcShift {
         /// The value of Data2.
         data2: u32,
@@ -60,10 +61,10 @@ pub enum EventKind {
         /// The slave and its AL status code.
         fall: SlaveFall,
     },
-    /// Another master sends frames on the network. Logged once.
+    /// Another master sends frames on the network. This is logged only once.
     OtherMaster {
-        /// The source MAC address of the other master's frames. The first slave that a frame passes has set a bit in
-        /// it.
+        /// The source MAC address of the other master's frames, as it arrived. The first slave that a frame passes sets
+        /// bit 0x02 of its first byte, "locally administered".
         address: [u8; 6],
     },
     /// A slave answers, but with a wrong working counter for so long that its inputs are stale. It counts as lost.
@@ -79,27 +80,30 @@ pub enum EventKind {
         /// The working counter that would show that every slave answers.
         expected: u16,
     },
-    /// A bus that queues outputs has lost answers, because they were not polled in time. Their cycles have no report.
+    /// A bus that queues outputs (a chip or a network card) has lost answers of slaves, because they were not polled in time.
+    /// Their cycles have no report.
     AnswersLost {
         /// The number of cycles in a row without a report.
         cycles: u32,
     },
-    /// The hardware that runs the bus no longer answers. Logged once, until it answers again.
+    /// The hardware that runs the bus, such as a chip, no longer answers. This is logged once, until it answers again.
     BusDown,
-    /// A bus that queues outputs has given up some of them: their targets may not have reached the slaves.
+    /// A bus that queues outputs (a chip or a network card) has given up some of them: their targets may not have reached the
+    /// slaves.
     OutputsLost {
         /// The number of sets of outputs; each is for one cycle.
         sets: u32,
         /// Whether a chip (ECM-XF) runs the bus.
         has_chip: bool,
     },
-    /// A slave has left OP because the bus configured other slaves. It returns to OP with them, with its motors and
-    /// digital outputs off (SK-4 \[OURS]).
+    /// A slave that was not lost has left OP, because the bus could not configure lost slaves otherwise while a SET_STATE
+    /// brings them back. It returns to OP with them, with its motors and digital outputs off (SK-4 \[OURS]).
     SlaveDisturbed {
         /// The number of the slave, counted from 1.
         slave: u8,
     },
-    /// A change of state has failed and left this slave in a lower state than the others (SK-4 \[OURS]).
+    /// This slave was found in a lower state than the network after a failed change of state
+    /// ([`EventKind::StateFailed`]). It counts as lost (SK-4 \[OURS]).
     SlaveLeft {
         /// The number of the slave, counted from 1.
         slave: u8,
@@ -118,7 +122,8 @@ pub enum EventKind {
         /// How the homing has ended.
         end: HomingEnd,
     },
-    /// The board could not restore the mode of DRIVE_MODE after homing. The drive stays in homing mode (SK-7 \[OURS]).
+    /// After homing, in mode 6, the board could not restore the mode that DRIVE_MODE has set. The drive stays in homing mode
+    /// (SK-7 \[OURS]).
     ModeNotRestored {
         /// The number of the slave, counted from 1.
         slave: u8,
@@ -138,7 +143,7 @@ pub enum EventKind {
         /// The abort code with which the transfer has ended.
         code: AbortCode,
     },
-    /// An action of a script was carried out.
+    /// The script of the simulated board, which causes faults at given times, has carried out an action.
     Scripted {
         /// The number of the line in the script, from 1.
         line: u32,
@@ -285,7 +290,7 @@ pub(super) struct EventLog {
 }
 
 impl EventLog {
-    /// How many events the log keeps.
+    /// The number of newest events that the log keeps.
     const KEPT: usize = 32;
 
     pub(super) const fn new() -> Self {

@@ -1,11 +1,11 @@
 //! The fault reset pulse of ALM_CLR: bit 7 of the controlword rises, stays set for some cycles, and falls.
 
-/// The length of a pulse in sets of outputs, and the minimum number of sets with the bit clear until the next pulse
-/// \[OURS]. That is 2 ms at the shortest cycle, so that a drive that does not read its controlword in every cycle still
-/// sees the edge.
+/// The length of a pulse in sets of outputs, of which each cycle sends one, and the minimum number of sets with the bit clear
+/// until the next pulse \[OURS]. That is 2 ms at the shortest cycle, so that a drive that does not read its controlword in
+/// every cycle still sees the edge.
 const PULSE_SETS: u8 = 8;
 
-/// The state of the fault reset bit in the newest set of outputs.
+/// The state of the fault reset bit in the set of outputs that was made last; each cycle sends one set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Bit {
     /// The bit is clear, and may rise with the next set.
@@ -41,7 +41,7 @@ impl FaultReset {
         }
     }
 
-    /// Whether the bit is set, or will change in one of the next sets.
+    /// Whether a pulse is requested or in progress, or its pause after it has not ended.
     pub(super) const fn is_under_way(&self) -> bool {
         self.requested || !matches!(self.bit, Bit::Clear)
     }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
-/// The indices of the storage places are `u8`, so there may be at most 256 of them.
+/// The places of the frame storage are numbered by a `u8`, so there may be at most 256 of them.
 const _: () = assert!(FIFO_ENTRIES <= 256);
 
 /// The ring buffer of command frames that wait for their cycle.
@@ -23,12 +23,13 @@ pub(super) struct CommandFifo {
     vacant: Vec<u8>,
     threshold: u16,
     full_count: u16,
-    /// A fault for scripts and tests: [`Self::take`] returns no entries, whatever the threshold is.
+    /// Whether the board is kept from executing entries, a fault that scripts and tests cause: [`Self::take`] then
+    /// returns none, whatever the threshold is.
     held: bool,
 }
 
-/// The board begins to take entries out when fewer than this number of entries are free. With the default of 160 it
-/// begins with the first entry (SK-5).
+/// The default threshold. The board begins to take entries out when the number of free entries is below the threshold.
+/// With 160 it begins with the first entry (SK-5).
 const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
 
 impl CommandFifo {

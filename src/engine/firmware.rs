@@ -32,8 +32,9 @@ impl Firmware {
         }
     }
 
-    /// How much a lost frame adds to the full count. SK-5: firmware 1.5 counts 32-bit words, 126 for a frame of 504
-    /// bytes (UG15n) and 128 for one of 512 \[OURS]; firmware 1.7 counts commands \[OURS].
+    /// How much a command frame that found the FIFO full adds to the full count in reports. SK-5: firmware 1.5 counts
+    /// 32-bit words, 126 for a frame of 504 bytes (UG15n) and 128 for one of 512 \[OURS]; firmware 1.7 counts commands
+    /// \[OURS].
     pub(super) const fn full_count_step(self, size: SlotSize) -> u16 {
         match self {
             Self::V17 => 1,
@@ -41,7 +42,7 @@ impl Firmware {
         }
     }
 
-    /// Whether the board restores the mode of DRIVE_MODE after homing (UG17 2.1.18; struck out in UG15n).
+    /// Whether the board restores, after homing, the mode that DRIVE_MODE has set (UG17 2.1.18; struck out in UG15n).
     pub(super) const fn restores_mode(self) -> bool {
         matches!(self, Self::V17)
     }

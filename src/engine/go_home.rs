@@ -13,7 +13,8 @@ pub enum HomingPhase {
     Idle,
     /// GO_HOME was executed, and at least one axis of the slave is still homing.
     Homing,
-    /// Homing has ended, and the board has not restored the mode of DRIVE_MODE yet (firmware 1.7).
+    /// Homing has ended, and the board has not yet restored the mode that DRIVE_MODE has set. Firmware 1.5 restores no modes:
+    /// there the slave is [`HomingPhase::Idle`] at once.
     Restoring,
 }
 
@@ -48,8 +49,8 @@ impl Engine {
         slaves
     }
 
-    /// Whether a motion command is ignored because the slave is homing. If so,
-    /// [`Counters::ignored_homing`](super::Counters) counts it.
+    /// Decides whether a motion command is ignored because the slave is homing, and if so counts it in
+    /// [`Counters::ignored_homing`](super::Counters).
     pub(super) fn ignores_motion(&mut self, slave: usize) -> bool {
         let ignored = self.homing_phase(slave as u8) != HomingPhase::Idle;
         self.counters.ignored_homing += u64::from(ignored);
@@ -60,8 +61,8 @@ impl Engine {
     /// 0x6860 is 6. On a module of two channels with 12-byte slots only axis 1 may start, as every command there moves
     /// axis 1 alone (SK-3 \[OURS]).
     ///
-    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept,
-    /// so that a later SV_ON does not start homing. If one of several axes is not enabled, none of them starts.
+    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept, so that
+    /// a later SV_ON does not make it start homing. If one of several axes is not enabled, none of them starts.
     pub(super) fn go_home(&mut self, slave: usize) -> Result<(), Reason> {
         let axes = 1 + usize::from(self.carries_two_channels(slave));
         let modes = self.volatile.modes_written[slave - 1];
@@ -101,7 +102,8 @@ impl Engine {
         }
     }
 
-    /// Whether an axis of these slaves is homing and no report has shown its result yet.
+    /// Whether an axis of these slaves is homing. An axis does not count once a report has shown the result of its homing to
+    /// the host, even if the board still waits to accept the result.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
         slaves.iter().any(|slave| {
             let axes = &self.axes[usize::from(slave) - 1];
@@ -139,8 +141,8 @@ impl Engine {
         if self.volatile.homing_active.is_empty() {
             return;
         }
-        // Inputs that were kept from an earlier cycle do not answer the outputs of this cycle, so their slaves are left
-        // out.
+        // The inputs of some slaves were kept from an earlier cycle (`held`). They do not answer the outputs of this
+        // cycle, so these slaves are left out.
         for slave in self.volatile.homing_active.difference(self.inputs.held).iter().map(usize::from) {
             if self.axes[slave - 1].iter().all(|axis| axis.homing.is_idle()) {
                 self.volatile.homing_active.remove(slave as u8);
@@ -179,8 +181,8 @@ impl Engine {
         }
     }
 
-    /// Called when the network leaves OP: ends all homing. The board restores the modes of operation while the network
-    /// is in SafeOP. From a lower state the next change to SafeOP writes them anyway.
+    /// Called when the network leaves OP: ends all homing. The board restores the modes of operation while the network is
+    /// in SafeOP. In a lower state it does not, since the next change to SafeOP writes the modes anyway.
     pub(super) fn leave_homing_with_op(&mut self, at: Ns) {
         for slave in 1..=MAX_SLAVES {
             self.end_homing(slave, HomingEnd::LeftOp, at);

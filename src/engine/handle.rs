@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use super::Engine;
 
-/// The value of `local_inputs` before the first call of [`BoardHandle::set_local_inputs`].
+/// The value of `local_inputs` before the first call of [`BoardHandle::set_local_inputs`]. Six bits never have this value.
+/// While the field has it, the inputs stay as the bus gives them.
 const UNTOUCHED: u8 = u8::MAX;
 
 struct Shared {
@@ -30,7 +31,8 @@ impl Default for BoardHandle {
 }
 
 impl BoardHandle {
-    /// Suppresses the reports of the board, or ends that. Everything else goes on.
+    /// With `true` the board sends no reports from now on, with `false` it sends them again. It executes commands and
+    /// runs its network all the same.
     pub fn suppress_reports(&self, suppressed: bool) {
         self.0.reports_suppressed.store(suppressed, Ordering::Relaxed);
     }
@@ -46,7 +48,7 @@ impl BoardHandle {
         self.0.local_inputs.store(bits & 0x3F, Ordering::Relaxed);
     }
 
-    /// Applies the newest values of the calls to the engine, at the beginning of a cycle.
+    /// Called at the beginning of a cycle: gives the engine the values that the calls of this handle have set last.
     pub(super) fn apply(&self, engine: &mut Engine) {
         engine.suppress_reports(self.0.reports_suppressed.load(Ordering::Relaxed));
         engine.hold_fifo(self.0.fifo_held.load(Ordering::Relaxed));

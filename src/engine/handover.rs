@@ -54,8 +54,8 @@ impl Handover {
         }
     }
 
-    /// Host: puts a frame that arrives at the board time `at` into the inbox. Waits first until `turn`, when the
-    /// simulated wire is free, and then for room in the inbox; both waits end at `end`.
+    /// Called by the host: puts a frame that arrives at the board time `at` into the inbox. Waits first until `turn`, when the
+    /// simulated wire is free, and then for room in the inbox. Returns [`Stop::Timeout`] if this is not possible by `end`.
     pub(super) fn send(&self, frame: &Frame, at: Ns, turn: Instant, end: Option<Instant>) -> Result<(), Stop> {
         let mut inbox = lock(&self.inbox);
         let cancels = inbox.cancels;
@@ -76,18 +76,20 @@ impl Handover {
         Ok(())
     }
 
-    /// Host: takes the oldest report. If there is none, waits for one until `end`.
+    /// Called by the host: takes the oldest report. If there is none, waits for one until `end`.
     pub(super) fn receive(&self, out: &mut Frame, end: Option<Instant>) -> Result<Report, Stop> {
         self.receive_in_parts(out, end, None)
     }
 
-    /// How often reads were cancelled so far; [`Self::receive_in_parts`] takes the value.
+    /// How often reads were cancelled so far, for [`Self::receive_in_parts`]: a higher number later means that a read was
+    /// cancelled since.
     pub(super) fn reads_cancelled(&self) -> u64 {
         lock(&self.outbox).cancels
     }
 
-    /// Like [`Self::receive`], for one part of a longer wait. `cancelled`: the value of [`Self::reads_cancelled`] when
-    /// the whole wait began, so that a cancellation between two parts is seen; `None`: the wait begins now.
+    /// Like [`Self::receive`], for a caller that divides a long wait into several calls. `cancelled`: the value of
+    /// [`Self::reads_cancelled`] when the whole wait began, so that a cancellation between two calls is noticed; `None`:
+    /// the wait begins now.
     pub(super) fn receive_in_parts(
         &self,
         out: &mut Frame,
@@ -109,8 +111,8 @@ impl Handover {
         }
     }
 
-    /// Runner: takes the oldest frame out of the inbox if `is_there` returns true for its time of arrival; returns that
-    /// time.
+    /// Called by the runner: takes the oldest frame out of the inbox, if there is one and it has arrived by the runner's time:
+    /// `is_there` gets its time of arrival and decides that. Returns the time of arrival.
     pub(super) fn next_frame(&self, out: &mut Frame, is_there: impl FnOnce(Ns) -> bool) -> Option<Ns> {
         let mut inbox = lock(&self.inbox);
         if inbox.frames.front().is_none_or(|(_, at)| !is_there(*at)) {
@@ -126,7 +128,7 @@ impl Handover {
         Some(at)
     }
 
-    /// Runner: puts a report that was made at `at` into the outbox.
+    /// Called by the runner: puts a report that was made at `at` into the outbox.
     pub(super) fn publish(&self, frame: &Frame, at: Ns) {
         lock(&self.outbox).reports.push(frame, at);
         self.news.notify_one();
@@ -143,13 +145,13 @@ impl Handover {
         self.news.notify_all();
     }
 
-    /// Cancels all writes that are waiting: they return an error.
+    /// Cancels all writes that are waiting: they return [`Stop::Cancelled`].
     pub(super) fn cancel_writes(&self) {
         lock(&self.inbox).cancels += 1;
         self.space.notify_all();
     }
 
-    /// Cancels all reads that are waiting: they return an error.
+    /// Cancels all reads that are waiting: they return [`Stop::Cancelled`].
     pub(super) fn cancel_reads(&self) {
         lock(&self.outbox).cancels += 1;
         self.news.notify_all();

@@ -25,8 +25,8 @@ fn a_full_inbox_makes_a_writer_wait() {
     assert_eq!(send(30, Duration::from_millis(20)), Err(Stop::Timeout));
     thread::scope(|scope| {
         let writer = scope.spawn(|| send(30, PATIENCE));
-        // After this time the writer waits for room. If its thread starts even later, it finds room at once, and the
-        // test passes as well.
+        // Usually the writer waits for room after this time. If its thread starts even later, it finds room at once, and
+        // the assertions below hold as well.
         thread::sleep(Duration::from_millis(50));
         assert_eq!(handover.next_frame(&mut out, |at| at <= 9), None);
         assert_eq!(handover.next_frame(&mut out, |at| at <= 10), Some(10));

@@ -29,14 +29,15 @@ use std::fmt;
 use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::fieldbus::Ns;
 
-/// How many sets of outputs must have bit 4 clear before it may rise again \[OURS]. That is 2 ms at the shortest cycle,
-/// so that a drive that does not read its controlword in every cycle still sees the edge.
+/// How many consecutive sets of outputs, one per cycle, must have bit 4 clear before it may rise again \[OURS]. That is
+/// 2 ms at the shortest cycle, so that a drive that does not read its controlword in every cycle still sees the edge.
 const START_BIT_LOW_SETS: u8 = 8;
 
 /// A homing result in the statusword is accepted if the drive has shown no result for this long before bit 4 rose, or
 /// shows the same result for this long after it \[OURS].
 const RESULT_SETTLE_NS: Ns = 20_000_000;
-/// The minimum number of answers that count as [`RESULT_SETTLE_NS`], for long cycles \[OURS].
+/// The time [`RESULT_SETTLE_NS`] counts as passed only after at least this many answers of the drive, because with long cycles
+/// few answers come in it \[OURS].
 const RESULT_SETTLE_ANSWERS: u64 = 4;
 
 /// How long a drive may take to come to a standstill after homing has ended; it shows a standstill by bit 10 \[OURS].
@@ -64,8 +65,8 @@ pub enum HomingEnd {
 }
 
 impl HomingEnd {
-    /// Whether the cause is a command in a FIFO entry. If a SET_FIFO 1 clears this entry, the end of the homing is
-    /// taken back.
+    /// Whether the cause is a command in a FIFO entry. If SET_FIFO 1 clears this entry, the command is taken back, and
+    /// the homing goes on. All other causes stay.
     const fn is_from_fifo_entry(self) -> bool {
         matches!(self, Self::ServoOff | Self::Aborted)
     }
@@ -117,12 +118,15 @@ enum Phase {
     Idle,
     /// GO_HOME was executed. Bit 4 rises once it has been clear for [`START_BIT_LOW_SETS`] sets of outputs.
     Requested,
-    /// Bit 4 is set, since the outputs with the id `first`. The last `in_a_row` answers have shown `result`. If
-    /// `clear_seen`, the drive has shown bits 12 and 13 clear, so a result is accepted at once.
+    /// Bit 4 is set; `first` is the id of the first outputs with it. The last `in_a_row` consecutive answers have shown
+    /// `result`. If `clear_seen`, the drive has shown bits 12 and 13 clear, so a result is accepted at once.
     Running { first: u64, result: ShownResult, in_a_row: u64, clear_seen: bool },
-    /// Homing has ended. Bit 4 is clear since the outputs with the id `clear`, and the drive is coming to a standstill.
+    /// Homing has ended for the cause `end`, and the drive is coming to a standstill. `clear` is the id of the first
+    /// outputs with bit 4 clear; `None`: they were not made yet. `answers` counts the answers that the drive measured
+    /// after it got these outputs.
     Braking { end: HomingEnd, clear: Option<u64>, answers: u64 },
-    /// The drive stands still. The outputs from the id `there` on hold it at its actual position.
+    /// The drive stands still. `there` is the id of the first outputs that hold it at its actual position; `None`: they
+    /// were not made yet.
     Holding { end: HomingEnd, there: Option<u64> },
 }
 
@@ -135,7 +139,7 @@ pub(super) enum HomingEvent {
     AtStandstill,
 }
 
-/// The statusword of an axis in the answer of a cycle, with what is needed to tell which outputs it answers.
+/// The statusword of an axis in the answer of a cycle, and the outputs that had reached the slave when it was measured.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     pub(super) statusword: Statusword,
@@ -146,12 +150,13 @@ pub(super) struct Answer {
 }
 
 impl Answer {
-    /// Whether the drive measured this answer after the outputs with the given id had reached it.
+    /// Whether the drive measured this answer after the outputs with the id `outputs` had reached it. `None`: these
+    /// outputs were not made yet, so the result is false.
     fn follows(&self, outputs: Option<u64>) -> bool {
         outputs.is_some() && self.outputs_received >= outputs
     }
 
-    /// How many answers come within `ns`.
+    /// The number of answers, one per cycle, that come within `ns`, rounded up.
     fn in_time(&self, ns: Ns) -> u64 {
         ns.div_ceil(self.period_ns.max(1))
     }
@@ -168,8 +173,8 @@ pub(super) struct AxisHoming {
     clear_answers: u64,
     /// Answers of cycles before this time may be from before the change to mode 6, so they are ignored.
     mode_since: Ns,
-    /// The newest homing that was not ended by a command of a FIFO entry: the id of its first outputs with bit 4 set,
-    /// and the cause of its end.
+    /// The newest homing that has ended for another cause than a command of a FIFO entry: the id of its first outputs
+    /// with bit 4 set, and the cause of its end. A rollback to a time before that end must not resume this homing.
     ended: Option<(u64, HomingEnd)>,
 }
 
@@ -209,7 +214,8 @@ impl AxisHoming {
         self.phase = Phase::Requested;
     }
 
-    /// Delays a requested homing: bit 4 does not rise in the next set of outputs.
+    /// Delays a requested homing: bit 4 does not rise in the next set of outputs. Called for each set while an SDO write
+    /// of the axis's mode, which would end the homing, is under way.
     pub(super) fn wait(&mut self) {
         if self.phase == Phase::Requested {
             self.low_sets_left = self.low_sets_left.max(1);
@@ -232,14 +238,16 @@ impl AxisHoming {
         true
     }
 
-    /// Skips the wait for a standstill after homing: the slave is lost, or its mode has changed already.
+    /// Skips the wait for a standstill after homing, and holding the axis there: the slave is lost, or the mode of
+    /// operation was changed already, before which the axis should have come to a standstill.
     pub(super) const fn skip_standstill(&mut self) {
         if self.is_ending() {
             self.phase = Phase::Idle;
         }
     }
 
-    /// Called when 0x6060 was written, at the latest at `at`. Answers of earlier cycles are ignored.
+    /// Called when 0x6060 was written, at the latest at `at`. Answers of cycles before `at` are ignored, since they may show
+    /// the earlier mode.
     pub(super) const fn mode_written(&mut self, at: Ns) {
         self.clear_answers = 0;
         self.mode_since = at;
@@ -256,8 +264,8 @@ impl AxisHoming {
         self.clear_answers = if clear_answers && at >= self.mode_since { self.clear_answers + 1 } else { 0 };
     }
 
-    /// Whether a report has shown a result of this homing to the host: the statusword shows a result, and the newest
-    /// outputs that reports cover (id `shown`) had bit 4 set.
+    /// Whether a report has shown a result of this homing to the host: the statusword in the newest report shows a
+    /// result, and the newest outputs that this report answers, with the id `shown`, had bit 4 set.
     pub(super) fn seems_over(&self, shown: Option<u64>, statusword: Statusword) -> bool {
         matches!(self.phase, Phase::Running { first, .. } if shown >= Some(first))
             && ShownResult::of(statusword) != ShownResult::None
@@ -268,8 +276,8 @@ impl AxisHoming {
         matches!(self.phase, Phase::Running { .. })
     }
 
-    /// Whether the next set of outputs must be sent even if it equals the last one, because the pauses of bit 4 are
-    /// counted in sets of outputs.
+    /// Whether the next set of outputs must be sent even if it equals the last one: the time for which bit 4 has to stay
+    /// clear is counted in sets of outputs, and homing waits for the answer to a certain set.
     pub(super) const fn is_under_way(&self) -> bool {
         self.low_sets_left > 0
             || matches!(
@@ -342,8 +350,8 @@ impl AxisHoming {
         }
     }
 
-    /// Takes back what the commands of FIFO entries have changed since `then`, because SET_FIFO 1 has cleared these
-    /// entries. A homing that the drive has ended stays ended.
+    /// Takes back the changes that commands of FIFO entries have made to this homing since its state was `then`, because
+    /// SET_FIFO 1 has cleared these entries. A homing that the drive has ended stays ended.
     pub(super) fn roll_back_to(&mut self, then: &Self) {
         let braking = |end| Phase::Braking { end, clear: None, answers: 0 };
         let (phase, rest) = match (self.phase, then.phase) {
@@ -406,7 +414,8 @@ mod tests {
         assert_eq!(first, 11 + u64::from(START_BIT_LOW_SETS), "after its rest");
         homing.roll_back_to(&then);
         assert!(homing.is_homing() && homing.next_bit(first + 1));
-        // This answer was measured before bit 4 of the second homing could have been sent.
+        // This answer was measured before bit 4 of the second homing could have been sent. It belongs to the first
+        // homing, which goes on.
         assert_eq!(homing.take_answer(&answer(CLEAR, 10)), None);
         assert_eq!(homing.take_answer(&answer(ATTAINED, 10)), Some(HomingEvent::Ended(HomingEnd::Attained)));
         homing.roll_back_to(&then);

@@ -11,17 +11,17 @@ use crate::fieldbus::{
 };
 use crate::sk::{DriveSync, MasterState};
 
-/// After the last declaring command (SET_AXIS, SET_DC, DRIVE_MODE), the engine waits this long until it gives the bus
-/// the new configuration to prepare: programs send SET_AXIS, SET_DC and DRIVE_MODE one after the other, 2 ms apart
-/// (LIB, habits). \[OURS]
+/// How long after the last declaring command (SET_AXIS, SET_DC, DRIVE_MODE) the engine passes the declared configuration
+/// to the bus, which may begin to configure slaves early. Programs send these commands one after the other, 2 ms apart
+/// (LIB-21), and the bus should get the complete configuration. \[OURS]
 const DECLARED_NS: Ns = 10_000_000;
 
-/// The running job of the bus for a step of the network.
+/// The job of the bus that carries out the present step of a boot or of a change of state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NetworkJob {
-    /// The step of boot or of a change of state that the job carries out.
+    /// The step that the job carries out.
     pub(super) step: Step,
-    /// When the job times out at the bus, if it is a change of state; board time.
+    /// For a job that changes the state of slaves: the board time at which the bus ends it with a timeout.
     until: Ns,
 }
 
@@ -64,8 +64,8 @@ impl Engine {
         if self.job.is_none() {
             self.start_step(now, bus);
         }
-        // SDO transfers of the host and of the board take turns. But a host's write of a mode of operation goes first,
-        // since it may make a restore of the mode needless.
+        // SDO transfers of the host and those of the board, which restore modes after homing, alternate. But a host's
+        // write of a mode of operation goes first: after it the board has nothing to restore there.
         if self.host_had_turn && self.volatile.sdo.waiting_write().and_then(mode_write).is_none() {
             self.start_restore_if_free(now, bus);
         }
@@ -86,7 +86,8 @@ impl Engine {
         (self.volatile.has_declared, self.volatile.told_at) = (true, Some(at.saturating_add(DECLARED_NS)));
     }
 
-    /// Passes the declared configuration to the bus in PreOP, so that the bus may prepare it.
+    /// Passes the declared configuration to the bus while the network stays in PreOP. A bus on which a configuration
+    /// takes long may begin with it now, so that the change to SafeOP is faster.
     fn tell_declarations(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let is_due = self.volatile.told_at.is_some_and(|at| now >= at);
         let is_free = self.job.is_none() && self.sdo_owner.is_none();
@@ -98,8 +99,8 @@ impl Engine {
         }
     }
 
-    /// Ends a change of state as failed if it takes too long (SK-4 \[OURS]: 10 s), whatever the bus does. Cancels a job
-    /// that no longer leads to the target.
+    /// Ends a change of state as failed if it takes too long (SK-4 \[OURS]: 10 s), whatever the bus does. Cancels the
+    /// running job if it is late or leads to a state that is no longer wanted.
     fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let late = self.network().deadline().is_some_and(|deadline| now >= deadline);
         if late {
@@ -151,8 +152,8 @@ impl Engine {
     /// board configures the slaves, so that the values that the board writes then (0x6060 and others) take precedence.
     fn start_earlier_sdo(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let Some(seen_at) = self.network().change_seen_at() else { return };
-        // If the waiting request needs no transfer, it ends at once, and another request may be held behind it: so this
-        // runs twice.
+        // Besides the waiting request, the SDO slot holds one more. The first one ends at once, without a transfer, if
+        // its slave is lost. So this runs twice.
         for _ in 0..2 {
             if self.sdo_owner.is_none() && self.volatile.sdo.waits_since(seen_at) {
                 self.start_host_sdo(now, bus);
@@ -230,7 +231,7 @@ impl Engine {
     }
 
     /// Whether SET_AXIS, DRIVE_MODE or SET_DC have declared a configuration other than the one that the network has, or
-    /// is getting now.
+    /// that the running change of state is giving it.
     pub(super) fn has_new_declarations(&self) -> bool {
         let otherwise = |n: usize| {
             (self.volatile.roles[n], self.volatile.syncs[n]) != (self.declared_role(n), self.volatile.modes[n].1)
@@ -290,7 +291,7 @@ impl Engine {
         config
     }
 
-    /// The configuration in force, with `selected` as the slaves to configure.
+    /// The configuration that the network has now, for a job that configures only the slaves in `selected`.
     fn config_for(&self, selected: SlaveSet) -> BusConfig {
         let slaves =
             std::array::from_fn(|n| SlaveConfig { role: self.volatile.roles[n], sync: self.volatile.syncs[n] });
@@ -317,8 +318,8 @@ impl Engine {
         let Some(work) = self.job.take() else { return };
         self.network_job_done(work, done, now);
         if self.volatile.has_declared {
-            // The job has used up the configuration that the bus had prepared, or slaves have left PreOP: the bus gets
-            // the configuration to prepare again.
+            // This job was a configuration, which the bus had prepared, or slaves have left PreOP and have to be
+            // configured again. So the bus gets the declared configuration to prepare once more.
             self.declared(now);
         }
     }
@@ -329,8 +330,8 @@ impl Engine {
             (_, JobDone::Scan { found }) => {
                 let found = found.min(self.config.slot.max_slaves() as u8);
                 self.volatile.network.scanned(found);
-                // After SW_RESET fewer slaves may be found than before. The previous outputs of the missing slaves must
-                // not be sent again.
+                // After SW_RESET fewer slaves may be found than before. The outputs of the missing slaves are set to 0:
+                // if slaves with these numbers come back, they must not get old outputs.
                 self.outputs.slaves[usize::from(found)..].fill(Default::default());
                 let before = self.volatile.failure.filter(|why| *why != StateFailure::NoSlave);
                 self.volatile.failure = if found == 0 { Some(StateFailure::NoSlave) } else { before };
@@ -417,8 +418,8 @@ impl Engine {
         }
     }
 
-    /// Called when the bus has configured these slaves, and so has written the mode of DRIVE_MODE to 0x6060 ("At PreOP
-    /// -> SafeOP the board writes DRIVE_MODE's value").
+    /// Called when the bus has configured these slaves. The configuration has also written to 0x6060 the mode that DRIVE_MODE
+    /// has set (SK-7.34).
     fn modes_configured(&mut self, slaves: SlaveSet) {
         for slave in slaves.iter().map(usize::from) {
             self.volatile.restores.cancel_slave(slave as u8);

@@ -22,9 +22,9 @@ impl Engine {
     }
 
     /// Called with the answer of a cycle: counts the commands that may not have reached their slaves. These are commands
-    /// in the outputs of the cycle (`carried`: their id, if they were new), in earlier outputs whose answers were lost,
-    /// and those that were sent to lost slaves before the bus named them as lost. The count is an upper bound \[OURS]:
-    /// each set of outputs that is no longer in the history counts as a command.
+    /// in the outputs of the cycle (`carried`: the id of these outputs, if they were new), in earlier outputs whose
+    /// answers were lost, and in outputs that were sent to a slave after its loss, before the bus noticed the loss. The
+    /// count is an upper bound \[OURS]: each set of outputs that is no longer in the history counts as a command.
     pub(super) fn count_unreached(&mut self, carried: Option<u64>) {
         let Inputs { lost, without_outputs, .. } = self.inputs;
         let lost_before = std::mem::replace(&mut self.lost_before, lost);
@@ -39,14 +39,14 @@ impl Engine {
         }
     }
 
-    /// Logs once that the working counter is too low while the bus names no lost slave, or is too high. Counts cycles
-    /// whose inputs are ignored because of a wrong working counter.
+    /// Evaluates the working counter of a cycle. Logs once that it is too low while the bus names no lost slave, or that
+    /// it is too high. Counts the cycle if the inputs of a slave are ignored because of it.
     pub(super) fn note_working_counter(&mut self, done: &CycleDone) {
         let CycleDone { at, working_counter: counted, expected_working_counter: expected, .. } = *done;
         let is_held = !self.inputs.held.difference(self.network().lost()).is_empty();
         self.counters.inputs_held += u64::from(is_held);
-        // After a pause without frames the slaves that have left OP are named soon, when the bus has read their states:
-        // until then a low working counter is not logged.
+        // If this machine has sent no frames for a while, slaves may have left OP by their watchdog. The bus names them
+        // soon, when it has read their states; until then a low working counter is not logged.
         let is_low = counted < expected && self.inputs.lost.is_empty() && self.inputs.stood_still_ns == 0;
         let is_wrong = is_low || counted > expected && is_held;
         if is_wrong && expected > 0 && !self.working_counter_wrong {
@@ -58,8 +58,8 @@ impl Engine {
     /// Slaves that are in a lower state than the network while no change of state is under way: a failed change,
     /// refused by other slaves, has left them there.
     fn left_behind(&self) -> SlaveSet {
-        // During a change of state slaves may be behind, and a configuration names the slaves that it has disturbed
-        // only at its end.
+        // During a change of state slaves may be behind, and a configuration names the slaves that it has disturbed only
+        // at its end. So no slave counts as left behind meanwhile.
         if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::RecoverConfigure)) {
             return SlaveSet::EMPTY;
         }
@@ -147,8 +147,8 @@ impl Engine {
             // Commands in outputs that the bus has queued and not sent do not reach the slave.
             self.volatile.heads[slave - 1] = self.shown_heads[slave - 1];
         }
-        // The slot keeps its values while the slave is lost. After the return of the slave the slot shows that the
-        // outputs are off.
+        // While the slave is lost, its slot keeps the values of the last report. From its return on, the slot has to show
+        // that its outputs are off.
         self.volatile.heads[slave - 1].outputs_off();
         self.shown_heads[slave - 1].outputs_off();
         let mode = self.role(slave).mode();
@@ -158,8 +158,8 @@ impl Engine {
         }
     }
 
-    /// Makes the slots in reports show the commands of the outputs with this id. The slots of slaves that these outputs
-    /// have not reached stay unchanged.
+    /// Makes the slots in reports show the commands of the outputs with this id, which are now known to be sent. The slots of
+    /// slaves that these outputs have not reached stay unchanged.
     pub(super) fn show_heads(&mut self, id: u64) {
         let heads = &self.records.of(id).heads;
         let lost = self.network().lost().union(self.unreached());
@@ -206,7 +206,8 @@ impl Engine {
         }
     }
 
-    /// Records that the next outputs carry a command for a slave.
+    /// Records that the next outputs carry a command for a slave, so that the command can be counted if these outputs do
+    /// not reach the slave.
     pub(super) fn mark_commanded(&mut self, slave: usize) {
         if self.commanded.contains(slave as u8) {
             // The outputs with the previous command were never sent, because the bus was down: that command counts as
@@ -219,14 +220,15 @@ impl Engine {
         }
     }
 
-    /// Counts executed commands that will not be sent, because OP begins or ends.
+    /// Counts executed commands that no outputs will carry to the slaves: OP begins or ends, which resets the requests of all
+    /// axes.
     pub(super) fn drop_commanded(&mut self) {
         self.counters.for_lost += u64::from(std::mem::take(&mut self.commanded).len());
     }
 
-    /// Whether the next step has to wait. After a failed change of state the step waits for an answer that shows which
-    /// slaves the change has left in another state: these count as lost, and the next change has to bring them back. It
-    /// does not wait while the bus is silent.
+    /// Whether the next step has to wait. After a failed change of state slaves may be in a lower state than the network,
+    /// which the answer of a later cycle shows. They count as lost, and the next change has to bring them back, so its
+    /// first step waits for this answer. It does not wait while the bus has no cycles.
     pub(super) fn awaits_who_was_left(&mut self, now: Ns) -> bool {
         let left_shown_from = self.volatile.left_shown_from;
         let awaits = left_shown_from.is_some_and(|from| self.last_passed < from) && !self.is_bus_silent(now);
@@ -243,7 +245,9 @@ impl Engine {
             return true;
         }
         let alone = self.present(self.used_slaves()).is_empty();
-        // The newest outputs that were sent count too, since a bus repeats them, unless no slave was left in OP.
+        // The outputs from `oldest` on must switch on no motor and no digital output: these are all that may still be sent. A
+        // bus also repeats the newest outputs that were sent, so that set is checked too, unless no slave is left in OP that
+        // would get it.
         let oldest = if alone { self.unconfirmed_from } else { self.unconfirmed_from.saturating_sub(1) };
         let recovering = self.network().recovering();
         let at_rest = (oldest..self.next_output_id).all(|id| {
@@ -261,10 +265,12 @@ impl Engine {
         at_rest && !self.is_clearing()
     }
 
-    /// Clears the outputs that a bus has queued while no slave is in OP. The bus may then send no outputs: the entries
-    /// would wait until slaves are back, and the entries behind them would be executed then, even an SV_ON of long ago.
-    /// The clear comes once cycles have passed without these outputs, but not while slaves return to OP: it would roll
-    /// back their state.
+    /// Clears the outputs that a bus has queued, if no slave is in OP any more. The bus may then send no outputs. Without the
+    /// clear the FIFO entries of these outputs would wait until slaves are back, and then be executed, even an SV_ON of long
+    /// ago.
+    ///
+    /// The clear begins when the bus has run cycles for two cycle times without sending the oldest of these outputs. While
+    /// slaves are being brought back to OP there is no clear, because it would also take back the state of their axes.
     pub(super) fn clear_what_nobody_gets(&mut self) {
         let alone = self.present(self.used_slaves()).is_empty();
         let return_now = self.job.is_some_and(|work| matches!(work.step, Step::RecoverTo(_)));
@@ -277,7 +283,8 @@ impl Engine {
         }
     }
 
-    /// If something has ended by `now`, the answers of cycles from this time on have certainly been measured after it.
+    /// The earliest time of a cycle whose answers were certainly measured after `now`, at which something has ended, such
+    /// as a change of state.
     pub(super) fn answers_valid_from(&self, now: Ns) -> Ns {
         match self.pacing {
             Pacing::Runner => now,
@@ -286,7 +293,8 @@ impl Engine {
         }
     }
 
-    /// Called when a step has changed the state of slaves: their answers from before no longer count.
+    /// Called when a step has changed the state of slaves: their answers that were measured before do not show the new state
+    /// and no longer count.
     pub(super) fn note_moved(&mut self, step: Step, now: Ns) {
         let who = match step {
             Step::RecoverTo(to) if to > MasterState::PreOp => self.network().recovering(),

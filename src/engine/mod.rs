@@ -101,7 +101,7 @@ pub struct Engine {
     /// of a program's thread, and with the axes this would take 8 kB (LIB-73).
     axes: AllAxes,
     fifo: CommandFifo,
-    /// The running job of the bus, other than an SDO transfer.
+    /// The running job of the bus, such as a change of state; SDO transfers are not in it.
     job: Option<jobs::NetworkJob>,
     /// Which side requested the running SDO transfer: the host, or the board. It may run during a change of state.
     sdo_owner: Option<restore::SdoOwner>,
@@ -118,13 +118,16 @@ pub struct Engine {
     next_output_id: u64,
     /// All outputs with a lower id are known to be sent. Ids of cleared outputs are reused.
     unconfirmed_from: u64,
-    /// The id of the first outputs since OP was reached.
+    /// The id of the first outputs since OP was reached. Reports show no commands of earlier outputs, and a clear does
+    /// not return axes to them.
     op_from: u64,
-    /// The id of the newest outputs that a polled cycle has carried.
+    /// The id of the newest outputs of which an answered cycle has told that they were sent; `None`: none yet.
     newest_answered: Option<u64>,
-    /// The slaves that the previous answered cycle named as lost.
+    /// The slaves that the bus named as lost in the previous answered cycle, to find those that are named for the first
+    /// time.
     lost_before: SlaveSet,
-    /// The slaves that were homing before the present frame, whose slots are being executed.
+    /// The slaves that were homing before the frame whose slots are being executed. Slaves that start homing by one frame
+    /// do not exclude each other.
     homing_before: SlaveSet,
     /// The slaves with a GO_HOME in the frame that is being executed, and whether that frame has an ABORT_HOME.
     go_homes: SlaveSet,
@@ -145,20 +148,23 @@ pub struct Engine {
     /// The commands that the slaves' slots in reports show (id, index, output image): those of the newest outputs that
     /// were sent.
     shown_heads: [SlotHead; MAX_SLAVES],
-    /// When the newest cycle of the bus ran.
+    /// When the newest cycle of the bus ran, board time.
     last_passed: Ns,
-    /// When the newest cycle that carried new outputs ran.
+    /// When the newest cycle that carried new outputs ran, board time.
     last_carried: Ns,
-    /// When the next cycle should run to stay in step with the distributed clocks.
+    /// When the next cycle should run to stay in step with the slaves' distributed clocks, as the bus requests; `None`:
+    /// one period after the last one.
     next_deadline: Option<Ns>,
-    /// In the newest cycle the working counter was too low while the bus named no lost slave, or it was too high.
+    /// Whether, in the newest cycle, the working counter was too low while the bus named no lost slave, or was too high. This
+    /// is logged only when it begins.
     working_counter_wrong: bool,
     /// Whether the hardware that runs the bus did not answer in the previous cycle.
     bus_down: bool,
     /// Whether a frame of another master was seen and logged.
     has_told_other_master: bool,
     local_inputs: u8,
-    /// The local outputs (LIO_WR) that were passed to the bus last.
+    /// The local outputs that LIO_WR has set, as they were passed to the bus last: a chip that runs the bus has output pins for
+    /// them. They are passed again only when LIO_WR has changed them.
     local_outputs_told: u8,
     reports_suppressed: bool,
     boots: u64,
@@ -170,9 +176,10 @@ impl Engine {
     /// Creates the engine of a board at power-on. `pacing` says whether the bus or the runner decides when a cycle
     /// runs.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
-        // How many sets of outputs may be unconfirmed. If the runner decides when a cycle runs, each cycle is answered
-        // at once. A bus that runs its own cycle has some sets in its queue, has sent some since the last poll, and
-        // some are not answered yet. It may name a lost slave as late as an answer can come.
+        // `unconfirmed_max`: how many sets of outputs may be pushed and not known to be sent. If the runner decides when a
+        // cycle runs, each cycle is answered at once. A bus that runs its own cycle has some sets in its queue, has sent some
+        // since the last poll, and some are not answered yet. `answered`: how many sets before these the history keeps, because
+        // the bus may name a lost slave as late as an answer can come.
         let (unconfirmed_max, answered) = match pacing {
             Pacing::Runner => (1, 0),
             Pacing::Bus { depth, answer_delay } => {
@@ -299,7 +306,7 @@ impl Engine {
         &self.counters
     }
 
-    /// The number of events so far: rejections and others that the wire does not show.
+    /// The number of events so far: rejected commands and everything else in [`EventKind`].
     pub const fn events_total(&self) -> u64 {
         self.log.total()
     }
@@ -330,7 +337,7 @@ impl Engine {
         self.fifo.hold(held);
     }
 
-    /// Adds an event to the log.
+    /// Adds an event to the log, which keeps the newest 32.
     pub(crate) fn note(&mut self, event: Event) {
         self.log.push(event);
     }
@@ -351,7 +358,8 @@ impl Engine {
         if !self.network().in_op() {
             return self.execute(frame, at);
         }
-        // SK-5 [OURS]: these three commands act on arrival, before queueing and also when the FIFO is full.
+        // SK-5 [OURS]: SET_STATE, SET_FIFO and SW_RESET act on arrival, before the frame is queued and also when the FIFO
+        // is full.
         let boots = self.boots;
         let slot = frame.slot(size, 0);
         if CommandId::from_code(slot.id).acts_on_arrival() {
@@ -372,7 +380,8 @@ impl Engine {
         self.log.push(Event { at, kind: EventKind::Incomplete { bytes: bytes as u16 } });
     }
 
-    /// Counts a command frame whose rest is lost because the board has booted meanwhile.
+    /// Counts a command frame as incomplete whose rest is lost because the board has booted meanwhile. It is not logged:
+    /// the SW_RESET explains it.
     fn frame_cut_off(&mut self) {
         self.counters.incomplete += 1;
     }
@@ -420,7 +429,7 @@ impl Engine {
         &self.volatile.network
     }
 
-    /// Whether, by the newest inputs of a slave, the motor of one of its axes has torque or is about to have it.
+    /// Whether, by the newest inputs of a slave, the motor of one of its axes has torque, or SV_ON has enabled the axis.
     fn has_torque(&self, slave: u8) -> bool {
         use crate::ethercat::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
         let n = usize::from(slave) - 1;

@@ -37,7 +37,7 @@ enum Recovery {
     NotBegun,
     InPreOp,
     Configured,
-    /// The lost slaves are back. A slave that is lost after this is brought back only by the next SET_STATE.
+    /// The lost slaves were brought back. A slave that is lost after this is brought back only by the next SET_STATE.
     Done,
 }
 
@@ -47,7 +47,7 @@ struct Change {
     target: MasterState,
     deadline: Ns,
     /// When the engine first looked for a step of this change, board time; `None`: the request is newer than the last
-    /// cycle.
+    /// cycle. SDO requests from before this time are carried out before the slaves are configured.
     seen_at: Option<Ns>,
     /// Whether [`Step::Configure`] has begun, with the settings declared by then.
     configuring: bool,
@@ -92,8 +92,8 @@ pub(super) struct Network {
     /// Whether PreOP was reached since the board booted: USB and SPI answer then.
     talks: bool,
     change: Option<Change>,
-    /// The newest SET_STATE since the last cycle, if another change was in progress already. It begins as a new change
-    /// if the other one turns out to have failed.
+    /// The newest SET_STATE since the last cycle, if another change was in progress already. The next cycle may show that
+    /// this other change has failed; then the newest request begins as a change of its own.
     newest: Option<Change>,
     /// The slaves that are lost: they have left the state of the network by themselves, and are not back.
     lost: SlaveSet,
@@ -102,7 +102,7 @@ pub(super) struct Network {
 }
 
 impl Step {
-    /// Whether this is the first step of a recovery.
+    /// Whether this is the first step of bringing lost slaves back.
     fn begins_recovery(self) -> bool {
         match self {
             Self::RecoverToPreOp => true,
@@ -158,8 +158,9 @@ impl Network {
 
     /// Whether slaves that do not answer at present count as lost. In OP they always do, and in SafeOP except during a
     /// change to OP, which waits for them until its deadline. Below SafeOP no process data are exchanged, and the next
-    /// change of state finds missing slaves. SK-4 \[OURS]: a change whose first step still waits (`awaits`) for news of
-    /// a failed change before it does not wait for slaves yet.
+    /// change of state finds missing slaves. SK-4 \[OURS]: `awaits` means that the first step of a change has not begun,
+    /// because it is not known yet which slaves an earlier, failed change has left behind. Such a change does not wait
+    /// for slaves yet.
     pub(super) fn notices_losses(&self, awaits: bool) -> bool {
         match self.reached {
             Some(MasterState::Op) => true,
@@ -253,15 +254,15 @@ impl Network {
         }
     }
 
-    /// Called when the engine looks for the next step at `now`: notes this time for a new change.
+    /// Called when the engine looks for the next step at `now`. For a new change it keeps this time as [`Change::seen_at`].
     pub(super) fn see(&mut self, now: Ns) {
         if let Some(change) = &mut self.change {
             change.seen_at.get_or_insert(now);
         }
     }
 
-    /// Called when all jobs that ended in this cycle were handled: an earlier change can no longer turn out to have
-    /// failed.
+    /// Called when all jobs that ended in this cycle were handled. If another change was in progress at the last SET_STATE, it
+    /// has not failed in this cycle, so [`Self::newest`] is not needed any more.
     pub(super) fn seen(&mut self) {
         self.newest = None;
     }
@@ -414,10 +415,11 @@ impl Network {
         }
     }
 
-    /// Called when a step has failed, or the change took too long: the change ends in the present state, without
-    /// another attempt. At boot the board scans again.
+    /// Called when a step has failed, or the change took too long: the change ends in the present state, without another
+    /// attempt. At boot the board scans again.
     ///
-    /// SK-4: a SET_STATE that has come since the previous cycle begins now, as it would a cycle later.
+    /// SK-4: a SET_STATE that has come since the previous cycle begins now as a new change, as if it had come after the
+    /// failure.
     pub(super) fn fail(&mut self) {
         self.failed = true;
         self.change = self.newest.take();

@@ -2,15 +2,16 @@
 //! entries whose outputs a bus has queued and not sent, these outputs are taken back.
 //!
 //! **Which outputs were sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. When
-//! the outputs of an entry are known to be sent, the entry counts as executed, and its slots for the board itself (slot
-//! 0 and the SDO slot) act.
+//! the outputs of an entry are known to be sent, the entry counts as executed, and its slots for the board itself (slot 0
+//! and the SDO slot) act.
 //!
-//! **How many sets of outputs a bus holds** can only be estimated: every cycle since the newest polled one has taken
-//! one set, if one had been pushed by then. The estimate decides how many sets are pushed, never which were sent.
+//! **How many sets of outputs a bus holds** can only be estimated. Each cycle since the newest polled one is assumed to
+//! have sent one set, if a set was in the queue by then. The estimate decides how many sets are pushed, never which were
+//! sent.
 //!
-//! **An axis that is being switched on** is held at the position that was measured last. Outputs that a bus holds have
-//! an older position: an axis that sags while its brake opens would be pulled back to it when it is enabled. So while
-//! an axis is being switched on only a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or
+//! **An axis that is being switched on** is held at the position that was measured last. Outputs that a bus holds have an
+//! older position: an axis that sags while its brake opens would be pulled back to it when it is enabled. So while an
+//! axis is being switched on only a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or
 //! [`AHEAD_MAX_BESIDE_MOTION`] while other axes follow targets, so that these do not stop.
 
 use super::axis::AllAxes;
@@ -69,8 +70,8 @@ impl Engine {
                 return;
             }
             let (has_entry, deferred) = self.take_entry(now);
-            // A bus that runs its own cycle repeats the last outputs by itself, so that unchanged outputs need not be
-            // pushed.
+            // A bus that runs its own cycle repeats the last outputs by itself. Without a FIFO entry nothing is pushed to
+            // it, as long as its queue is not empty or the outputs are unchanged.
             let repeats = self.pacing != Pacing::Runner && (ahead > 0 || !self.outputs_left && !self.outputs_changed());
             if repeats && !has_entry {
                 return;
@@ -86,8 +87,8 @@ impl Engine {
             record.test = self.volatile.test;
             self.outputs_left = bus.push(&self.outputs).is_err();
             if self.outputs_left {
-                // The bus has just gone down (a cut cable). The commands of the entry were executed, and the next
-                // outputs will carry them.
+                // The bus has just gone down (a cut cable) and has not taken the outputs. The entry counts as executed
+                // now: its commands have changed the state of the axes, and the next outputs are made from that state.
                 self.counters.executed += u64::from(has_entry);
                 self.run_deferred(deferred, now);
                 return;
@@ -113,7 +114,7 @@ impl Engine {
         (true, Some(DeferredSlots { master: entry.slot(size, 0), sdo: entry.slot(size, size.sdo_slot()) }))
     }
 
-    /// Executes the slots of an entry that had to wait until its outputs were sent.
+    /// Executes the slots of an entry that act only when its outputs are sent: slot 0 and the SDO slot.
     fn run_deferred(&mut self, deferred: Option<DeferredSlots>, at: Ns) {
         let Some(DeferredSlots { master, sdo }) = deferred else { return };
         let shown = (self.volatile.master_id, self.volatile.master_result);
@@ -131,8 +132,8 @@ impl Engine {
         self.next_output_id - self.unconfirmed_from
     }
 
-    /// The estimated number of sets of outputs that the bus holds: each cycle since the newest polled one has taken the
-    /// oldest set that had been pushed by then.
+    /// The estimated number of sets of outputs that the bus holds: each cycle of the bus since the newest one whose answer was
+    /// polled is assumed to have sent the oldest set that had been pushed by then.
     fn estimated_ahead(&self, now: Ns) -> u64 {
         if self.pacing == Pacing::Runner {
             return self.unconfirmed();
@@ -149,7 +150,8 @@ impl Engine {
         0
     }
 
-    /// The maximum number of sets of outputs that the bus may hold at present.
+    /// The maximum number of sets of outputs that the bus may hold at present: few while an axis in CSP is being switched
+    /// on, and without a limit otherwise.
     fn ahead_max(&self) -> u64 {
         let found = usize::from(self.network().found());
         let axes = || self.axes[..found].iter().enumerate();
@@ -192,7 +194,7 @@ impl Engine {
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
-    /// Records which outputs were sent, by the ids in a cycle that has passed.
+    /// Records which outputs were sent: a cycle of the bus that has passed names the newest ones by their id.
     pub(super) fn note_confirmed(&mut self, done: &CycleDone) {
         let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
         let entries = self.confirm_sent(sent, done.at);
@@ -215,7 +217,8 @@ impl Engine {
         }
     }
 
-    /// Called when OP begins: records the state of the axes before the first outputs of this OP.
+    /// Called when OP begins: records the state of the axes before the first outputs of this OP, so that a clear can return to
+    /// it.
     pub(super) fn begin_op_outputs(&mut self) {
         self.op_from = self.next_output_id;
         let op_start = &mut self.op_start;
@@ -233,8 +236,8 @@ impl Engine {
         self.clearing != Clearing::Idle
     }
 
-    /// Requests a clear of the outputs that the bus has queued and not sent. A clear that is under way suffices, since
-    /// no outputs were pushed since it began.
+    /// Requests a clear of the outputs that the bus has queued and not sent. Does nothing if a clear is requested or
+    /// running: no outputs are pushed until it ends, so it covers all of them.
     pub(super) fn clear_ahead(&mut self) {
         if self.clearing == Clearing::Idle && self.unconfirmed() > 0 {
             self.clearing = Clearing::Requested;
@@ -272,7 +275,7 @@ impl Engine {
         }
     }
 
-    /// Returns the axes to the state that they had when the newest outputs that were sent were made.
+    /// Returns the axes to the state from which the newest outputs that were sent had been made.
     fn roll_back(&mut self) {
         let sent = match self.next_output_id.checked_sub(1) {
             Some(newest) if newest >= self.op_from => self.records.of(newest),

@@ -11,7 +11,8 @@ use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 /// The state of the board from which one set of outputs was made.
 #[derive(Clone, Debug)]
 pub(super) struct OutputsRecord {
-    /// The commands (id, index, output image) that the slaves' slots in reports show once this set was sent.
+    /// The commands (id, index, output image) in the slaves' slots of reports, from the time on when this set is known to
+    /// be sent.
     pub(super) heads: [SlotHead; MAX_SLAVES],
     /// The checkpoints of the first axes of all slaves, then those of the second axes, since most slaves have only one
     /// axis.
@@ -22,7 +23,7 @@ pub(super) struct OutputsRecord {
     pub(super) homing: [[AxisHoming; MAX_AXES]; MAX_SLAVES],
     /// When the set was passed to the bus, board time.
     pub(super) pushed_at: Ns,
-    /// The phase of the output test of the test mode.
+    /// The progress of the output test (test mode) when the set was made.
     pub(super) test: TestPhase,
 }
 

@@ -8,7 +8,7 @@ use crate::fieldbus::Ns;
 use crate::sk::{Frame, SlotSize};
 
 /// "A command frame that does not arrive completely within 100 cycles is dropped" (UG17 1.3.4). The cycles are those in
-/// force when the frame is dropped \[OURS]: EtherCAT cycles in OP, default cycles before.
+/// force when the frame is dropped \[OURS]: EtherCAT cycles in OP, cycles of 1 ms, the default, before.
 pub const INCOMPLETE_CYCLES: u64 = 100;
 
 /// Pin CONFIG3: what happens to a command frame that does not arrive completely.

@@ -112,7 +112,8 @@ impl Rate {
         })
     }
 
-    /// Converts a span of the machine's time to the runner's clock, rounded down.
+    /// Converts a span of the machine's time to the runner's clock. It is rounded down, so that the runner's clock never
+    /// shows a time before that time has passed.
     pub(crate) fn slowed(self, span: Duration) -> Duration {
         if self.0 == Self::ONE {
             return span;
@@ -157,7 +158,7 @@ impl Clock {
         self.rate
     }
 
-    /// The time since the start of the clock.
+    /// The time on the runner's clock: what has passed since its start, at its rate.
     pub(super) fn now(&self) -> Duration {
         self.rate.slowed(self.start.elapsed())
     }

@@ -1,5 +1,5 @@
-//! The queue of unread reports: the newest are kept, the oldest are dropped and counted (LIB, as in the input queue of
-//! Windows' HID driver).
+//! The queue of unread reports. If it is full, the oldest report is dropped and counted, as in the input queue of Windows' HID
+//! driver (LIB-55).
 
 use crate::fieldbus::Ns;
 use crate::sk::Frame;

@@ -8,7 +8,8 @@ use crate::sk::{
 };
 
 impl Engine {
-    /// Handles a cycle that has passed; `self.inputs` has the inputs of the slaves.
+    /// Evaluates a cycle that the bus has completed: lost slaves, the answers of the axes, and the report. `self.inputs`
+    /// has the inputs of the slaves in this cycle.
     pub(super) fn complete(&mut self, done: &CycleDone) {
         let carried = done.outputs.filter(|id| Some(*id) > self.newest_answered && *id < self.next_output_id);
         self.note_lost(done.at);
@@ -125,8 +126,8 @@ impl Engine {
         }
     }
 
-    /// Refreshes the slots of slaves outside OP: they show the id and index of the last command and keep the other
-    /// bytes.
+    /// Refreshes the slots of slaves outside OP: they show the id and index of the last command. The other bytes keep their
+    /// values.
     fn refresh_heads(&mut self) {
         let size = self.config.slot;
         for slave in 1..=size.max_slaves() {

@@ -1,5 +1,5 @@
-//! Restores the mode of operation after homing (SK-7, firmware 1.7): the board writes the mode of DRIVE_MODE by SDO
-//! transfers of its own.
+//! Restores the mode of operation after homing (SK-7, firmware 1.7): during homing 0x6060 is 6, and afterwards the board writes
+//! the mode that DRIVE_MODE has set, by SDO transfers of its own.
 
 use super::homing::HomingEnd;
 use super::{Engine, Event, EventKind};
@@ -42,17 +42,17 @@ impl Restores {
         Self { due: [SlaveSet::EMPTY; MAX_AXES], failed: [[0; MAX_AXES]; MAX_SLAVES], running: None }
     }
 
-    /// Whether the mode of an axis of this slave is being restored or still has to be.
+    /// Whether the mode of operation of an axis of this slave is being restored after homing, or still has to be.
     pub(super) fn concern(&self, slave: u8) -> bool {
         self.due.iter().any(|due| due.contains(slave)) || self.running.is_some_and(|running| running.slave == slave)
     }
 
-    /// Cancels all restores. A transfer in progress continues.
+    /// Gives up restoring any modes of operation. A transfer in progress continues.
     pub(super) fn cancel_all(&mut self) {
         *self = Self { running: self.running, ..Self::new() };
     }
 
-    /// Cancels all restores of one slave. A transfer in progress continues.
+    /// Gives up restoring modes of operation on one slave. A transfer in progress continues.
     pub(super) fn cancel_slave(&mut self, slave: u8) {
         (0..MAX_AXES).for_each(|axis| self.cancel(Restore { slave, axis }));
     }
@@ -91,8 +91,8 @@ impl Engine {
         }
     }
 
-    /// Starts the next restore. Axes with fewer failed attempts go first, and a slave has to wait while one of its axes
-    /// is homing.
+    /// Starts restoring the mode of the next axis. Axes with fewer failed attempts go first, so that one that fails does not
+    /// hold up the others. A slave has to wait while one of its axes is homing.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
@@ -151,8 +151,8 @@ impl Engine {
         homing.mode_written(since);
     }
 
-    /// Called when a write of 0x6060 has succeeded: the axis is in this mode, and takes targets if it is the mode of
-    /// DRIVE_MODE.
+    /// Called when a write of 0x6060 has succeeded: the axis is in this mode, and takes targets if DRIVE_MODE has set the same
+    /// mode.
     fn note_mode(&mut self, slave: u8, axis: usize, mode: u8) {
         let n = usize::from(slave) - 1;
         self.volatile.modes_written[n][axis] = mode;
@@ -161,17 +161,18 @@ impl Engine {
         self.axes[n][axis].mode_written(newest, in_mode);
     }
 
-    /// Whether the waiting transfer of the host has to wait longer: it writes the mode of an axis that has not come to
-    /// a standstill after homing. If the axis is homing, this call ends the homing.
+    /// Decides whether the waiting transfer of the host has to wait longer: it writes the mode of an axis that has not
+    /// come to a standstill after homing. If the axis is still homing, the homing is ended first, because the host wants
+    /// another mode.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
         let Some((slave, axis)) = self.volatile.sdo.waiting_write().and_then(mode_write) else { return false };
         self.end_homing_of_axis(slave, axis, HomingEnd::ModeWritten, now);
         self.axes[slave - 1][axis].homing.is_ending()
     }
 
-    /// Delays a GO_HOME while a host's earlier write of the same axis's mode is under way. The end of that write ends
-    /// homing, so GO_HOME waits: otherwise its own homing would be ended in the middle of the motion, before the CSP
-    /// target fits the new home position.
+    /// Delays a GO_HOME while an earlier SDO write of the host to the mode of the same axis is under way. When that write
+    /// ends, it ends homing. If GO_HOME did not wait, its homing would be ended in the middle of the motion, while the
+    /// CSP target is still a position from before homing.
     pub(super) fn hold_go_home(&mut self) {
         let Some((slave, axis)) = self.volatile.sdo.running_write().and_then(mode_write) else { return };
         self.axes[slave - 1][axis].homing.wait();

@@ -1,5 +1,5 @@
-//! The SDO slot (SK-6): one transfer at a time, whose answer stays until the next one ends; one more request is held
-//! meanwhile.
+//! The SDO slot (SK-6). The board runs one SDO transfer at a time. The slot shows its answer until the next transfer
+//! ends. While a transfer waits or runs, the board holds one more request of the host.
 
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Ns, SdoRequest};
@@ -26,7 +26,7 @@ impl SdoTransfer {
         Some(Self { slave, object, write, asked_at })
     }
 
-    /// Whether both requests are identical in every bit, so that they count as one transfer.
+    /// Whether both requests are identical in every bit, whenever they were sent, so that they count as one transfer.
     fn repeats(&self, other: &Self) -> bool {
         Self { asked_at: other.asked_at, ..*self } == *other
     }
@@ -44,14 +44,14 @@ impl SdoTransfer {
     }
 }
 
-/// What was done with a request of the host.
+/// What the board did with an SDO request of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Accepted {
     New,
-    /// The request repeats the newest one, which is still waiting or running: it counts as the same transfer.
+    /// The request repeats the host's newest one, which is still waiting or running: both count as one transfer.
     Repeats,
-    /// The request was taken, and an older held request was dropped without running. The id is that of the dropped
-    /// command.
+    /// The board holds the request, in place of an older held one, which it has dropped without running: only one is
+    /// held. The id is the command id (SDO_RD or SDO_WR) of the dropped request.
     Replaces(CommandId),
 }
 
@@ -60,7 +60,7 @@ pub(super) enum Accepted {
 pub(super) struct SdoSlot {
     answer: RawSlot,
     running: Option<SdoTransfer>,
-    /// The request that the bus gets next, as soon as it accepts one.
+    /// The request that the bus starts next. It waits while the bus runs another job.
     waiting: Option<SdoTransfer>,
     /// A request that came while another one of the host waited or ran. It runs after that one.
     held: Option<SdoTransfer>,
@@ -76,10 +76,10 @@ impl SdoSlot {
         &self.answer
     }
 
-    /// Takes a command of the host. SK-6 \[OURS]: a request that comes while another one waits or runs is held, one
-    /// deep, and runs next: a client library writes one object within a millisecond after another without waiting for
-    /// answers. A request that repeats the newest one counts as the same transfer, since programs that poll send it in
-    /// every frame.
+    /// Takes an SDO command of the host. SK-6 \[OURS]: if a request comes while another one waits or runs, the board
+    /// holds it and runs it next, since a client library writes two objects within a millisecond and does not wait for
+    /// answers. The board holds only one request: a third one replaces it. A request that repeats the newest one counts
+    /// as the same transfer, since programs that poll send it in every frame.
     pub(super) fn command(&mut self, command: SdoCommand, at: Ns) -> Accepted {
         let Some(transfer) = SdoTransfer::of(command, at) else { return Accepted::New };
         let newest = self.held.or(self.waiting).or(self.running);
@@ -98,7 +98,8 @@ impl SdoSlot {
         self.waiting.is_some_and(|transfer| transfer.asked_at <= by)
     }
 
-    /// The transfer that waits for the bus; `None`: no transfer waits.
+    /// The transfer that waits until the bus can start it; `None`: no transfer waits. `timeout_ns`: how long the slave
+    /// may take to answer.
     pub(super) fn waiting(&self, timeout_ns: Ns) -> Option<SdoRequest> {
         let SdoTransfer { slave, object, write, .. } = self.waiting?;
         Some(SdoRequest { slave, object, write: write.map(|(size, value)| (size, value & size.mask())), timeout_ns })
@@ -125,8 +126,8 @@ impl SdoSlot {
         self.waiting = self.held.take();
         let (id, slave, object) = (transfer.id(), transfer.slave, transfer.object);
         self.answer = match result {
-            // The answer to a download repeats all bytes of Data2 as the host sent them, since programs compare them
-            // (LIB, habits).
+            // The answer to a download repeats all bytes of Data2 as the host sent them: programs wait until Data2 of
+            // the answer equals Data2 of their request (LIB-24).
             Ok(read) => {
                 let value = transfer.write.map_or(read, |(_, value)| value);
                 SdoResponse::Done { id, slave, object, value }.encode()

@@ -1,5 +1,5 @@
-//! Why the network is not in the requested state. Byte 2 of slot 0 shows only that there is a failure: it is 0x10 plus
-//! the last state that all slaves have reached, most often 0x12.
+//! Why the network is not in the requested state. Byte 2 of slot 0 in reports shows only that there is a failure: it is 0x10
+//! plus the last state that all slaves have reached, most often 0x12.
 
 use std::fmt;
 
@@ -14,11 +14,12 @@ const WRONG_WATCHDOG: u16 = AlStatus::INVALID_WATCHDOG.0;
 /// A slave that has left SafeOP or OP by itself, with its AL status code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveFall {
-    /// The number of the slave, counted from 1.
+    /// The number of the slave in network order, counted from 1.
     pub slave: u8,
     /// The AL status code (ETG.1000.6 table 11).
     pub al_status: u16,
-    /// If this machine was late and sent no frames shortly before, the length of that pause, ns; 0: there was no pause.
+    /// If this machine was late just before the slave left its state, how long it sent no frames, ns; 0: it was not
+    /// late, or the bus does not know. Such a pause may have expired the slave's watchdog.
     pub stood_still_ns: Ns,
 }
 
@@ -46,13 +47,14 @@ impl fmt::Display for SlaveFall {
     }
 }
 
-/// Why a change of state has failed, or which slave has left its state. Reports do not show the reason.
+/// Why a change of state has failed, or which slave has left its state. Reports do not show the reason: programs get it
+/// from a [`Snapshot`](super::Snapshot).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StateFailure {
     /// No slave was found.
     NoSlave,
-    /// In the change from PreOP to SafeOP a slave has refused the process data of its declared kind. The usual cause is
-    /// a slave that no SET_AXIS has declared: it counts as IO.
+    /// In the change from PreOP to SafeOP a slave has refused the PDOs of the kind that SET_AXIS has declared for it.
+    /// Usually no SET_AXIS has declared the slave, so that it counts as IO.
     Declared {
         /// The number of the slave, counted from 1.
         slave: u8,
@@ -71,7 +73,7 @@ pub enum StateFailure {
         /// The kind of slave that SET_AXIS has declared.
         kind: SlaveKind,
     },
-    /// A slave has refused a state.
+    /// In a change of state a slave has refused to go to the requested state.
     Refused {
         /// The number of the slave, counted from 1.
         slave: u8,
@@ -80,39 +82,41 @@ pub enum StateFailure {
         /// The AL status code (ETG.1000.6 table 11).
         al_status: u16,
     },
-    /// A slave refuses the watchdog time after which it leaves OP without outputs (registers 0x0400 and 0x0420), or
-    /// reports it as invalid.
+    /// A slave does not accept the watchdog timeout (registers 0x0400 and 0x0420), or reports it as invalid. After this
+    /// time without outputs a slave leaves OP.
     Watchdog {
         /// The number of the slave, counted from 1.
         slave: u8,
     },
-    /// A slave has not answered.
+    /// In a change of state a slave has not answered the master.
     Silent {
         /// The number of the slave, counted from 1.
         slave: u8,
     },
-    /// A slave answers, but has not reached the state, and shows no AL status code.
+    /// In a change of state a slave answers, but has not reached the target state, and shows no AL status code.
     WithoutReason {
         /// The number of the slave, counted from 1.
         slave: u8,
         /// The state that the slave had to reach.
         target: MasterState,
     },
-    /// The hardware between the board and the slaves cannot do what SET_AXIS and SET_DC ask for.
+    /// The master hardware that runs the network, such as an ECM-XF, cannot do what SET_AXIS and SET_DC have declared.
     Hardware(HardwareLimit),
     /// The change of state exceeded its timeout.
     Late {
         /// The state that the network had to reach next.
         target: MasterState,
     },
-    /// A slave has left SafeOP or OP by itself.
+    /// A slave was lost: it does not answer any more, or it has left SafeOP or OP by itself and its AL status code is
+    /// unknown.
     Lost {
         /// The number of the slave, counted from 1.
         slave: u8,
     },
-    /// A slave has left SafeOP or OP by itself and shows an AL status code.
+    /// A slave has left SafeOP or OP by itself, and its AL status code is known.
     Fell(SlaveFall),
-    /// A slave answers, but its inputs are stale: the working counter of their datagram was wrong for too long.
+    /// A slave answers, but its inputs are stale: the working counter of the datagram with its inputs was wrong for at
+    /// least [`STALE_AFTER`](crate::fieldbus::STALE_AFTER).
     Stale {
         /// The number of the slave, counted from 1.
         slave: u8,
@@ -120,7 +124,8 @@ pub enum StateFailure {
 }
 
 impl StateFailure {
-    /// The state failure for a slave that has made a job of the bus fail. `kind`: the declared kind of that slave.
+    /// The state failure that follows from a slave's `refusal`. `configuring`: the refused step was the configuration
+    /// of the slaves. `target`: the state that the step leads to. `kind`: the declared kind of that slave.
     pub(super) const fn of(refusal: Refusal, configuring: bool, target: MasterState, kind: SlaveKind) -> Self {
         let Refusal { slave, al_status, abort } = refusal;
         match (al_status, abort, configuring) {
@@ -148,8 +153,8 @@ impl StateFailure {
         }
     }
 
-    /// The text to show beside a state byte: this reason if it is known, else the general meaning of the byte
-    /// ([`StateByte::explanation`]). `None`: the state has not failed.
+    /// The text to show beside a state byte: the reason `why` if it is known, else what the state byte says by itself
+    /// ([`StateByte::explanation`]). `None`: the byte shows no failure.
     pub fn explain(state: StateByte, why: Option<&Self>) -> Option<String> {
         let general = state.explanation()?;
         Some(why.map_or_else(|| general.to_owned(), Self::to_string))

@@ -1,5 +1,5 @@
-//! The runner with virtual time: time passes only in calls of the host, so that hours pass in seconds, and a single
-//! calling thread gets the same bytes in every run.
+//! Runs a board in virtual time. Board time passes only in calls of the host, so that a test of hours takes seconds of
+//! real time, and a program with one thread gets the same bytes in every run.
 
 use std::time::Duration;
 
@@ -10,12 +10,12 @@ use super::reports::{Report, ReportQueue};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// How much board time a read without waiting takes \[OURS]: one USB microframe. Otherwise no time would pass for a
-/// program that polls without waiting.
+/// How much board time a read without waiting takes \[OURS]: one USB microframe. If it took none, board time would
+/// stand still for a program that polls in a loop, and no report would ever come.
 const POLL_READ_NS: Ns = 125_000;
 
-/// How much time [`Stepped::pass`] lets pass before calls of other threads may run \[OURS]: some hundred cycles, which
-/// take less than a millisecond of machine time.
+/// How much board time [`Stepped::pass`] lets pass before it releases its lock, so that calls of other threads wait
+/// only shortly \[OURS]: some hundred cycles, which take less than a millisecond of machine time.
 const PASS_STEP_NS: Ns = 100_000_000;
 
 /// Why a call on a stepped or threaded board has ended without result.
@@ -23,14 +23,16 @@ const PASS_STEP_NS: Ns = 100_000_000;
 pub enum Stop {
     /// The time limit of the call has passed.
     Timeout,
-    /// The board makes no reports, and nothing can change that any more.
+    /// The board makes no reports, and will not make any while the call waits: the first cable is cut or reports are
+    /// suppressed, and no fault script is left that could change this.
     Silent {
         /// When the last report was made, board time.
         since: Ns,
         /// How many cycles have passed without a report since.
         cycles: u64,
     },
-    /// The board has rebooted since the interface was opened: it has to be opened again.
+    /// The board has rebooted since the interface was opened, as after SW_RESET: open it again, as with a USB device
+    /// that was plugged in anew.
     Rebooted,
     /// The interface was closed.
     Closed,
@@ -41,7 +43,7 @@ pub enum Stop {
 }
 
 struct State {
-    /// The board; `None`: the host interface was closed.
+    /// The board; `None`: the interface was closed, and [`Stepped::close`] has given the board to its caller.
     board: Option<Board>,
     reports: ReportQueue,
     boots: u64,
@@ -57,8 +59,8 @@ pub struct Stepped {
 }
 
 impl Stepped {
-    /// Opens the board's host interface. A write takes `host_ns` of board time, and the newest `queue` reports are
-    /// kept.
+    /// Opens the board's host interface. A write takes `host_ns` of board time, as the transfer of a frame does on USB.
+    /// The newest `queue` reports are kept.
     pub fn new(board: Board, host_ns: Ns, queue: usize) -> Self {
         let boots = board.engine().boots();
         Self { state: Mutex::new(State { board: Some(board), reports: ReportQueue::new(queue), boots }), host_ns }
@@ -68,10 +70,10 @@ impl Stepped {
         self.state.lock()
     }
 
-    /// Hands a frame to the board. Returns the board time at which it has arrived.
+    /// Sends a frame to the board. Returns the board time at which it has arrived, after the time that a write takes.
     ///
     /// # Errors
-    /// [`Stop::Rebooted`], [`Stop::Closed`]; the frame was not taken.
+    /// [`Stop::Rebooted`], [`Stop::Closed`] or [`Stop::BusGone`]; the board has not received the frame.
     pub fn write(&self, frame: &Frame) -> Result<Ns, Stop> {
         let State { board, reports, boots } = &mut *self.lock();
         let board = alive(board, *boots)?;
@@ -89,8 +91,9 @@ impl Stepped {
     /// limit.
     ///
     /// # Errors
-    /// [`Stop::Timeout`]; [`Stop::Silent`] as soon as a cycle passes without a report, since nothing changes while this
-    /// call waits; [`Stop::Rebooted`]; [`Stop::Closed`].
+    /// [`Stop::Timeout`] after `limit`. [`Stop::Silent`] as soon as a cycle passes without a report, since nothing
+    /// changes while this call waits. [`Stop::Rebooted`], [`Stop::Closed`] or [`Stop::BusGone`] if the interface is not
+    /// open.
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
         let State { board, reports, boots } = &mut *self.lock();
         let board = alive(board, *boots)?;
@@ -119,11 +122,11 @@ impl Stepped {
         }
     }
 
-    /// Lets that much time pass and returns the new board time. Reports made meanwhile are queued like any others.
-    /// Calls of other threads may run in between.
+    /// Lets `time` nanoseconds of board time pass and returns the new board time. Reports made meanwhile are queued
+    /// like any others. Calls of other threads may run in between.
     ///
     /// # Errors
-    /// [`Stop::Rebooted`], [`Stop::Closed`].
+    /// [`Stop::Rebooted`], [`Stop::Closed`] or [`Stop::BusGone`]: time that passed before the error stays passed.
     pub fn pass(&self, time: Ns) -> Result<Ns, Stop> {
         let mut left = time;
         loop {
@@ -144,7 +147,8 @@ impl Stepped {
         board.advance(to, &mut |frame, at| reports.push(frame, at));
         let (now, is_same_boot) = (board.now(), board.engine().boots() == *boots);
         let is_gone = board.cards_gone().is_some_and(|gone| gone.is_all);
-        // A fair unlock gives the lock to a waiting thread first.
+        // A fair unlock gives the lock to a waiting thread. With an ordinary one, the loop in `pass` would lock again
+        // first and keep the other threads out.
         MutexGuard::unlock_fair(state);
         match (is_gone, is_same_boot) {
             (true, _) => Err(Stop::BusGone),
@@ -156,7 +160,7 @@ impl Stepped {
     /// Checks that the host interface is open. No time passes.
     ///
     /// # Errors
-    /// [`Stop::Rebooted`], [`Stop::Closed`].
+    /// [`Stop::Rebooted`], [`Stop::Closed`] or [`Stop::BusGone`]: the interface is not open.
     pub fn check(&self) -> Result<(), Stop> {
         let State { board, boots, .. } = &mut *self.lock();
         alive(board, *boots).map(|_| ())

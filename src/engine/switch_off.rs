@@ -4,16 +4,16 @@ use super::Board;
 use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{FifoAction, Frame, MasterCommand, MasterState, SlaveCommand};
 
-/// How long all axes together may take to come to a standstill. \[OURS]
+/// How long all axes together may take to come to a standstill. After that the network leaves OP in any case. \[OURS]
 const STANDSTILL_NS: Ns = 3_000_000_000;
-/// How long the network may take to reach PreOP. \[OURS]
+/// How long the network may take to reach PreOP; then the board is switched off all the same. \[OURS]
 const PRE_OP_NS: Ns = 5_000_000_000;
 
 impl Board {
-    /// Brings the network to a safe state before the board is switched off: the FIFO is cleared, every axis is switched
-    /// off as by SV_OFF, which makes it brake (0x605C of the drive), and the network goes to PreOP, so that no output
-    /// holds. Board time passes meanwhile, some seconds at most. Returns the slaves with an axis that was still on at
-    /// the end of the wait for the standstill; they have left OP all the same, unless the bus is down.
+    /// Brings the network to a safe state before the board is switched off. The FIFO is cleared. Every axis is switched
+    /// off as by SV_OFF, which makes it brake (0x605C of the drive). Then the network goes to PreOP, so that digital
+    /// outputs go off, too. This takes some seconds of board time at most. Returns the slaves with an axis that still
+    /// had torque at the end of the wait for the standstill; they have left OP all the same, unless the bus is down.
     pub fn switch_off(&mut self) -> SlaveSet {
         if !self.engine().network().in_op() {
             return SlaveSet::EMPTY;
@@ -46,8 +46,8 @@ impl Board {
         let end = self.now().saturating_add(limit_ns);
         let is_gone = |board: &Self| board.cards_gone().is_some_and(|gone| gone.is_all);
         while !done(self) && self.now() < end && !is_gone(self) {
-            // No runner waits for cycles here: each cycle gets the whole time until it is due, so the board is never
-            // late.
+            // Before each cycle the bus gets all the time until the cycle is due. No runner, which could be late, is
+            // involved here, so the board never is late.
             self.work_until(self.now(), self.next_cycle());
             self.cycle(&mut |_, _| {});
         }

@@ -7,7 +7,8 @@ use crate::sk::MasterState;
 
 /// How long all outputs of all IO slaves are on at the beginning of each round. SK-4 \[OURS]: 2 s.
 pub const ALL_ON_NS: Ns = 2_000_000_000;
-/// After that, how long each output is on alone, slave by slave from output 0 on, until the next round begins \[OURS].
+/// After all outputs were on, each output is on alone for this time, slave by slave from output 0 on. Then the next
+/// round begins. \[OURS]
 pub const ONE_ON_NS: Ns = 250_000_000;
 /// The number of digital outputs of an IO slave.
 const OUTPUTS: u64 = 16;
@@ -18,7 +19,7 @@ pub(super) enum TestPhase {
     /// The board has not reached PreOP since its boot.
     #[default]
     Booting,
-    /// The board has requested OP once. The test starts from the beginning whenever the network is in OP.
+    /// The board has requested OP once and waits until the network is in OP. The test then starts from the beginning.
     Waiting,
     /// The test runs, since this board time.
     Running(Ns),
@@ -26,7 +27,8 @@ pub(super) enum TestPhase {
     Over,
 }
 
-/// The 16 outputs that the test sets on the `n`-th (from 0) of `slaves` IO slaves, `elapsed_ns` after the test began.
+/// The digital outputs (bit k: output k) that the test gives to the `n`-th (from 0) of `slaves` IO slaves, `elapsed_ns`
+/// after the test began.
 fn image(n: u64, slaves: u64, elapsed_ns: Ns) -> u16 {
     let round_ns = ALL_ON_NS + slaves * OUTPUTS * ONE_ON_NS;
     match (elapsed_ns % round_ns).checked_sub(ALL_ON_NS) {
@@ -45,7 +47,8 @@ impl Engine {
         match self.volatile.test {
             TestPhase::Booting if self.talks() => {
                 self.volatile.test = TestPhase::Waiting;
-                // Any SET_STATE is accepted in PreOP, so this request cannot fail.
+                // The result is ignored: the network is in PreOP, where every SET_STATE is allowed, so this request
+                // cannot fail.
                 self.volatile.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns), false);
             }
             TestPhase::Waiting if in_op => {

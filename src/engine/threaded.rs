@@ -1,4 +1,4 @@
-//! The runner with real time: a thread that runs the cycles at absolute deadlines.
+//! Runs a board in real time: the runner is a thread that runs the board's cycles at absolute deadlines.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -13,16 +13,19 @@ use super::{Board, Counters, Event, Snapshot};
 use crate::fieldbus::{CardsGone, Ns};
 use crate::sk::Frame;
 
-/// The runner looks into its inbox at least this often, even in long cycles. A close takes at most this long, too.
+/// The runner takes command frames out of its inbox at least this often, even if its cycles are longer.
+/// [`Threaded::close`] waits at most this long for the thread, too.
 const VISIT_INTERVAL: Duration = Duration::from_millis(5);
-/// The number of frames that a host can hand over between two visits of the runner: more than can arrive in that time.
+/// The number of command frames that the inbox can hold: more than can arrive in a [`VISIT_INTERVAL`], so that writers
+/// do not wait for the runner.
 const INBOX_FRAMES: usize = 256;
 /// The longest delay after which cycles are caught up on. After a longer one (a machine that was suspended, a process
-/// stopped in a debugger) board time skips the whole gap, and the gap is counted \[OURS]. A machine that is too slow
-/// for its cycles has such gaps again and again, and its board runs more slowly than the clock.
+/// stopped in a debugger) board time skips the whole gap, and [`Lateness::skipped_ns`] counts it \[OURS]. If a machine
+/// is too slow for its cycles, this happens again and again, and the board runs more slowly than the clock.
 const CATCH_UP_MAX: Duration = Duration::from_secs(1);
-/// The minimum time that a write waits until the simulated wire is free, even if its timeout is shorter: one USB
-/// microframe of board time \[OURS], so that two writes in a row do not fail.
+/// A write waits at least this long until the simulated wire is free, even if its timeout is shorter: one USB
+/// microframe of board time \[OURS]. With a shorter wait, a second write right after the first would fail, since a
+/// frame occupies the wire for some time.
 const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
 /// How often a waiting read calls its caller back: a network that does not answer makes no reports, so the caller has
 /// to check for other reasons to stop. \[OURS]
@@ -59,9 +62,10 @@ struct Shared {
     skipped_ns: AtomicU64,
     /// When the next cycle of the board is due, board time.
     due: AtomicU64,
-    /// Cycles that are later than this are skipped, nanoseconds of board time.
+    /// Delay of a cycle above which the runner skips the delay in board time instead of catching up, nanoseconds of
+    /// board time: the result of [`late_max`].
     late_max_ns: AtomicU64,
-    /// `card_gone`: the first of two network cards that has disappeared. `all_gone`: the last card has.
+    /// `card_gone`: the first loss of a network card while another card still works. `all_gone`: no card is left.
     card_gone: OnceLock<CardsGone>,
     all_gone: OnceLock<CardsGone>,
 }
@@ -88,9 +92,9 @@ impl Shared {
         }
     }
 
-    /// Records the loss of network cards. Ends the host interface when the last card is gone.
+    /// Records the loss of a network card. When no card is left, this ends the host interface.
     fn note_cards(&self, gone: CardsGone) {
-        // If a loss was recorded before, that one stays.
+        // Only the first loss of each kind is recorded: `set` does nothing if there is one.
         if gone.is_all {
             let _ = self.all_gone.set(gone);
             self.handover.end(Stop::BusGone);
@@ -103,7 +107,8 @@ impl Shared {
 /// The arrival times that were given to written frames.
 #[derive(Default)]
 struct Writes {
-    /// When the next frame may arrive, on the runner's clock.
+    /// The earliest time at which the next frame may arrive at the board, on the runner's clock: until then the frame
+    /// before it occupies the simulated wire.
     next: Duration,
     /// The newest arrival, board time. No later frame arrives before it, unless more board time was skipped since.
     newest: Ns,
@@ -124,8 +129,8 @@ pub struct Threaded {
 
 impl Threaded {
     /// Opens the host interface of the board and starts its thread. A write takes `host_ns` of board time, and the
-    /// newest `queue` reports are kept. `rate` is the speed of board time relative to machine time; timeouts of calls
-    /// are machine time.
+    /// newest `queue` reports are kept. `real_time`: priority, processor and memory locking of the thread. `rate` is
+    /// the speed of board time relative to machine time; timeouts of calls are machine time.
     ///
     /// # Errors
     /// The error of the system if it starts no thread; the board is dropped then.
@@ -153,11 +158,13 @@ impl Threaded {
         })
     }
 
-    /// Hands over a frame. Waits for earlier frames and for room at most `limit`, but at least 125 us. Returns the
-    /// board time at which the frame has arrived.
+    /// Sends a frame to the board. The call waits until earlier frames have passed the simulated wire, and for room in
+    /// the inbox, for at most `limit`. A `limit` below 125 us of board time counts as 125 us, so that a second write
+    /// right after the first does not fail. `None`: no limit. Returns the board time at which the frame arrives.
     ///
     /// # Errors
-    /// [`Stop`]; the frame was not taken.
+    /// [`Stop::Timeout`]; [`Stop::Cancelled`] by [`Self::cancel_writes`]; [`Stop::Rebooted`], [`Stop::Closed`] and
+    /// [`Stop::BusGone`] if the interface is not open any more. The board does not get the frame then.
     pub fn write(&self, frame: &Frame, limit: Option<Duration>) -> Result<Ns, Stop> {
         let now = self.clock.now();
         let rate = self.clock.rate();
@@ -170,8 +177,8 @@ impl Threaded {
             }
             let (now_there, skipped) = self.board_time(now);
             let at = now_there + (arrival - now).as_nanos() as Ns;
-            // A frame written at the beginning of a gap may have an arrival time within the gap, which was skipped
-            // later. This time must not delay later frames.
+            // If board time has skipped a gap since the last write, the arrival time of that write may lie within the
+            // gap, which is later than board time is now. This arrival time must not delay later frames.
             let newest = if std::mem::replace(&mut writes.skipped, skipped) == skipped { writes.newest } else { 0 };
             writes.newest = newest.max(at);
             (arrival, writes.newest)
@@ -182,8 +189,8 @@ impl Threaded {
     }
 
     /// Converts a time of the runner's clock to board time, and returns how much board time was skipped so far. If the
-    /// runner is so late that it will skip the present gap, the result is the time of the cycle that is due: a frame
-    /// written now arrives with it.
+    /// next cycle is so late that the runner will skip its delay, the result is the time at which this cycle was due: a
+    /// frame written now counts as arrived at that time.
     fn board_time(&self, now: Duration) -> (Ns, Ns) {
         let due = self.shared.due.load(Ordering::Acquire);
         let skipped = self.shared.skipped_ns.load(Ordering::Relaxed);
@@ -195,15 +202,17 @@ impl Threaded {
     /// Takes the oldest unread report. If there is none, waits for one at most `limit`; `None`: no limit.
     ///
     /// # Errors
-    /// [`Stop`].
+    /// [`Stop::Timeout`]; [`Stop::Cancelled`] by [`Self::cancel_reads`]; [`Stop::Rebooted`], [`Stop::Closed`] and
+    /// [`Stop::BusGone`] if the interface is not open any more.
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
         self.shared.handover.receive(out, limit.and_then(end_after))
     }
 
-    /// Like [`Self::read`], but calls `meanwhile` every 20 ms during the wait, without holding a lock.
+    /// Like [`Self::read`], but calls `meanwhile` every 20 ms during the wait, without holding a lock, so that the
+    /// caller can look for other reasons to stop.
     ///
     /// # Errors
-    /// [`Stop`].
+    /// As of [`Self::read`].
     pub fn read_and(
         &self,
         out: &mut Frame,
@@ -225,7 +234,7 @@ impl Threaded {
     /// Succeeds if the interface is open. Does not wait.
     ///
     /// # Errors
-    /// [`Stop::Rebooted`], [`Stop::Closed`].
+    /// [`Stop::Rebooted`], [`Stop::Closed`] or [`Stop::BusGone`]: the interface is not open any more.
     pub fn check(&self) -> Result<(), Stop> {
         self.shared.handover.check()
     }
@@ -251,12 +260,13 @@ impl Threaded {
         self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).snapshot
     }
 
-    /// The network cards that have disappeared; `None`: all are there.
+    /// The loss of all network cards if none is left, else the first loss of one of two cards. `None`: no card is gone.
     pub fn cards_gone(&self) -> Option<&CardsGone> {
         self.shared.all_gone.get().or_else(|| self.shared.card_gone.get())
     }
 
-    /// Takes the events since the last call, with the counters and the time of the board's last cycle.
+    /// Takes the events of the board's log since the last call, with the counters and the board time after the newest
+    /// cycle.
     pub fn take_events(&self) -> (Vec<Event>, Counters, Ns) {
         let mut shown = self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner);
         (shown.events.drain(..).collect(), shown.counters, shown.now)
@@ -271,7 +281,8 @@ impl Threaded {
         }
     }
 
-    /// Ends every wait, stops the thread and returns the board; `None`: the runner was closed before.
+    /// Ends all waiting reads and writes, stops the thread and returns the board. `None`: the interface was closed
+    /// before, or the thread has panicked.
     pub fn close(&self) -> Option<Board> {
         self.shared.handover.end(Stop::Closed);
         self.shared.stop.store(true, Ordering::Release);
@@ -313,8 +324,8 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let rate = clock.rate();
     let (between_visits, catch_up_max) = (rate.slowed(VISIT_INTERVAL), rate.slowed(CATCH_UP_MAX));
     let catches_up = board.catches_up();
-    // Late cycles are caught up on in parts, and frames are taken after each part. Without catching up a part is one
-    // cycle.
+    // Late cycles are caught up on in batches of [`VISIT_INTERVAL`], and frames are taken from the inbox before each
+    // batch. If the board does not catch up, a batch is one cycle.
     let longest_part = if catches_up { between_visits.as_nanos() as Ns } else { 0 };
     while !shared.stop.load(Ordering::Acquire) {
         let mut due = skipped + Duration::from_nanos(board.next_cycle() - zero);
@@ -328,8 +339,8 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         now = clock.now();
         let late = now.saturating_sub(due);
         if catches_up && late > catch_up_max {
-            // The whole gap is skipped, so that the next cycle is due now: with a rest of the gap, the delay would
-            // exceed the limit again in the next iteration.
+            // Board time skips the whole delay, so that the next cycle is due now. If it skipped only a part, the rest
+            // would again be above `catch_up_max` in the next iteration.
             due = now;
             skipped += late;
             shared.skipped_ns.fetch_add(late.as_nanos() as u64, Ordering::Relaxed);
@@ -337,8 +348,8 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         if !catches_up {
             let period = board.period_ns();
             let cycles = cycles_to_leave_out(late.as_nanos() as Ns, period);
-            // Cycles are not left out twice in a row, so that a machine that is always late still runs every other
-            // cycle.
+            // After cycles were left out one cycle always runs, however late. Otherwise a machine that is always late
+            // would never run one.
             if cycles > 0 && !std::mem::replace(&mut has_left_out, true) {
                 board.leave_out(cycles);
                 skipped += Duration::from_nanos(cycles * period);
@@ -380,8 +391,8 @@ const fn cycles_to_leave_out(late_ns: Ns, period_ns: Ns) -> u64 {
     if late_ns <= period_ns / 2 { 0 } else { late_ns.div_ceil(period_ns) }
 }
 
-/// Passes the frames in the inbox that arrive by `until` to the board. If the arrival time of a frame is after
-/// `board_now`, it lies in a gap that was skipped after the write: the frame counts as arrived.
+/// Passes the frames in the inbox that arrive by `until` to the board. A frame with an arrival time after `board_now`
+/// was written before board time skipped a gap: the machine's clock has passed its arrival, so the board gets it now.
 fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, frame: &mut Frame) {
     while let Some(at) = shared.handover.next_frame(frame, |at| at <= until || at >= board_now) {
         let at = at.clamp(board.now(), until.max(board.now()));
@@ -389,8 +400,8 @@ fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, fra
     }
 }
 
-/// Copies counters, snapshot and new events for other threads. Does nothing while one of them reads these, so that the
-/// runner does not wait.
+/// Copies counters, snapshot and new events to the view for other threads. If another thread has locked the view,
+/// nothing is copied before the next cycle, so that the runner does not wait.
 fn publish_view(board: &Board, shared: &Shared) {
     let Ok(mut shown) = shared.shown.try_lock() else { return };
     let engine = board.engine();

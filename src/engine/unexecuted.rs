@@ -1,9 +1,9 @@
-//! The causes for which commands are not executed in time without being rejected. Each has a counter.
+//! Why a command that was not rejected may have no effect, or a late one. Each cause has a counter.
 
 use super::Counters;
 
-/// A cause of commands that were not executed, apart from a [`Reason`](super::Reason) for a rejection. Each has a
-/// counter in [`Counters`] (SK-4).
+/// A cause why commands were not executed, or late, or may fail soon, although the board did not reject them (for
+/// rejections see [`Reason`](super::Reason)). Each cause has a counter in [`Counters`] (SK-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Unexecuted {
     /// [`Counters::full`]: the command FIFO had no room for the frame.
@@ -16,7 +16,8 @@ pub enum Unexecuted {
     WhileBooting,
     /// [`Counters::ignored_homing`]: the slave was homing, or its mode was being restored.
     IgnoredHoming,
-    /// [`Counters::discarded_before_enabled`]: a target came before Operation enabled.
+    /// [`Counters::discarded_before_enabled`]: the target of a CSP, CSV or CST came while the drive was not in
+    /// Operation enabled, where a drive follows no target.
     BeforeEnabled,
     /// [`Counters::for_lost`]: the slave was lost, or had left OP.
     ForLost,
@@ -24,16 +25,18 @@ pub enum Unexecuted {
     Cleared,
     /// [`Counters::sdo_aborted`]: an SDO transfer was started, and the slave aborted it or did not answer.
     SdoAborted,
-    /// [`Counters::outputs_lost`]: a bus that queues outputs gave some of them up.
+    /// [`Counters::outputs_lost`]: a bus that queues outputs has dropped some of them, or a slave has missed them.
     OutputsLost,
-    /// [`Counters::cycles_left_out`]: the machine was late and skipped cycles, so that commands are executed late.
+    /// [`Counters::cycles_left_out`]: the machine was late and skipped cycles. No command was lost, but commands are
+    /// executed late.
     LeftOut,
-    /// [`Counters::ring_broken`]: no command was lost, but another cut of the ring would disconnect slaves.
+    /// [`Counters::ring_broken`]: a cycle ran with a cut cable in the ring. No command was lost, but a second cut would
+    /// disconnect slaves.
     RingBroken,
-    /// [`Counters::inputs_held`]: no command was lost, but inputs of slaves were ignored because of a wrong working
-    /// counter.
+    /// [`Counters::inputs_held`]: no command was lost, but the working counter was wrong, so that reports showed the
+    /// previous inputs of slaves.
     InputsHeld,
-    /// [`Counters::inputs_stale`]: slaves were lost because their inputs did not come for too long.
+    /// [`Counters::inputs_stale`]: slaves count as lost because they have sent no valid inputs for too long.
     InputsStale,
 }
 
@@ -59,7 +62,8 @@ impl Unexecuted {
         Self::InputsStale,
     ];
 
-    /// The value of the counter of this cause.
+    /// The counter of this cause in `counters`. [`Self::meaning`] says what it counts: frames, commands, cycles or
+    /// slaves.
     pub const fn of(self, counters: &Counters) -> u64 {
         match self {
             Self::Full => counters.full,

@@ -9,8 +9,9 @@ use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
 
-/// For each slave, the time of the first cycle whose answer was measured after the slave's last change of state. A bus
-/// may deliver older answers later, which do not show whether the slave is in the new state.
+/// For each slave, the board time from which on inputs of a cycle are certainly newer than the slave's last change of
+/// state. A bus that queues may deliver inputs from before the change, which do not show whether the slave is in the
+/// new state.
 pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
 /// The two switches that SET_EX sets: whether the board checks the CRC of commands, and whether it fills in that of
@@ -21,7 +22,8 @@ pub(super) struct CrcSwitches {
     pub(super) fill_responses: bool,
 }
 
-/// The factory setting of the CRC switches, SK-1 \[OURS].
+/// The CRC switches of a board as delivered, before the first SET_EX: it checks no command frames and fills the CRC of
+/// reports. SK-1 \[OURS].
 pub(super) const FACTORY_CRC: CrcSwitches = CrcSwitches { check_commands: false, fill_responses: true };
 
 /// The part of a slave's slot in a report that shows the command executed last: id, index and, after IO_WR, the
@@ -35,8 +37,8 @@ pub(super) struct SlotHead {
 }
 
 impl SlotHead {
-    /// Called when the outputs of the slave are off: the answer to an IO_WR shows 0 instead of the outputs that it has
-    /// written.
+    /// Called when the outputs of the slave are off since it has left OP or is lost. The answer to its last IO_WR then
+    /// shows 0, which is what the terminals have, instead of the outputs that were written.
     pub(super) fn outputs_off(&mut self) {
         self.output_image = self.output_image.map(|_| 0);
     }
@@ -48,34 +50,35 @@ pub(super) struct Volatile {
     pub(super) kinds: [SlaveKind; MAX_SLAVES],
     pub(super) modes: [(Mode, DriveSync); MAX_SLAVES],
     pub(super) cycle: CycleTime,
-    /// Whether SET_AXIS, DRIVE_MODE or SET_DC came since the boot.
+    /// Whether SET_AXIS, DRIVE_MODE or SET_DC came since the boot. Only then the bus gets a configuration to prepare.
     pub(super) has_declared: bool,
-    /// When the engine gives the bus the declared configuration to prepare, board time; `None`: the bus has it already.
+    /// The board time at which the engine gives the bus the declared configuration to prepare, some time after the last
+    /// declaring command, as programs send several in a row. `None`: nothing to prepare is pending.
     pub(super) told_at: Option<Ns>,
     pub(super) network: Network,
-    /// Why the newest failed change of state has failed.
+    /// Why the newest change of state failed, or which slave was lost since. `None`: no failure.
     pub(super) failure: Option<StateFailure>,
-    /// The cycle time, and below the roles and synchronization types, that are in force: as configured in the last
-    /// change to SafeOP.
+    /// The cycle time in force: that of the last change to SafeOP. [`Self::roles`] and [`Self::syncs`] are in force
+    /// since the same change.
     pub(super) cycle_in_op: CycleTime,
     pub(super) roles: [Role; MAX_SLAVES],
     /// The pulse modules that have a second axis.
     pub(super) second_axes: SlaveSet,
     pub(super) syncs: [DriveSync; MAX_SLAVES],
     pub(super) answers_valid_from: AnswersValidFrom,
-    /// After a failed change of state, answers from this time on show in which states it has left the slaves. `None`:
-    /// these states are known.
+    /// After a failed change of state, inputs of cycles from this board time on show in which states the change has
+    /// left the slaves. The next step waits for such inputs. `None`: nothing to wait for.
     pub(super) left_shown_from: Option<Ns>,
     pub(super) test: test_mode::TestPhase,
     /// For each axis the mode that the board or an SDO of the host has written last to 0x6060 (0x6860).
     pub(super) modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     pub(super) sdo: SdoSlot,
-    /// The slaves with an axis that is homing, or that has not finished the steps after it. Slaves that have just
-    /// finished may still be in the set.
+    /// The slaves with an axis that is homing, or that has not finished the steps after it. A slave that has just
+    /// finished stays in the set until its next inputs are evaluated.
     pub(super) homing_active: SlaveSet,
     /// The modes of operation that the board has to restore after homing.
     pub(super) restores: Restores,
-    /// Byte 0 (id) and bytes 4..7 (result) of slot 0 outside OP.
+    /// Byte 0 (the id of the last command) and bytes 4..7 (its result) of slot 0 in reports outside OP.
     pub(super) master_id: CommandId,
     pub(super) master_result: u32,
     pub(super) crc_errors: u8,

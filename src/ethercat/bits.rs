@@ -1,6 +1,6 @@
 //! The macro for register fields that are sets of named bits.
 
-/// Defines integer newtypes with named bits. A value may have bits without a name and keeps them.
+/// Defines integer newtypes with named bits. A value may also have bits that have no name: no function drops them.
 macro_rules! bits {
     ($($(#[$doc:meta])* $name:ident($int:ty) { $($(#[$bit_doc:meta])* $bit:ident = $value:expr;)* })*) => {$(
         $(#[$doc])*

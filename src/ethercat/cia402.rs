@@ -13,7 +13,8 @@ pub const STATUSWORD: u16 = 0x6041;
 pub const MODES_OF_OPERATION: u16 = 0x6060;
 /// Index of the object error code.
 pub const ERROR_CODE: u16 = 0x603F;
-/// The offset between the indices of axis 1 and those of axis 2 of a two-channel HSP (SK-3).
+/// The offset between an object of axis 1 and the same object of axis 2 of a two-channel HSP: 0x6060 becomes 0x6860
+/// (SK-3).
 pub const SECOND_AXIS_OFFSET: u16 = 0x800;
 
 /// The meaning of an error code (object 0x603F) from the table of error codes in CiA 402 (IEC 61800-7-201). A code that the
@@ -83,7 +84,7 @@ pub enum DriveState {
     NotReadyToSwitchOn,
     /// The power stage is off. The controlword Shutdown (0x06) leads to Ready to switch on.
     SwitchOnDisabled,
-    /// The power stage may be switched on. The controlword Switch on (0x07) does it.
+    /// The power stage may be switched on. The controlword Switch on (0x07) switches it on.
     ReadyToSwitchOn,
     /// The power stage is ready, and the motor has no torque. The controlword Enable operation (0x0F) leads to Operation
     /// enabled.
@@ -99,7 +100,8 @@ pub enum DriveState {
 }
 
 impl DriveState {
-    /// Bits 0 to 3, 5 and 6 of the statusword in this state. Bit 5 is 0 where CiA 402 leaves it open.
+    /// The value of bits 0 to 3, 5 and 6 of the statusword in this state. CiA 402 leaves bit 5 open in Not ready to
+    /// switch on, Switch on disabled, Fault reaction active and Fault; it is 0 here.
     pub const fn status_bits(self) -> u8 {
         match self {
             Self::NotReadyToSwitchOn => 0x00,

@@ -70,7 +70,7 @@ impl SdoSize {
         self as u8
     }
 
-    /// The mask that selects the bits of a 32-bit value that a transfer of this size carries.
+    /// The mask for the low 8, 16 or 32 bits of a value, which a transfer of this size carries.
     pub const fn mask(self) -> u32 {
         match self {
             Self::One => 0xFF,
@@ -85,8 +85,8 @@ impl SdoSize {
 pub enum SdoScope {
     /// The value at one sub-index.
     Entry,
-    /// Complete access: the values of all sub-indices from 0 or from 1 on, one after the other. A byte of padding follows
-    /// sub-index 0.
+    /// Complete access: the values of all sub-indices, one after the other. The request says whether they begin with
+    /// sub-index 0 or 1. A byte of padding follows sub-index 0, whose 8 bits are transferred as 16.
     Complete,
 }
 

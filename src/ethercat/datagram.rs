@@ -17,11 +17,12 @@ pub const DATAGRAM_OVERHEAD: usize = DATAGRAM_HEADER_LEN + 2;
 pub enum Addressing {
     /// The command addresses no slave.
     None,
-    /// Position addressing (auto increment): addresses the slave that receives the position as 0. Each slave adds 1 to it.
+    /// Position addressing (auto increment): addresses the slave that receives the position field as 0. Each slave adds
+    /// 1 to the field, so the master sends the negated position of the slave.
     Position,
     /// Node addressing: addresses the slave with that station address.
     Node,
-    /// Addresses all slaves. Each slave adds 1 to the position.
+    /// Addresses all slaves. Each slave adds 1 to the position field, so that the master can count the slaves.
     Broadcast,
     /// Logical addressing: addresses the slaves whose FMMUs map the logical address.
     Logical,
@@ -114,15 +115,15 @@ commands! {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0: command code.
+    /// Byte 0: command code.
     command: u8,
-    /// 1: index.
+    /// Byte 1: index.
     index: u8,
-    /// 2..=5: ADP and ADO, or the logical address.
+    /// Bytes 2..=5: ADP and ADO, or the logical address.
     address: U32Le,
-    /// 6..=7: bits 0..=10 length, 11..=13 reserved, 14 circulating, 15 more datagrams follow.
+    /// Bytes 6..=7: bits 0..=10 length, 11..=13 reserved, 14 circulating, 15 more datagrams follow.
     len: U16Le,
-    /// 8..=9: event bits.
+    /// Bytes 8..=9: event bits.
     irq: U16Le,
 }
 
@@ -141,7 +142,8 @@ pub struct DatagramHeader {
     pub len: u16,
     /// Bits 11 to 13 of the length word, which are reserved, 0..=7.
     pub reserved: u8,
-    /// The frame has passed a slave whose port 0 has no link. A second slave without a link at port 0 destroys the frame.
+    /// The frame has passed a slave whose port 0 has no link, so it may circulate in a part of the network that is cut
+    /// off from the master. A second slave without a link at port 0 destroys the frame.
     pub circulating: bool,
     /// Another datagram follows in the frame.
     pub more: bool,
@@ -166,7 +168,8 @@ impl DatagramHeader {
         Self::new(command, index, adp as u32 | (ado as u32) << 16)
     }
 
-    /// The lower half of the address: position or station address.
+    /// The lower half of the address (ADP): the station address, or the negated position of the slave plus 1 for each
+    /// slave passed.
     pub const fn adp(&self) -> u16 {
         self.address as u16
     }

@@ -6,8 +6,8 @@ use super::WireError;
 use super::named_codes::named_codes;
 use super::wire_error::{room_for, split};
 
-/// Bytes of a mailbox that are not file data: the mailbox header, operation code and packet number. A packet that does not
-/// fill the mailbox is the last one of the file.
+/// The number of mailbox bytes that a data packet uses for headers: the mailbox header, operation code, reserved byte
+/// and packet number. A packet that does not fill the mailbox is the last one of the file.
 pub const FOE_OVERHEAD: usize = 6 + FoeMessage::HEADER_LEN;
 
 /// The error code of a failed file transfer.
@@ -69,9 +69,9 @@ pub enum FoeMessage<'a> {
     },
     /// 6: the slave is busy and needs more time.
     Busy {
-        /// The part of the work that is done, in the unit of `entire`.
+        /// The amount of work that is done, in a unit that the slave chooses.
         done: u16,
-        /// The whole amount of work.
+        /// The whole amount of work, in the same unit as `done`.
         entire: u16,
         /// A progress text, possibly empty.
         text: &'a [u8],
@@ -81,7 +81,8 @@ pub enum FoeMessage<'a> {
 }
 
 impl<'a> FoeMessage<'a> {
-    /// Length in bytes of operation code, reserved byte and the 32-bit number.
+    /// Length in bytes of operation code, reserved byte, and the 32-bit field behind them: password, packet number,
+    /// error code or progress.
     const HEADER_LEN: usize = 6;
 
     /// Decodes the data of a mailbox message.

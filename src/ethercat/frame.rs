@@ -27,13 +27,13 @@ pub const DATA_LEN_MAX: usize = FRAME_LEN_MAX - FRAME_HEADER_LEN - DATAGRAM_OVER
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0..=5: destination MAC address.
+    /// Bytes 0..=5: destination MAC address.
     destination: [u8; 6],
-    /// 6..=11: source MAC address.
+    /// Bytes 6..=11: source MAC address.
     source: [u8; 6],
-    /// 12..=13: EtherType, big endian.
+    /// Bytes 12..=13: EtherType, big endian.
     ethertype: [u8; 2],
-    /// 14..=15: bits 0..=10 length of the EtherCAT payload, bit 11 reserved, bits 12..=15 protocol.
+    /// Bytes 14..=15: bits 0..=10 length of the EtherCAT payload, bit 11 reserved, bits 12..=15 protocol.
     ethercat: U16Le,
 }
 
@@ -185,8 +185,8 @@ pub fn each_datagram(frame: &mut [u8], mut visit: impl FnMut(DatagramMut<'_>)) -
     }
 }
 
-/// Sets the bit in a frame's source address that tells a master that the frame has passed a slave. A frame too short for a
-/// source address is left unchanged.
+/// Sets bit 1 of the first byte of a frame's source address, as the first slave does that a frame passes. Bytes that
+/// end before the source address are no frame, and stay unchanged.
 pub fn mark_as_passed(frame: &mut [u8]) {
     const SOURCE: usize = 6;
     if let Some(byte) = frame.get_mut(SOURCE) {
@@ -214,7 +214,7 @@ pub fn mark_as_passed(frame: &mut [u8]) {
 pub struct FrameWriter<'b> {
     buffer: &'b mut [u8],
     header: FrameHeader,
-    /// Offset of the header of the newest datagram.
+    /// Offset in `buffer` of the header of the newest datagram; `None`: the frame has no datagram yet.
     newest: Option<usize>,
     end: usize,
 }

@@ -89,7 +89,8 @@ impl MailboxCounter {
         Self(self.0 % 7 + 1)
     }
 
-    /// Whether a message with this counter repeats the message with the counter `last`.
+    /// Whether a message with this counter repeats the message with the counter `last`. A message with counter 0 never
+    /// counts as a repetition, since it does not use the counter.
     pub const fn repeats(self, last: Self) -> bool {
         self.0 != 0 && self.0 == last.0
     }
@@ -99,22 +100,24 @@ impl MailboxCounter {
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0: length of the data.
+    /// Bytes 0..=1: length of the data.
     len: U16Le,
-    /// 2: station address.
+    /// Bytes 2..=3: station address.
     address: U16Le,
-    /// 4: bits 0..=5 channel, 6..=7 priority.
+    /// Byte 4: bits 0..=5 channel, 6..=7 priority.
     channel: u8,
-    /// 5: bits 0..=3 protocol, 4..=6 counter.
+    /// Byte 5: bits 0..=3 protocol, 4..=6 counter.
     protocol: u8,
 }
 
 const _: () = assert!(size_of::<Layout>() == MAILBOX_HEADER_LEN && align_of::<Layout>() == 1);
 
-/// A mailbox header without its length. Bit 7 of the last byte is reserved and ignored.
+/// A mailbox header, except the length, which follows from the data of the message. Bit 7 of its byte 5 is reserved: it
+/// is ignored when decoding and 0 when encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MailboxHeader {
-    /// The station address of the sender or the receiver; 0 in messages between a master and a slave.
+    /// The station address of a partner behind the master: of the sender in a message to a slave, of the receiver in a
+    /// message from a slave. 0 if the master itself is the partner.
     pub address: u16,
     /// The channel, 0..=63. The standard reserves it; it is usually 0.
     pub channel: u8,
@@ -174,10 +177,11 @@ impl<'a> MailboxMessage<'a> {
     }
 }
 
-/// Writes a header in front of `len` bytes of data that are already in the mailbox, and fills the rest with 0.
+/// Writes a header into the first 6 bytes of a mailbox, and 0 behind the message. The `len` bytes of data already stand
+/// behind the place of the header.
 ///
 /// # Errors
-/// [`WireError::NoRoom`]: header and data do not fit.
+/// [`WireError::NoRoom`]: the mailbox is shorter than header and data.
 pub fn encode_around(header: MailboxHeader, len: usize, mailbox: &mut [u8]) -> Result<(), WireError> {
     let whole = MAILBOX_HEADER_LEN + len;
     room_for(mailbox, "mailbox message", whole)?;
@@ -192,7 +196,7 @@ pub fn encode_around(header: MailboxHeader, len: usize, mailbox: &mut [u8]) -> R
     Ok(())
 }
 
-/// The reason why a mailbox message was invalid: the error code in a reply of type 0.
+/// The reason why a mailbox message was invalid: the error code in a reply with the protocol type 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MailboxFault(pub u16);
 

@@ -42,10 +42,10 @@ pub use little_endian::{I32Le, U16Le, U32Le};
 pub use slave_set::{MAX_SLAVES, SlaveSet};
 pub use wire_error::WireError;
 
-/// A time in nanoseconds since a device was switched on, or a duration in nanoseconds.
+/// Nanoseconds: a duration, or a time since the board or slave that it concerns was switched on.
 pub type Ns = u64;
 
-/// An end of the line of slaves, where a network card can be connected.
+/// One of the two ends of a line of slaves. A network card can be connected at each of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CableEnd {
     /// In front of the first slave. Slaves process frames that come from this end.
@@ -55,7 +55,7 @@ pub enum CableEnd {
 }
 
 impl CableEnd {
-    /// Both ends of the cable.
+    /// Both ends of the line of slaves.
     pub const BOTH: [Self; 2] = [Self::First, Self::Last];
 }
 

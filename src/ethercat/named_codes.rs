@@ -1,8 +1,8 @@
 //! The macro for numeric codes of the standards that have names.
 
-/// Defines the codes of a newtype: one constant per code with its text, `ALL`, `text`, and a
-/// [`Display`](core::fmt::Display) that shows the number in the given format and the text. A code without a name is kept
-/// and has no text.
+/// Defines the named codes of an integer newtype: one constant per code, `ALL`, `text` (the meaning of a code), and a
+/// [`Display`](core::fmt::Display) that shows the number in the format behind `as`, and the meaning in parentheses. A
+/// value may also be a code without a name; it has no text.
 macro_rules! named_codes {
     ($type:ident as $format:literal; $($name:ident = $code:literal, $text:literal;)*) => {
         impl $type {

@@ -42,7 +42,8 @@ pub const SII_INFO_LEN: usize = 2 * CATEGORIES_WORD as usize;
 /// The number of bytes that the checksum covers, from the beginning of the EEPROM. The checksum follows them.
 pub const CHECKED_LEN: usize = 2 * CHECKSUM_WORD as usize;
 
-/// A value of word 7 that a controller accepts in place of any checksum (data sheets of slave controllers).
+/// A value of word 7 that switches the check of the checksum off: a controller accepts it with any content (data sheets
+/// of slave controllers).
 pub const UNCHECKED: u16 = 0x88A4;
 
 /// CRC-8 with polynomial 0x07 and initial value 0xFF; check value 0xFB.
@@ -66,13 +67,14 @@ impl<'a> Sii<'a> {
     /// A view of the content of an EEPROM. The checksum is not verified.
     ///
     /// # Errors
-    /// [`WireError::Short`]: there are fewer than 64 words.
+    /// [`WireError::Short`]: `bytes` have fewer than 64 words, the part with a fixed layout.
     pub fn new(bytes: &'a [u8]) -> Result<Self, WireError> {
         Ok(Self { bytes, fixed: split(bytes, "SII")?.0 })
     }
 
-    /// The minimum number of bytes that are still missing when `bytes` are the beginning of an EEPROM that is being read. 0
-    /// means that all categories and their end marker are complete.
+    /// How many more bytes of an EEPROM have to be read, at least, when `bytes` have been read from its beginning. More
+    /// may be missing, since each category gives only its own length. 0: all categories and the end marker are
+    /// complete.
     ///
     /// # Errors
     /// A [`WireError`] if the bytes cannot be the beginning of a valid EEPROM.
@@ -95,14 +97,14 @@ impl<'a> Sii<'a> {
         (self.fixed[CHECKED_LEN], first)
     }
 
-    /// Whether a controller accepts the checksum. [`UNCHECKED`] in word 7 is accepted too.
+    /// Whether a slave controller accepts the checksum in the EEPROM: it is right, or word 7 is [`UNCHECKED`].
     pub fn has_right_checksum(&self) -> bool {
         let (found, expected) = self.checksums();
         found == expected || self.fixed[CHECKED_LEN..].first_chunk() == Some(&UNCHECKED.to_le_bytes())
     }
 
-    /// The value, 0 or 0xFF, of all bytes of the fixed words if the EEPROM has never been written; `None` for a written
-    /// EEPROM.
+    /// The value of the bytes in an EEPROM that has never been written: all bytes of the first 64 words are 0, or all
+    /// are 0xFF. `None` for a written EEPROM.
     pub fn blank(&self) -> Option<u8> {
         let [first, ..] = *self.fixed;
         (matches!(first, 0 | 0xFF) && self.fixed.iter().all(|byte| *byte == first)).then_some(first)
@@ -113,12 +115,14 @@ impl<'a> Sii<'a> {
         Categories::new(&self.bytes[SII_INFO_LEN..])
     }
 
-    /// The first category of a kind; `None` if there is none before the end or before an error.
+    /// The first category of a kind; `None` if there is none before the end marker, or before a category that cannot be
+    /// decoded.
     pub fn category(&self, kind: CategoryKind) -> Option<Category<'a>> {
         self.all_of(kind).next()
     }
 
-    /// All categories of a kind, up to the end or to an error. A vendor may split the content of one category into several.
+    /// All categories of a kind, up to the end marker or a category that cannot be decoded. A vendor may split the
+    /// content of one category into several.
     pub fn all_of(&self, kind: CategoryKind) -> impl Iterator<Item = Category<'a>> + use<'a> {
         self.categories().map_while(Result::ok).filter(move |category| category.kind == kind)
     }
@@ -133,7 +137,8 @@ impl<'a> Sii<'a> {
         self.all_of(CategoryKind::Strings).flat_map(|category| category.strings().iter()).map(SiiText)
     }
 
-    /// The text with a number; `None` for number 0, which means "no text", and for a number without a text.
+    /// The text with the given number, by which other categories refer to it. `None` for number 0, which means "no
+    /// text", and for a number without a text.
     pub fn text(&self, number: u8) -> Option<SiiText<'a>> {
         self.texts().nth(usize::from(number).checked_sub(1)?)
     }

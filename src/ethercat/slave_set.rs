@@ -11,7 +11,8 @@ impl SlaveSet {
     /// No slave.
     pub const EMPTY: Self = Self(0);
 
-    /// The slaves whose bits are set; bit 0 is slave 1. Bits from [`MAX_SLAVES`] on must be 0.
+    /// The slaves whose bits are set; bit 0 is slave 1. Bits from [`MAX_SLAVES`] on must be 0: [`Self::iter`] leaves
+    /// them out, but [`Self::len`] counts them.
     pub const fn from_bits(bits: u64) -> Self {
         Self(bits)
     }
@@ -21,7 +22,7 @@ impl SlaveSet {
         self.0
     }
 
-    /// The slaves 1..=n.
+    /// The slaves 1 to `n` in network order, with `n` in 0..=40.
     pub const fn first(n: u8) -> Self {
         Self((1 << n as u64) - 1)
     }

@@ -2,14 +2,14 @@
 
 use core::fmt;
 
-/// Why bytes cannot be decoded, or why a value cannot be encoded into a buffer.
+/// Why bytes of an EtherCAT frame, mailbox message or EEPROM cannot be decoded, or why a value cannot be encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WireError {
-    /// The bytes end before the part does.
+    /// The bytes end before the header, message or field that is to be decoded.
     Short {
-        /// The part to be decoded, such as `datagram header`.
+        /// What was to be decoded, such as `datagram header`.
         part: &'static str,
-        /// The length of the part, bytes.
+        /// The length of that part, bytes.
         needed: usize,
         /// The number of bytes available.
         found: usize,
@@ -25,9 +25,9 @@ pub enum WireError {
     },
     /// The buffer is too small for encoding.
     NoRoom {
-        /// The part to be encoded.
+        /// What was to be encoded.
         part: &'static str,
-        /// The length of the part, bytes.
+        /// The length of that part, bytes.
         needed: usize,
         /// The length of the buffer, bytes.
         room: usize,
@@ -59,10 +59,7 @@ pub(crate) fn split<'a, const N: usize>(
     bytes.split_first_chunk().ok_or(WireError::Short { part, needed: N, found: bytes.len() })
 }
 
-/// The first `len` bytes of the buffer `room`.
-///
-/// # Errors
-/// [`WireError::NoRoom`]: the buffer is shorter.
+/// The first `len` bytes of the buffer `room`, for a caller that writes `part` into them.
 pub(crate) fn room_for<'a>(room: &'a mut [u8], part: &'static str, len: usize) -> Result<&'a mut [u8], WireError> {
     let found = room.len();
     room.get_mut(..len).ok_or(WireError::NoRoom { part, needed: len, room: found })

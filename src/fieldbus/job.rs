@@ -1,4 +1,5 @@
-//! Jobs: operations of a bus that take longer than one cycle, and their results. SDO transfers are polled in the same way.
+//! Jobs: operations of a bus that take longer than one cycle, and their results. The engine starts an SDO transfer and
+//! polls for its result in the same way.
 
 use super::{AlState, BusConfig, Ns, SlaveSet};
 use crate::ethercat::AlStatus;
@@ -17,16 +18,17 @@ pub struct SdoRequest {
     pub timeout_ns: Ns,
 }
 
-/// An operation that takes longer than one cycle. A bus runs one job at a time. An SDO may run beside [`Job::State`], so
-/// that a slave that changes its state slowly does not block the mailboxes of the others.
+/// An operation that takes longer than one cycle. A bus runs one job at a time. Some buses can run an SDO transfer
+/// beside [`Job::State`], so that a slave that is slow to change its state does not delay SDO transfers with other
+/// slaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant, reason = "a job is made a few times in a board's life and never stored in bulk")]
 pub enum Job {
-    /// Find the slaves. Every configuration is lost, and every slave goes to Init.
+    /// Finds the slaves in the network. Every slave goes to Init, so its earlier configuration is no longer valid.
     Scan,
-    /// Map the process data and write the mode of operation, in PreOP.
+    /// In PreOP, maps the process data of the selected slaves and writes the mode of operation (0x6060) of their axes.
     Configure(BusConfig),
-    /// Bring these slaves to an AL state.
+    /// Brings the given slaves to an AL state.
     State {
         /// The requested state.
         target: AlState,
@@ -56,14 +58,14 @@ pub enum JobDone {
 /// The result of an SDO: the value that was read (zero-extended) or written, or the abort code.
 pub type SdoDone = Result<u32, AbortCode>;
 
-/// What is known after a successful [`Job::Configure`].
+/// What the bus has found out in a successful [`Job::Configure`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Configured {
     /// Slaves of [`Role::Hsp`](super::Role::Hsp) that have a second axis: this is known because their controlword 0x6840 can be
     /// read by SDO \[OURS].
     pub second_axes: SlaveSet,
-    /// Slaves that were not selected but have left OP, because the bus cannot configure the selected ones otherwise. They
-    /// keep their mapping and stay below OP until a [`Job::State`] brings them back.
+    /// Slaves that are not in [`BusConfig::selected`] but have left OP, because the bus could not configure the
+    /// selected slaves without that. They keep their mapping and stay below OP until a [`Job::State`] brings them back.
     pub disturbed: SlaveSet,
 }
 
@@ -75,21 +77,20 @@ pub struct Refusal {
     /// The AL status code of the slave (ETG.1000.6 table 11); 0 if the slave has not answered, [`Self::WITHOUT_REASON`] if
     /// it answers but has no code.
     pub al_status: u16,
-    /// The SDO that the slave has aborted, or that has failed with this code; `None`: the refusal does not concern an SDO.
+    /// The SDO transfer that has failed, and its abort code. `None`: the refusal does not concern an SDO transfer.
     pub abort: Option<(ObjectAddress, AbortCode)>,
 }
 
 impl Refusal {
-    /// Replaces the AL status code if the slave answers and is not in the requested state, but has no AL status code.
-    /// \[OURS] No known slave uses this code.
+    /// Stands in [`Self::al_status`] if the slave answers and is not in the requested state, but shows no AL status
+    /// code. \[OURS] No known slave uses this code.
     pub const WITHOUT_REASON: u16 = u16::MAX;
 
-    /// The refusal by a slave with this AL status code.
+    /// A refusal without an SDO transfer.
     pub(crate) const fn of(slave: u8, AlStatus(al_status): AlStatus) -> Self {
         Self { slave, al_status, abort: None }
     }
 
-    /// The refusal that stands for a slave that has not answered.
     pub(crate) const fn no_answer(slave: u8) -> Self {
         Self::of(slave, AlStatus::NONE)
     }
@@ -99,7 +100,7 @@ impl Refusal {
 /// slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HardwareLimit {
-    /// The exchanges with the chip take longer than the cycle.
+    /// The exchanges of packets with the chip (ECM-XF) that one cycle needs take longer than the cycle.
     #[error(
         "a cycle of {} us cannot be held: the exchanges with the chip take {} us for each; take a longer cycle (SET_DC), a \
          faster clock (speed=), INT0 (int0=) or fewer slaves",
@@ -112,7 +113,7 @@ pub enum HardwareLimit {
         /// The minimum time for the exchanges with the chip in one cycle, ns.
         needed_ns: Ns,
     },
-    /// The process data of one cycle do not fit into a packet.
+    /// The process data of one cycle do not fit into a packet to or from the chip.
     #[error("{bytes} bytes of process data in a cycle do not fit into a packet, which holds {most}; use fewer slaves")]
     ProcessData {
         /// The number of bytes of all outputs or of all inputs, whichever is larger.
@@ -122,6 +123,7 @@ pub enum HardwareLimit {
     },
 }
 
-/// A job or an SDO was not started, because a job or an SDO is running beside which it cannot run.
+/// A job or an SDO transfer was not started because another job or SDO transfer is running. Only an SDO transfer and
+/// [`Job::State`] may run at the same time, on a bus that can do so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Busy;

@@ -45,16 +45,17 @@ pub use stale_inputs::{STALE_AFTER, STALE_AT_LAST_NS};
 /// The maximum number of axes of a slave: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;
 
-/// The minimum time from SET_STATE until the slaves of a network leave OP, in addition to [`CHANGE_SLAVE_NS`] for each
-/// slave, ns.
+/// The fixed part of the time from SET_STATE until the slaves of a network leave OP, ns. Each slave adds
+/// [`CHANGE_SLAVE_NS`] to this time.
 ///
-/// \[OURS] A change "takes several cycles" (SK-3.1), during which the FIFO continues: commands that are in the FIFO when
-/// SET_STATE comes, such as SV_OFF after the end of a motion, are still executed in this time, on every bus.
+/// \[OURS] A change "takes several cycles" (SK-3.1), during which the FIFO continues: commands that are in the FIFO
+/// when SET_STATE comes, such as SV_OFF after the end of a motion, are still executed in this time, on every bus.
 pub const LEAVING_OP_NS: Ns = 20_000_000;
-/// The time that each slave in a change of state adds to its duration, ns. \[OURS]
+/// The time that each slave adds to the duration of a change of state, ns: the more slaves, the longer a change takes.
+/// \[OURS]
 pub const CHANGE_SLAVE_NS: Ns = 2_000_000;
 
-/// How long the commands in the FIFO are still executed before `slaves` slaves leave OP, ns.
+/// For how long the commands in the FIFO are still executed after SET_STATE, until `slaves` slaves leave OP, ns.
 pub(crate) const fn leaving_op_ns(slaves: u8) -> Ns {
     LEAVING_OP_NS + CHANGE_SLAVE_NS * slaves as Ns
 }
@@ -64,17 +65,18 @@ pub(crate) const fn leaving_op_ns(slaves: u8) -> Ns {
 pub enum Pacing {
     /// The runner of the engine: it calls push and poll once a cycle.
     Runner,
-    /// The bus runs its own cycle and queues outputs.
+    /// The hardware of the bus, such as an ECM-XF, runs cycles by its own clock, and takes the outputs of each cycle
+    /// from a queue.
     Bus {
-        /// The maximum number of sets of outputs in the queue of the bus, whatever the process data. [`Fieldbus::room`] returns
-        /// how many it accepts now.
+        /// The maximum number of sets of outputs that the queue holds, however long the process data are; a set is the
+        /// outputs of one cycle. [`Fieldbus::room`] returns how many sets the bus accepts now.
         depth: u16,
         /// The maximum delay, in cycles, until the answer to a cycle can be polled and until a lost slave is named.
         answer_delay: u16,
     },
 }
 
-/// What a slave is used as. The role decides which process data are mapped (SK-7, table).
+/// What a slave is used as, by SET_AXIS and DRIVE_MODE. The role decides which process data are mapped (SK-7, table).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Role {
     /// The slave is not used and stays in PreOP.
@@ -133,7 +135,7 @@ pub struct BusConfig {
     /// The slaves to be configured. All other slaves keep their configuration and their state: slaves that were lost are
     /// configured again while the others stay in OP.
     pub selected: SlaveSet,
-    /// Slave n is `slaves[n - 1]`; entries beyond the slaves found have no effect.
+    /// The configuration of slave n is `slaves[n - 1]`; entries beyond the slaves found have no effect.
     pub slaves: [SlaveConfig; MAX_SLAVES],
 }
 
@@ -142,7 +144,7 @@ pub struct BusConfig {
 pub struct AxisOut {
     /// Controlword, 0x6040.
     pub controlword: Controlword,
-    /// Digital outputs: 0x60FE:1 of an HSP, the 16 outputs of an IO slave.
+    /// Digital outputs: 0x60FE:1 of a channel of an HSP, the 16 outputs of an IO slave.
     pub outputs: u16,
     /// The target that is mapped for the role: 0x607A in CSP (counts), 0x60FF in CSV (counts/s), 0x6071 in CST (0.1 % of
     /// rated torque).
@@ -160,7 +162,7 @@ pub struct AxisIn {
     pub position: i32,
     /// Error code, 0x603F.
     pub error_code: u16,
-    /// Digital inputs: 0x60FD of an HSP, the 16 inputs of an IO slave.
+    /// Digital inputs: 0x60FD of a channel of an HSP, the 16 inputs of an IO slave.
     pub inputs: u16,
 }
 
@@ -187,31 +189,33 @@ impl Default for Outputs {
 /// Process data of one cycle from all slaves.
 #[derive(Clone, Debug)]
 pub struct Inputs {
-    /// Slave n is `slaves[n - 1]`; the entry of a slave that did not answer stays as it was.
+    /// The inputs of slave n are `slaves[n - 1]`. If a slave did not answer, its entry stays as it was.
     pub slaves: [SlaveIn; MAX_SLAVES],
-    /// Slaves that were found and did not answer in this cycle: their cable is cut, they have no power, or they have left
-    /// the state that they were brought to. The engine takes a slave for lost after one such cycle, so that a bus on which
-    /// single frames may get lost has to wait before it names a slave.
+    /// Slaves that the scan has found and that did not answer in this cycle: their cable is cut, they have no power, or
+    /// they have left the state that they were brought to. The engine counts a slave as lost after one such cycle. So a
+    /// bus on which single frames may get lost adds a slave here only when it is sure of the loss.
     pub lost: SlaveSet,
-    /// For each slave in `lost` (slave n is `lost_from[n - 1]`), the id of the first outputs that may not have reached it.
-    /// Set if the bus learns of the loss only after those outputs were sent, or has lost the answers in between. `None`:
-    /// the outputs of the cycle that first names the slave as lost.
+    /// For each slave in `lost` (slave n is `lost_from[n - 1]`), the id of the first outputs that may not have reached
+    /// the slave. Set if the bus notices the loss only some cycles after these outputs, or has lost the answers of
+    /// those cycles. `None`: the outputs of the cycle that first names the slave as lost.
     pub lost_from: [Option<u64>; MAX_SLAVES],
-    /// Slaves that are not in OP, as far as the bus knows, and so took no outputs in this cycle: on the way down some
-    /// slaves leave OP before others.
+    /// Slaves that are not in OP, as far as the bus knows, and so used no outputs in this cycle: when a network leaves
+    /// OP, some slaves leave it before others.
     pub without_outputs: SlaveSet,
-    /// The slaves in `without_outputs` that are below SafeOP, as far as the bus knows, and so sent no inputs either.
+    /// The slaves in `without_outputs` that are also below SafeOP, as far as the bus knows: they sent no inputs,
+    /// either.
     pub without_inputs: SlaveSet,
-    /// Slaves that are not lost, but whose inputs are older than this cycle, because the working counter of their datagram
-    /// was wrong or may have been wrong.
+    /// Slaves that are not lost, but whose inputs are from an earlier cycle: in this cycle the working counter of the
+    /// datagram with their inputs was wrong, or the bus cannot tell whether it was right.
     pub held: SlaveSet,
     /// The slaves in `lost` that answer, but whose inputs were not renewed for too long ([`STALE_AFTER`]).
     pub stale: SlaveSet,
-    /// For each slave in `lost` that answers, the AL status code with which it left its state (slave n is `left_with[n -
-    /// 1]`). 0: the slave has not left its state, or the bus does not know.
+    /// For each slave in `lost` that answers, the AL status code with which it left its state (slave n is `left_with[n
+    /// - 1]`). 0: the slave has not left its state, or the code is unknown; for the engine both are a loss without a
+    /// reason.
     pub left_with: [u16; MAX_SLAVES],
-    /// The duration of a recent delay of this machine in which it sent no frame, ns. 0: there was none, or the bus does not
-    /// know.
+    /// If this machine was late recently, and so sent no frames for some time, the length of that time, ns. 0: it was
+    /// not late, or the bus does not know.
     pub stood_still_ns: Ns,
 }
 
@@ -237,24 +241,27 @@ impl Default for Inputs {
 pub struct CycleDone {
     /// When the cycle ran, in board time. Its answer may have come later.
     pub at: Ns,
-    /// The id of the newest outputs that were sent up to this cycle: this cycle carried them, for the first time or again.
-    /// Outputs with lower ids were sent before. `None`: none were sent yet, or a bus that loses no answers has repeated
-    /// outputs in this cycle.
+    /// The id of the newest outputs that were sent up to this cycle: this cycle carried them, for the first time or
+    /// again. Outputs with lower ids were sent before. `None`: no outputs were sent yet, or this cycle repeated outputs
+    /// on a bus that loses no answers, so that an earlier result has named them already.
     pub outputs: Option<u64>,
-    /// The number of sets of outputs that the bus has accepted but given up since the cycle polled before: as far as the
-    /// bus knows, they reach no slave. Outputs pushed after them have higher ids all the same.
+    /// The number of sets of outputs that the bus has accepted and then dropped since the previous result of
+    /// [`Fieldbus::poll`]: as far as the bus knows, they reach no slave. Outputs pushed after them have higher ids all
+    /// the same.
     pub outputs_lost: u32,
     /// The number of cycles directly before this one whose answers were lost because they were not polled in time.
     pub answers_lost: u32,
     /// The working counter of the process data.
     pub working_counter: u16,
-    /// The working counter if every slave answers; 0 on a bus that does not know it.
+    /// The working counter if every slave answers. 0 on a bus that does not know it: no working counter is below 0, so
+    /// none counts as too low.
     pub expected_working_counter: u16,
-    /// When the next cycle should run to stay in step with the distributed clocks; `None`: one period after this cycle.
+    /// When the next cycle should run to stay in step with the distributed clocks, in board time; `None`: one period
+    /// after this cycle.
     pub next_deadline: Option<Ns>,
 }
 
-/// The result of a clear ([`Fieldbus::clear_ahead`]).
+/// The result of discarding queued outputs by [`Fieldbus::clear_ahead`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cleared {
     /// The id of the newest outputs that were sent. Newer outputs were discarded and will never be sent. `None`: no
@@ -299,8 +306,8 @@ impl RingState {
 /// Frames that the bus has received although they are not answers of slaves to this master.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Strangers {
-    /// The source MAC address in the newest frame of another master, in which the first slave has set a bit; `None`: no
-    /// such frame was received.
+    /// The source MAC address in the newest frame of another master, as received: bit 1 of its first byte is set if the
+    /// frame has passed a slave. `None`: no such frame was received.
     pub other_master: Option<[u8; 6]>,
     /// The number of frames of this master that came back unchanged. A slave changes the source address of a frame, so
     /// these frames have passed no slave.
@@ -308,7 +315,8 @@ pub struct Strangers {
 }
 
 impl Strangers {
-    /// The error text if a scan finds no slave and `unpassed` frames came back unchanged.
+    /// The error text if a scan finds no slave and `unpassed` frames came back unchanged: something other than a slave
+    /// has sent them back.
     pub fn echo(unpassed: u64) -> String {
         format!(
             "{unpassed} frames came back as they were sent, with the source address of this card, which each slave changes: the cable \
@@ -344,9 +352,10 @@ pub trait Fieldbus: Send {
     /// [`Busy`] while another SDO or a job is running. Whether an SDO may run beside a change of state depends on the bus.
     fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy>;
 
-    /// Announces the configuration that the next [`Job::Configure`] is expected to have, by the settings that programs have
-    /// declared so far. All slaves are in PreOP, and no job or SDO is running. A bus with slow configurations may begin early,
-    /// as long as no SDO shows a difference and no job has to wait longer than the configuration itself would have taken.
+    /// Announces the configuration that the next [`Job::Configure`] is expected to have, by the settings that programs
+    /// have declared so far. All slaves are in PreOP, and no job or SDO is running. A bus on which a configuration
+    /// takes long may begin it early. Programs must not notice that: their SDO transfers read the same values as
+    /// without the early start, and no job waits longer than the configuration itself would have taken.
     fn prepare(&mut self, _config: &BusConfig, _now: Ns) {}
 
     /// Returns the result of the job once it has ended. Each result is returned once.
@@ -355,29 +364,31 @@ pub trait Fieldbus: Send {
     /// Returns the result of the SDO once it has ended. Each result is returned once.
     fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone>;
 
-    /// Cancels the running job, if there is one. [`Self::poll_job`] never returns its result.
+    /// Cancels the running job, if there is one. [`Self::poll_job`] never returns its result. Slaves keep what the job
+    /// has already changed in them.
     fn cancel_job(&mut self);
 
     /// Cancels the running SDO, if there is one. [`Self::poll_sdo`] never returns its result.
     fn cancel_sdo(&mut self);
 
-    /// The number of sets of outputs that the bus accepts now, as far as it knows. It accepts at least this many. With
-    /// [`Pacing::Runner`] this is 1, or 0 while the bus is down.
+    /// The number of sets of outputs that the bus accepts now, by its newest information. It may accept more, if cycles
+    /// have passed since. With [`Pacing::Runner`] this is 1, or 0 while the bus is down.
     fn room(&self) -> u16;
 
-    /// An estimate of the number of sets of outputs that the bus holds and could have sent sooner; sets in flight do not
-    /// count. `None`: the bus has no estimate, and the engine computes one from the cycles that have passed. The estimate
-    /// does not show which outputs were sent.
+    /// An estimate of how many sets of outputs the bus holds beyond the few that are always in flight: these wait, and
+    /// could have been sent in earlier cycles. `None`: the bus has no estimate, and the engine computes one from the
+    /// cycles that have passed. The estimate does not show which outputs were sent.
     fn held_estimate(&self) -> Option<u64> {
         None
     }
 
-    /// Starts to discard the outputs that were accepted and not sent. Until this has ended, cycles may still send such
-    /// outputs, and nothing may be pushed.
+    /// Starts to discard the outputs that were accepted and not sent. Until [`Self::poll_clear`] returns the result,
+    /// cycles may still send such outputs, and the engine pushes nothing: new outputs could be discarded with the old
+    /// ones.
     fn clear_ahead(&mut self, now: Ns);
 
-    /// Returns the result of the clear once it has ended. Each result is returned once. A clear also ends while the bus is
-    /// down.
+    /// Returns the result of [`Self::clear_ahead`] once all queued outputs are discarded. Each result is returned once.
+    /// There is a result even while the bus is down.
     fn poll_clear(&mut self, now: Ns) -> Option<Cleared>;
 
     /// Gives the bus a set of outputs.
@@ -390,20 +401,21 @@ pub trait Fieldbus: Send {
     /// cycle has passed.
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone>;
 
-    /// Lets the bus work from `now` to `until`, both on the runner's clock. A bus whose exchanges take real time makes them
-    /// here, on the runner's thread; in [`Self::poll`] it starts no exchange that would end after the time of the poll. A
-    /// runner that is late passes an `until` that is not after `now`, and catches up on its cycles.
+    /// Lets the bus work from `now` to `until`, both on the runner's clock. A bus whose exchanges take real time makes
+    /// them here, on the runner's thread. In [`Self::poll`] it starts no exchange that would end after the `now` of the
+    /// poll, so that the poll does not delay the cycle. A runner that is late passes an `until` that is not after
+    /// `now`, and catches up on its cycles.
     fn work_until(&mut self, _now: Ns, _until: Ns) {}
 
-    /// Whether a late runner runs its missed cycles one directly after the other. A bus to slaves with clocks of their own
-    /// cannot do this: of two sets of outputs within one cycle of its clock, a slave uses only the second one. The missed
-    /// cycles of such a bus are skipped.
+    /// Whether a late runner runs its missed cycles one directly after the other. This is useless if the slaves run by
+    /// real clocks: of two sets of outputs that arrive within one cycle of its clock, a slave uses only the later one.
+    /// Such a bus returns false, and its missed cycles are skipped.
     fn catches_up(&self) -> bool {
         true
     }
 
-    /// Reports that a late runner has skipped cycles that last `left_out_ns` together. The runner's time does not include
-    /// them, so it falls behind a clock of the bus by that time.
+    /// Reports that a late runner has skipped cycles. `left_out_ns`: how long these cycles last together. The runner's
+    /// time does not include them, so it is now behind a clock of the bus by that much more.
     fn leave_out(&mut self, _left_out_ns: Ns) {}
 
     /// Whether the hardware that runs the bus does not answer: then nothing is sent, whatever is pushed.
@@ -411,8 +423,8 @@ pub trait Fieldbus: Send {
         false
     }
 
-    /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no slave
-    /// has distributed clocks, or the bus does not know.
+    /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no
+    /// slave has distributed clocks, or the bus has no way to find out.
     fn reference_clock(&self) -> Option<u8> {
         None
     }

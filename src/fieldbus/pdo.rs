@@ -1,8 +1,9 @@
-//! The process data that the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus writes in
-//! PreOP, and the layout of [`AxisOut`] and [`AxisIn`] in the process image of a slave.
+//! The process data that the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus
+//! writes in PreOP, and the layout of [`AxisOut`] and [`AxisIn`] in the process image of a slave.
 //!
-//! To map other process data for a kind of slave: its objects, a row of `tables!`, and an arm of [`ProcessData::of`]; if an
-//! object of the slave decides between two, an arm of [`ProcessData::probe`]. No bus knows more of it.
+//! To map other process data for a kind of slave, add their objects, a row of `tables!`, and an arm of
+//! [`ProcessData::of`]. If an object of the slave decides between two mappings, also add an arm of
+//! [`ProcessData::probe`]. No bus has to be changed.
 //!
 //! All buses use the same mapping: they write [`ProcessData::downloads`] by SDO, and convert process images with
 //! [`ProcessData::put_outputs`] and [`ProcessData::take_inputs`]. [`ProcessData::take_outputs`] and
@@ -41,7 +42,8 @@ enum InWord {
     Inputs,
 }
 
-/// A mapped object of the first axis, and the field of [`AxisOut`] or [`AxisIn`] that it carries.
+/// A mapped object, and the field of [`AxisOut`] or [`AxisIn`] that it carries. The object is that of the first axis;
+/// the second axis has the same objects, higher by [`SECOND_AXIS_OFFSET`].
 #[derive(Clone, Copy, Debug)]
 struct Mapped<W> {
     object: ObjectAddress,
@@ -55,7 +57,7 @@ const fn mapped<W: Copy>(index: u16, sub: u8, bytes: usize, word: W) -> Mapped<W
 }
 
 impl<W> Mapped<W> {
-    /// The mapping entry (index, sub-index, bit length) of this object, or of the same object of another axis.
+    /// The mapping entry (index, sub-index, bit length) of this object for axis `axis`, counted from 0.
     const fn entry(&self, axis: usize) -> u32 {
         let index = self.object.index + SECOND_AXIS_OFFSET * axis as u16;
         let bits = self.bytes as u32 * 8;
@@ -75,7 +77,7 @@ const DRIVE_IN: [In; 4] = [
     mapped(0x6077, 0, 2, InWord::Torque),
     mapped(ERROR_CODE, 0, 2, InWord::ErrorCode),
 ];
-/// The digital inputs and outputs of a pulse module are objects of 32 bits, of which the low 16 are used.
+/// The tables of the pulse module. Its digital inputs and outputs are objects of 32 bits, of which the low 16 are used.
 const HSP_CSP: [Out; 3] = [
     mapped(CONTROLWORD, 0, 2, OutWord::Controlword),
     mapped(0x607A, 0, 4, OutWord::Target),
@@ -95,11 +97,12 @@ const HSP_IN: [In; 3] = [
 const IO_OUT: [Out; 1] = [mapped(0x7000, 1, 2, OutWord::Outputs)];
 const IO_IN: [In; 1] = [mapped(0x6000, 1, 2, InWord::Inputs)];
 
-/// Defines `Table`, which selects the outputs and the inputs of an axis. Its functions pass constant tables to the
-/// functions at the end of this file, so that the compiler generates separate code for each table.
+/// Defines `Table`, an enum with one variant for each pair of tables (outputs, inputs). Its methods pass these constant
+/// tables to the functions at the end of this file. The compiler then generates separate code for each table, which is
+/// faster than code that reads a table at run time.
 macro_rules! tables {
     ($($table:ident: $outputs:ident, $inputs:ident;)*) => {
-        /// Selects the tables of mapped objects, outputs and inputs, for an axis.
+        /// The tables of mapped objects, outputs and inputs, that an axis uses.
         #[derive(Clone, Copy, Debug)]
         enum Table {
             $($table),*
@@ -149,10 +152,10 @@ tables! {
     Io: IO_OUT, IO_IN;
 }
 
-/// Which process data one slave has: the mapped objects of its axes, and its mode of operation.
+/// The process data of one slave: the mapped objects of its axes, their lengths, and its mode of operation.
 #[derive(Clone, Copy, Debug)]
 pub struct ProcessData {
-    /// The tables of mapped objects of each of its axes.
+    /// The table of mapped objects, the same for each axis.
     table: Table,
     axes: u8,
     output_bytes: u8,
@@ -161,8 +164,8 @@ pub struct ProcessData {
 }
 
 impl ProcessData {
-    /// The object whose presence decides which process data a slave in this role has: a bus tries to read it in PreOP, and
-    /// passes the result to [`Self::of`] as `is_there`. `None`: the role alone decides.
+    /// The object whose presence decides which process data a slave in this role has. The bus tries to read it by SDO
+    /// in PreOP, and passes the result to [`Self::of`] as `is_there`. `None`: the role alone decides.
     pub const fn probe(role: Role) -> Option<ObjectAddress> {
         match role {
             Role::Hsp(_) => Some(SECOND_CONTROLWORD),
@@ -170,8 +173,8 @@ impl ProcessData {
         }
     }
 
-    /// Whether a slave in this role that cannot map the process data of the board may keep those that its EEPROM
-    /// describes: the first bits of these are used. Only a bus that reads EEPROMs does so. \[OURS]
+    /// Whether a slave in this role that cannot map the process data of the board may keep the process data that its
+    /// EEPROM describes. The board then uses the first bits of these. Only a bus that reads EEPROMs does so. \[OURS]
     pub const fn may_keep_its_own(role: Role) -> bool {
         matches!(role, Role::Io)
     }
@@ -213,7 +216,7 @@ impl ProcessData {
         self.axes as usize
     }
 
-    /// The SDO downloads that map the process data and set the mode in PreOP, in their order.
+    /// The SDO downloads in PreOP that map the process data and set the mode. [`Downloads`] explains their order.
     pub fn downloads(&self, sync: DriveSync) -> Downloads {
         Downloads::of(self, sync)
     }
@@ -249,7 +252,8 @@ impl ProcessData {
         self.table.take_inputs(&image[..self.input_bytes()], inputs);
     }
 
-    /// Outputs with which nothing moves: every motor is off, and in CSP the target is the actual position.
+    /// Outputs that keep the axes at a standstill: every motor is off. The target is the actual position in CSP, and 0
+    /// in other modes.
     pub fn holding(&self, inputs: &SlaveIn) -> SlaveOut {
         let target = |axis: &AxisIn| if self.mode == Some(Mode::Csp) { axis.position } else { 0 };
         inputs.map(|axis| AxisOut { target: target(&axis), ..AxisOut::default() })
@@ -301,8 +305,8 @@ const fn longest(lengths: &[usize]) -> usize {
     longest
 }
 
-/// Writes the outputs of as many axes as the image has room for. The three functions below read outputs, write inputs and
-/// read inputs in the same way.
+/// Writes the outputs of as many axes as the image has room for. `take_outputs`, `put_inputs` and `take_inputs` read
+/// outputs, write inputs and read inputs in the same way.
 #[inline(always)]
 fn put_outputs<const N: usize>(mapped: &[Out; N], outputs: &SlaveOut, image: &mut [u8]) {
     for (axis, mut image) in outputs.iter().zip(image.chunks_exact_mut(length(mapped))) {

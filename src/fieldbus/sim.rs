@@ -93,7 +93,8 @@ impl SimBus {
         self.handle.clone()
     }
 
-    /// The slaves in the order of the cable, and the handle. A network of another kind can be built from them.
+    /// The slaves in the order of the cable, and the handle, for a caller that builds another kind of simulated network
+    /// from them.
     pub fn into_parts(self) -> (Vec<Box<dyn Slave>>, SimHandle) {
         (self.stations.into_iter().map(|station| station.slave).collect(), self.handle)
     }
@@ -111,7 +112,7 @@ impl SimBus {
         &mut self.stations[usize::from(slave) - 1]
     }
 
-    /// The AL state that a slave (from 1) really has.
+    /// The AL state in which a slave (from 1) is, whatever state was commanded.
     fn state(&self, slave: u8) -> AlState {
         self.stations[usize::from(slave) - 1].slave.state()
     }
@@ -133,7 +134,7 @@ impl SimBus {
         let (mut working_counter, mut expected_working_counter) = (0, 0);
         let (mut without_outputs, mut without_inputs) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         let images = self.outputs.slaves.iter().zip(&mut inputs.slaves);
-        // A scan exchanges no process data: slaves that were in OP before a SW_RESET have lost their master.
+        // A scan exchanges no process data: after SW_RESET no slave gets outputs, even if it was in OP before.
         let has_cycles = !matches!(self.job, Some(RunningJob { job: Job::Scan, .. }));
         let stations = &mut self.stations[..if has_cycles { usize::from(self.found) } else { 0 }];
         let (mut output_image, mut input_image) = ([0; IMAGE_BYTES_MAX], [0; IMAGE_BYTES_MAX]);
@@ -175,7 +176,7 @@ impl SimBus {
         }
     }
 
-    /// Restarts slaves that scripts or tests have cut off from their power: they begin in Init.
+    /// Restarts the slaves whose power scripts or tests have switched off: they begin in Init again.
     fn power_off(&mut self) {
         for slave in self.handle.take_powered_off().iter() {
             if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {

@@ -1,8 +1,8 @@
 //! `xf-spi:`: a real ECM-XF on a spidev device, with INT0 and INT1 on lines of a GPIO chip.
 //!
 //! INT0 is active while the chip is ready for a packet, and inactive while it processes one (XF EN 1706). Right after
-//! an exchange INT0 may still be active from before, so its level does not show whether the chip is ready. The link
-//! waits for the edge that follows the beginning of the exchange.
+//! an exchange INT0 may still have the active level from before the exchange, so the level does not show whether the
+//! chip is ready. The link waits for an edge to the active level since the beginning of the exchange.
 
 use std::time::Duration;
 
@@ -25,7 +25,8 @@ impl SpiChip {
     /// Opens the chip that an `xf-spi:` link names.
     ///
     /// # Errors
-    /// [`ChipError::Uri`]; [`ChipError::Wires`], which says which device or line cannot be used and what to do.
+    /// [`ChipError::Uri`]: a value of the link is missing or invalid. [`ChipError::Wires`]: the device or a line cannot
+    /// be used; the error names it and says what to do.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         let (settings, times) = (spi_settings(uri)?, reset_times(uri)?);
         let name = uri.to_string();
@@ -50,7 +51,7 @@ impl<W: EdgeWires> SpiChip<W> {
     /// Resets the chip now, when the link is closed, or both, as `times` says.
     ///
     /// # Errors
-    /// [`ChipError::Wires`].
+    /// [`ChipError::Wires`]: the reset line cannot be switched.
     pub fn reset_at(mut self, times: ResetTimes) -> Result<Self, ChipError> {
         if times.at_open {
             self.reset()?;
@@ -128,7 +129,8 @@ pub struct ResetTimes {
     pub at_close: bool,
 }
 
-/// The reset times of a link; none without the reset line.
+/// The times at which a link resets its chip, by its key `reset_at=` or the default of that key. Without a reset line
+/// the link never does.
 ///
 /// # Errors
 /// [`UriError::BadValue`] if `reset_at=` asks for a reset at closing and the link names no reset line.

@@ -1,7 +1,8 @@
 //! `xf-usb:`: a real ECM-XFU on USB. An ECM-XFU is an ECM-XF with packets of 1024 bytes (XF EN 715).
 //!
 //! \[OURS] No source describes the chip's USB interface. Each packet is one transfer out and one transfer in, and the
-//! data in are the answer to the previous packet, as on SPI. USB ids and endpoints are keys without a default.
+//! data in are the answer to the previous packet, as on SPI. USB ids and endpoints are keys of the link that have no
+//! default: `vid=`, `pid=`, `ep_out=`, `ep_in=`.
 
 use std::time::Duration;
 
@@ -20,8 +21,8 @@ const PACKET: usize = DataSize::XFU.packet_len();
 pub struct UsbChip<W = PacketDevice> {
     info: ChipInfo,
     wires: W,
-    /// Bytes of a received packet that the driver has not read yet. While the driver searches for the beginning of
-    /// packets it asks for less than a packet, but USB transfers whole packets.
+    /// Bytes of a received packet that the driver has not read yet. While the driver searches the received bytes for
+    /// the beginning of a packet, it reads less than a packet at a time, but USB transfers whole packets.
     rest: [u8; PACKET],
     /// The number of unread bytes. They are at the end of `rest`.
     rest_len: usize,
@@ -31,7 +32,8 @@ impl UsbChip {
     /// Opens the chip that an `xf-usb:` link names.
     ///
     /// # Errors
-    /// [`ChipError::Uri`]; [`ChipError::Wires`], which says why the device cannot be used and what to do.
+    /// [`ChipError::Uri`]: a value of the link is missing or invalid. [`ChipError::Wires`]: the device cannot be used;
+    /// the error says why and what to do.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         let place = usb_place(uri)?;
         let name = uri.to_string();
@@ -41,7 +43,7 @@ impl UsbChip {
 }
 
 impl<W: PacketWires> UsbChip<W> {
-    /// A link over these wires; `name` is the name of the link in messages.
+    /// A link over these USB endpoints; `name` is the name of the link in messages.
     pub fn over(name: &str, wires: W) -> Self {
         let info = ChipInfo {
             name: name.to_owned(),
@@ -53,13 +55,13 @@ impl<W: PacketWires> UsbChip<W> {
         Self { info, wires, rest: [0; PACKET], rest_len: 0 }
     }
 
-    /// The USB endpoints to the chip, for tests and for direct access.
+    /// The wires to the chip, which are USB endpoints here, for tests and for direct access.
     pub const fn wires_mut(&mut self) -> &mut W {
         &mut self.wires
     }
 
-    /// Fills `from_chip` with received bytes while the driver searches for the beginning of packets. It sends zeros,
-    /// which the chip does not take for a packet.
+    /// Fills `from_chip` with received bytes while the driver searches them for the beginning of a packet. Meanwhile it
+    /// sends zeros: without a start word they are no packet for the chip.
     fn search(&mut self, from_chip: &mut [u8]) -> Result<(), UsbPacketError> {
         for byte in from_chip {
             if self.rest_len == 0 {
@@ -139,7 +141,8 @@ fn chip_error(name: &str, error: &UsbPacketError) -> ChipError {
 /// ECM-XFU.
 ///
 /// # Errors
-/// [`UriError::OtherScheme`] if it is not an `xf-usb:` link; [`UriError::MissingKey`].
+/// [`UriError::OtherScheme`] if it is not an `xf-usb:` link; [`UriError::MissingKey`] without one of the ids or
+/// endpoints.
 fn usb_place(uri: &LinkUri) -> Result<PacketPlace, UriError> {
     uri.expect_scheme(Scheme::XfUsb)?;
     let id = |key| uri.given(key, keys::usb_id);

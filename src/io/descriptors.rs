@@ -36,7 +36,7 @@ pub enum NotTheBoard {
          enumerated; plug it into this machine, or into a hub with a power supply of its own"
     )]
     Unconfigured,
-    /// The descriptors cannot be read, or they contradict each other.
+    /// The descriptors cannot be read, or are malformed: a length or a number in them is wrong.
     #[error("its descriptors cannot be read")]
     Descriptors,
     /// The device has no HID interface.

@@ -1,14 +1,16 @@
 //! Finds the interfaces with a default route in the route tables of the Linux kernel.
 
-/// The interfaces with a default route in the kernel's table `route`: name, destination, .., mask in the 8th column.
+/// The interfaces with a default route in the kernel's table `/proc/net/route`. A route is a default route if its
+/// destination (2nd column) and its mask (8th column) are 0; the 1st column has the name of the interface.
 pub fn default_routes_v4(table: &str) -> Vec<String> {
     let rows = table.lines().skip(1).map(|line| line.split_whitespace().collect::<Vec<_>>());
     let is_default = |row: &Vec<&str>| row.get(1) == Some(&"00000000") && row.get(7) == Some(&"00000000");
     rows.filter(is_default).map(|row| row[0].to_owned()).collect()
 }
 
-/// The interfaces with a default route in the kernel's table `ipv6_route`: destination, prefix length, .., name in the
-/// last column. Routes to `lo` are left out, since the kernel rejects their packets.
+/// The interfaces with a default route in the kernel's table `/proc/net/ipv6_route`. A route is a default route if its
+/// destination (1st column) and its prefix length (2nd column) are 0; the last column has the name of the interface.
+/// Routes to `lo` are left out, since the kernel rejects their packets.
 pub fn default_routes_v6(table: &str) -> Vec<String> {
     let rows = table.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
     let is_default = |row: &Vec<&str>| row.len() == 10 && row[0].bytes().all(|digit| digit == b'0') && row[1] == "00";

@@ -30,7 +30,7 @@ impl CallCounts {
         written + read + write_errors + read_errors
     }
 
-    /// The part of [`LinkStats`] that these counters supply.
+    /// A [`LinkStats`] with the numbers of successful and failed reads and writes; all other counters are 0.
     pub(crate) fn stats(&self) -> LinkStats {
         let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         LinkStats {

@@ -5,8 +5,8 @@
 //! [`Host`](crate::xf::host::Host) finds packets in them. The URI has the form of any link's, with schemes of its own,
 //! for example `xf-sim:?slaves=drive*3,io`.
 //!
-//! `open/chip.rs` opens such links. They are `xf-sim:` (`testbed/chip.rs`), `xf-spi:` and `xf-usb:` (`hardware/`), and
-//! a recording around another one (`record/chip.rs`).
+//! `open/chip.rs` opens such links: `xf-sim:` (`testbed/chip.rs`), `xf-spi:` and `xf-usb:` (`hardware/`). With the key
+//! `record=` it wraps the link in another one that records all exchanges (`record/chip.rs`).
 
 mod options;
 
@@ -22,12 +22,13 @@ use crate::xf::DataSize;
 use crate::xf::MAX_PACKET;
 use crate::xf::host::{HostConfig, HostPacing, Timeouts, Wires};
 
-/// The properties of a link to a chip.
+/// Name, data size, SPI clock, INT0 line and clock of a link to a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipInfo {
-    /// The URI in its normal form.
+    /// The URI of the link in its normal form: keys in a fixed order, keys with their default values left out.
     pub name: String,
-    /// The only data size n that the link supports; `None`: it supports several.
+    /// The only length of a packet's data (n in the manuals of the chip) that the link supports; `None`: it supports
+    /// several.
     pub size: Option<DataSize>,
     /// The SPI clock, Hz; `None`: the link is not SPI.
     pub clock_hz: Option<u32>,
@@ -39,21 +40,21 @@ pub struct ChipInfo {
 
 /// A link to one chip, for exclusive use by its owner.
 pub trait ChipLink: Wires<Error = ChipError> + Send {
-    /// The properties of the link.
+    /// Name, data size, SPI clock, INT0 line and clock of the link.
     fn info(&self) -> ChipInfo;
 
-    /// The level of INT1; `None`: the line is not connected. A setting of the chip decides which level is active (XF EN
-    /// 1316; low after a start).
+    /// The level of the line INT1, by which the chip signals interrupts; `true` is high, `None`: the line is not
+    /// connected. A setting of the chip decides which level is active (XF EN 1316; low after a start).
     ///
     /// # Errors
-    /// [`ChipError::Wires`].
+    /// [`ChipError::Wires`] if the level cannot be read.
     fn int1(&mut self) -> Result<Option<bool>, ChipError>;
 
-    /// Pulls the chip's reset line low for [`RESET_LOW`] and releases it. The chip then starts as after power-on, which
-    /// takes time. If the line is not connected, returns `false` and does nothing.
+    /// Pulls the chip's reset line low for [`RESET_LOW`] and releases it. The chip then starts as after power-on and
+    /// does not answer until it has started. If the line is not connected, returns `false` and does nothing.
     ///
     /// # Errors
-    /// [`ChipError::Wires`].
+    /// [`ChipError::Wires`] if the line cannot be set.
     fn reset(&mut self) -> Result<bool, ChipError> {
         Ok(false)
     }
@@ -126,14 +127,16 @@ pub enum ChipError {
     /// The file with manufacturer-specific objects of a simulated slave is invalid.
     #[error(transparent)]
     ManufacturerObjects(#[from] crate::link::machine_error::ManufacturerObjectsError),
-    /// The script is invalid, or one of its lines cannot be carried out on these slaves.
+    /// The script of faults (key `script=`) is invalid, or one of its lines cannot be carried out on the simulated
+    /// slaves.
     #[error(transparent)]
     Script(#[from] crate::link::machine_error::SimulatedSlavesError),
-    /// The kinds of slaves in the URI cannot be simulated with slave controllers.
+    /// A slave in the URI cannot be simulated with a slave controller (`network=controllers`), because no EEPROM
+    /// content can be made for it.
     #[error("{name}: {reason}; take that slave out, or write network=models")]
     Network {
         name: String,
-        /// Which slave this is, and why.
+        /// Which slave is meant, and why it cannot be simulated.
         reason: String,
     },
     /// The hardware between this machine and the chip, such as SPI or USB, cannot be used.
@@ -145,7 +148,7 @@ pub enum ChipError {
     },
 }
 
-/// The settings of the driver for a chip behind this link.
+/// The settings of the chip's driver that follow from the link and its options.
 pub(crate) fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig {
     HostConfig {
         size: info.size,

@@ -12,11 +12,12 @@ use crate::sk::SlotSize;
 /// Options that every link has.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommonOptions {
-    /// The slot size (`slot=`); `None` if the URI does not give one. For a board in this process it is always given.
+    /// The slot size (`slot=`); `None` if the URI does not give one. For a board that is modelled in this process it is
+    /// never `None`, since the key then has a default.
     pub slot: Option<SlotSize>,
     /// How many unread reports are kept (`queue=`), 1 or more. When the queue is full the oldest report is dropped.
     pub queue: usize,
-    /// The file to record to (`record=`).
+    /// The file to which the link is recorded (`record=`); `None`: no recording.
     pub record: Option<PathBuf>,
     /// The time limit of a read (`read_timeout_ms=`); `None`: a read waits until there is a report.
     pub read_timeout: Option<Duration>,
@@ -52,7 +53,8 @@ impl CommonOptions {
         Wait::For(self.write_timeout)
     }
 
-    /// The properties of a link with these options. The link's real clock starts with this call.
+    /// The properties of a link with these options that has a real clock. The clock counts from the opening of the
+    /// link, so the link calls this function when it is opened.
     pub fn info(&self, name: String, slot: Option<SlotSize>) -> LinkInfo {
         let (read_wait, write_wait) = (self.read_wait(), self.write_wait());
         LinkInfo { name, slot, virtual_time: false, opened_at: Stamp(0), read_wait, write_wait }

@@ -1,4 +1,4 @@
-//! The errors of links.
+//! [`LinkError`]: why opening a link or a call on it has failed.
 
 use std::borrow::Cow;
 use std::time::Duration;
@@ -22,7 +22,7 @@ pub enum LinkError {
     /// The file with a simulated slave's manufacturer-specific objects is invalid.
     #[error(transparent)]
     ManufacturerObjects(#[from] ManufacturerObjectsError),
-    /// The script is invalid.
+    /// The script of faults of the simulated slaves (key `script=`) is invalid.
     #[error(transparent)]
     Script(#[from] ScriptError),
     /// This build cannot open links with this scheme.
@@ -79,7 +79,7 @@ pub enum LinkError {
     Silent {
         /// The board's time of its last report, in nanoseconds.
         since_ns: u64,
-        /// Cycles without a report since then.
+        /// The number of cycles without a report since `since_ns`.
         cycles: u64,
     },
     /// The board is gone: it was unplugged, or reset by SW_RESET.
@@ -104,7 +104,7 @@ pub enum LinkError {
     /// The operating system reported an error.
     #[error("{what}: {message}")]
     Io {
-        /// The operation that failed, with its object.
+        /// The operation that failed, with the file, device or address that it was for.
         what: String,
         /// The system's message.
         message: String,

@@ -58,7 +58,8 @@ use clock::{Call, Clock, POLL_TIME};
 use random::FaultSequence;
 use stats::{Counters, count, read};
 
-/// The most delayed reports. A thread that reads causes at most two: a report and its duplicate.
+/// The number of delayed reports for which memory is allocated at the opening. With so many, no report is duplicated
+/// any more. A thread that reads causes at most two: a report and its duplicate.
 const PENDING_MAX: usize = 64;
 
 /// A report that was read from the inner link and is not yet due.
@@ -69,7 +70,7 @@ struct PendingReport {
     due: Duration,
 }
 
-/// A link that injects faults.
+/// A link around another one, which injects faults into its frames.
 pub struct FaultLink {
     inner: Arc<dyn Link>,
     info: LinkInfo,
@@ -258,7 +259,8 @@ impl FaultLink {
         Ok(())
     }
 
-    /// Removes and returns the oldest delayed report, once it is due; `None` if there is none.
+    /// Waits until the oldest delayed report is due, then removes and returns it; `None` at once if there is none.
+    /// Fails if the timeout `wait` of the read `call` passes before, or if the read is cancelled.
     fn take_pending(&self, call: &Call, wait: Wait, out: &mut Frame) -> Result<Option<ReadMeta>, LinkError> {
         loop {
             let due = {

@@ -1,4 +1,4 @@
-//! Errors in the files that describe a simulated machine.
+//! Errors in the files that describe a simulated machine: scripts of faults, and manufacturer-specific objects.
 
 use crate::address::keys::WHERE_TO_LOOK;
 
@@ -12,7 +12,7 @@ pub struct ManufacturerObjectsError {
     pub message: String,
 }
 
-/// Why a script is invalid.
+/// Why a script of faults (key `script=`) is invalid. A script lists what happens to simulated slaves, and when.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ScriptError {
@@ -29,7 +29,8 @@ pub enum ScriptError {
         /// What is wrong, and what is allowed there.
         message: String,
     },
-    /// A line changes frames, but the simulated board reaches its slaves without frames.
+    /// A line of the script damages or drops EtherCAT frames. The simulated board has no frames: it calls its simulated
+    /// slaves directly.
     #[error(
         "{file}, line {line}: `{verb}` happens to frames, and a simulated board reaches its slaves without any; take the line out, \
          or serve the slaves with `ecmsk serve ethercat`"
@@ -41,10 +42,10 @@ pub enum ScriptError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum SimulatedSlavesError {
-    /// See [`ManufacturerObjectsError`].
+    /// The file of manufacturer-specific objects of a slave cannot be used.
     #[error(transparent)]
     Objects(#[from] ManufacturerObjectsError),
-    /// See [`ScriptError`].
+    /// The script is invalid.
     #[error(transparent)]
     Script(#[from] ScriptError),
     /// A line of the script acts on a board, but the link opens only a chip.

@@ -70,7 +70,7 @@ impl Wait {
 /// The properties of a link: its name, its slot size, its clock and its default timeouts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LinkInfo {
-    /// The URI in its normal form.
+    /// The URI of the link in its normal form: keys in a fixed order, keys with their default values left out.
     pub name: String,
     /// The slot size of the board's frames; `None` if neither the URI nor the board has given it.
     pub slot: Option<SlotSize>,
@@ -99,9 +99,10 @@ impl Stamp {
 /// Time and sequence number of a report.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadMeta {
-    /// When the report was made, on the link's clock. A real board does not give this time. For it, this is when the
-    /// link received the report: on SPI the start of the exchange, on USB the moment at which the operating system
-    /// handed it over, which between two reads is up to 1 ms after its arrival.
+    /// When the board made the report, on the link's clock. A real board does not give this time; then it is the time
+    /// at which the link received the report. On SPI this is the start of the exchange. On USB it is the moment at
+    /// which the operating system handed the report over: between two reads this moment is up to 1 ms after the arrival
+    /// of the report.
     pub at: Stamp,
     /// The number of the report, counted from 0 since the link was opened. A gap means that reports were dropped.
     pub sequence: u64,

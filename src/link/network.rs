@@ -1,4 +1,4 @@
-//! The slaves of a network as the server of a board knows them, written as the tool's options are.
+//! The slaves behind a board, as the server of the board reports them: in the syntax of the tool's options.
 
 use crate::address::slaves::list;
 use crate::address::uri::LinkUri;
@@ -15,7 +15,7 @@ pub struct KnownNetwork {
 }
 
 impl KnownNetwork {
-    /// These values, where each unknown one is replaced by the value in `other`.
+    /// Replaces each value that is unknown by that of `other`.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         let or = |this: String, other: String| if this.is_empty() { other } else { this };

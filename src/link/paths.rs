@@ -1,5 +1,5 @@
-//! Re-exports that give items of other folders their public paths in `link`. This file has nothing else, and it is the
-//! only one here that uses folders which depend on `link`.
+//! Re-exports that give items of other folders their public paths in `link`. The folders depend on `link`, and this is
+//! the only file of `link` that depends on them, so that the rest has no circular dependency.
 
 #[cfg(feature = "sim")]
 #[doc(hidden)]

@@ -41,7 +41,7 @@ pub struct Finding {
     pub check: &'static str,
     /// The device that was checked, such as `1-2.3` or `/dev/spidev0.0`; `None` if the check is not about a device.
     pub subject: Option<String>,
-    /// The verdict of the check.
+    /// Whether what was found is right, could be improved, or has to be corrected.
     pub verdict: FindingVerdict,
     /// What was found, as a text.
     pub found: String,
@@ -68,17 +68,18 @@ impl Finding {
         }
     }
 
-    /// A finding that could be improved by `next`.
+    /// A finding about a setting that works and could be improved. `next` is the step that improves it.
     pub fn advice(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
         Self { verdict: FindingVerdict::Advice, next: Some(next.into()), ..Self::fine(check, found) }
     }
 
-    /// A finding that is wrong and corrected by `next`.
+    /// A finding about a setting that has to be corrected. `next` is the step that corrects it.
     pub fn wrong(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
         Self { verdict: FindingVerdict::Wrong, next: Some(next.into()), ..Self::fine(check, found) }
     }
 
-    /// A finding that is wrong if `matters`, otherwise one that is fine. `next` is added only if it is wrong.
+    /// If `matters`, a finding that something is wrong, with `next` as the step that corrects it; otherwise a finding
+    /// that all is fine, without a next step. `matters` is whether the link that the user wants needs what is missing.
     pub fn wrong_if(matters: bool, check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
         if matters { Self::wrong(check, found, next) } else { Self::fine(check, found) }
     }

@@ -38,8 +38,9 @@ impl TimerLateness {
         Some(Self { period, p50: rank(50), p99: rank(99), max })
     }
 
-    /// Measures by sleeping `times` times for one period, as the runner of a modelled board does. `None` if the system gives
-    /// no thread.
+    /// Measures the lateness of `times` sleeps of one period each. The thread sleeps as the thread does that runs the
+    /// cycles of a board modelled in this process, so that the result holds for it. `None` if the system gives no
+    /// thread.
     pub fn measure(period: Duration, times: usize) -> Option<Self> {
         // In a thread of its own, because the setting that makes sleeps exact belongs to the thread.
         let sleeper = move || system::late(period, times);

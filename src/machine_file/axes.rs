@@ -1,4 +1,4 @@
-//! Whether the axes of a machine file make sense.
+//! Checks the axes of a machine file and converts them: names, slaves, scales, soft limits, homing.
 
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -14,7 +14,8 @@ use crate::sk::SlaveKind;
 /// The longest name of an axis or of an input or output, characters. \[OURS]
 const NAME_MAX: usize = 32;
 
-/// The axes in the order of their slaves.
+/// Checks the axes of the file and returns them in the order of their slaves. It is an error if two axes have the same
+/// slave, or if a slave has no axis.
 pub(super) fn axes(
     source: &Source<'_>,
     fields: &BTreeMap<String, AxisFields>,
@@ -70,7 +71,7 @@ fn axis(
     })
 }
 
-/// A fault, with the name of the field.
+/// A fault of a field, with the name of the field.
 type FieldFault = (&'static str, Fault);
 
 fn scale(fields: &AxisFields) -> Result<(Unit, Scale), FieldFault> {
@@ -82,7 +83,8 @@ fn scale(fields: &AxisFields) -> Result<(Unit, Scale), FieldFault> {
         let next = format!("add per, the {unit} of one count, e.g. per = 0.001 or per = \"360/131072\"");
         return Err(("per", fault(format!("it is missing, and a count may be any number of {unit}"), next)));
     };
-    // A fraction is turned round, and not its value: the counts of a unit are a whole number more often.
+    // A fraction is inverted by exchanging its two numbers, not by dividing 1 by its value: `1/3000` gives exactly 3000
+    // counts for one unit, without a rounding error.
     let (written, counts) = match per {
         Number::Value(value) => (value.to_string(), Some(1.0 / value)),
         Number::Fraction(text) => {
@@ -101,7 +103,8 @@ fn scale(fields: &AxisFields) -> Result<(Unit, Scale), FieldFault> {
     Ok((unit, scale))
 }
 
-/// A position of a file, in counts.
+/// Converts a position of the axis, as the file has it, to counts. Fails if it is not a whole number of counts, for an
+/// axis in counts, or if it does not fit into 32 bits.
 fn counts(value: f64, unit: Unit, scale: Scale) -> Result<i32, Fault> {
     if unit == Unit::Counts && value.fract() != 0.0 {
         return Err(fault(format!("{value} is no whole number of counts"), "write one, or add the unit of the axis"));
@@ -157,7 +160,7 @@ fn homing(fields: &HomingFields, unit: Unit, scale: Scale, limits: SoftLimits) -
     })
 }
 
-/// A number within a range that fits 32 bits.
+/// Checks that a number of the file is in the range `allowed`, which must lie within 32 bits.
 pub(super) fn number(value: i64, allowed: RangeInclusive<i64>) -> Result<u32, Fault> {
     let number = u32::try_from(value).ok().filter(|_| allowed.contains(&value));
     number.ok_or_else(|| {
@@ -166,7 +169,8 @@ pub(super) fn number(value: i64, allowed: RangeInclusive<i64>) -> Result<u32, Fa
     })
 }
 
-/// Checks the name of an axis, an input or an output, which stands on command lines beside numbers and signs.
+/// Checks the name of an axis, an input or an output. On command lines names stand beside numbers and signs (`X=12.5`),
+/// so they begin with a letter and have no signs but `_` and `-`.
 pub(super) fn check_name<'a>(name: &str, mut others: impl Iterator<Item = &'a str>) -> Result<(), Fault> {
     let begins = name.chars().next().is_some_and(char::is_alphabetic);
     let plain = name.chars().all(|letter| letter.is_alphanumeric() || matches!(letter, '_' | '-'));

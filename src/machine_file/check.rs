@@ -1,4 +1,4 @@
-//! Whether the values of a machine file make sense.
+//! Checks the values of a machine file, and converts them: link, cycle, slaves, inputs and outputs, alarm texts.
 
 use std::collections::BTreeMap;
 
@@ -15,33 +15,33 @@ use crate::address::uri::LinkUri;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{CycleTime, SlaveKind, SlotSize};
 
-/// The highest number of a slave.
+/// The highest number that a slave may have.
 const SLAVES_MAX: usize = SlotSize::Bytes12.max_slaves();
-/// The inputs and outputs of a slave.
+/// The number of inputs, and of outputs, that an IO slave has.
 const BITS: i64 = 16;
 /// The longest text of an alarm, characters. \[OURS]
 const ALARM_TEXT_MAX: usize = 200;
-/// The kind of slave that is there and not used.
+/// The word in a machine file for a slave that is on the cable and not used.
 const UNUSED: &str = "none";
 
-/// A text with the positions of its fields, for errors.
+/// The text of a machine file with the lines of its fields, which errors name.
 pub(super) struct Source<'t> {
     file: &'t str,
     places: Places<'t>,
 }
 
-/// What is wrong with a field, and what to do.
+/// What is wrong with a field, and what the user has to do, in this order.
 pub(super) type Fault = (String, String);
 
 impl Source<'_> {
-    /// The error for the field at `path`.
+    /// Makes the error for the field at `path` from a fault.
     pub(super) fn wrong(&self, path: &[&str], (what, next): Fault) -> MachineFileError {
         let field = visible(&path.join("."));
         MachineFileError::Field { file: self.file.to_owned(), line: self.places.line(path), field, what, next }
     }
 }
 
-/// A fault, from two texts.
+/// Makes a fault: `what` is wrong, and `next` is what the user has to do.
 pub(super) fn fault(what: impl Into<String>, next: impl Into<String>) -> Fault {
     (what.into(), next.into())
 }
@@ -73,7 +73,8 @@ pub(super) fn machine(file: &str, text: &str) -> Result<MachineFile, MachineFile
     })
 }
 
-/// Checks the version first: a file for a newer one may have fields that this one does not know.
+/// Checks the version of the format before all other fields: a file with a newer version may have fields that this
+/// version of the library does not know.
 fn check_format(source: &Source<'_>) -> Result<(), MachineFileError> {
     let wrong =
         |what: &str| Err(source.wrong(&["format"], fault(what, format!("write `format = {FORMAT}` at the top"))));
@@ -92,7 +93,7 @@ fn check_format(source: &Source<'_>) -> Result<(), MachineFileError> {
     }
 }
 
-/// The fields of a text, with their types checked.
+/// Reads the fields of a machine file, with their types checked.
 fn read(source: &Source<'_>, text: &str) -> Result<Content, MachineFileError> {
     let read = toml::de::Deserializer::parse(text).and_then(Content::deserialize);
     read.map_err(|error| {
@@ -115,7 +116,8 @@ fn cycle(source: &Source<'_>, us: i64) -> Result<u32, MachineFileError> {
     })
 }
 
-/// The slaves in network order: those of the table, and a drive for each axis whose slave is not in it.
+/// The slaves in network order: those of the table `[slaves]`, and a drive for each axis whose slave is not listed
+/// there.
 fn slaves(source: &Source<'_>, content: &Content) -> Result<Vec<MachineSlave>, MachineFileError> {
     let mut listed: BTreeMap<usize, MachineSlave> = BTreeMap::new();
     for (key, fields) in &content.slaves {
@@ -137,7 +139,8 @@ fn slaves(source: &Source<'_>, content: &Content) -> Result<Vec<MachineSlave>, M
         }
     }
     let count = listed.last_key_value().map_or(0, |(number, _)| *number);
-    // An axis with an impossible slave is named by the check of axes.
+    // A file with axes but without a valid slave gets no error here: the check of the axes reports the wrong slave
+    // number.
     if count == 0 && content.axes.is_empty() {
         let what = "the file names no slave and no axis";
         return Err(source.wrong(&["slaves"], fault(what, "add an axis, e.g. [axes] X = { slave = 1 }")));
@@ -170,7 +173,7 @@ fn slave(source: &Source<'_>, key: &str, fields: &SlaveFields) -> Result<Machine
         revision: id("revision", fields.revision)?,
     };
     let simulated = match &fields.simulated {
-        // [OURS] A slave that is not used is simulated by the simplest one.
+        // [OURS] An unused slave is simulated by an IO slave, the simplest model.
         None => simulated(model.unwrap_or(SlaveModel::Io)),
         Some(text) => {
             let listed = slaves::parse(text).map_err(|why| wrong("simulated", fault(why, "see `ecmsk link help`")))?;
@@ -198,7 +201,7 @@ fn simulated(model: SlaveModel) -> SlaveSpec {
     SlaveSpec { model, travel: Default::default(), manufacturer_objects: None, identity: IdentitySpec::default() }
 }
 
-/// The number of a slave that the file has.
+/// Checks the number of a slave, from 1; it is an error if the file has no slave with this number.
 pub(super) fn slave_number(value: i64, slaves: &[MachineSlave]) -> Result<u8, Fault> {
     let number = u8::try_from(value).ok().filter(|number| (1..=SLAVES_MAX).contains(&usize::from(*number)));
     let number = number.ok_or_else(|| {

@@ -1,4 +1,4 @@
-//! Why a machine file cannot be used.
+//! [`MachineFileError`]: why a machine file cannot be used.
 
 /// Why a machine file cannot be used. Every text ends with the next step.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -22,9 +22,9 @@ pub enum MachineFileError {
         line: usize,
         /// The path of the field, such as `axes.X.per`.
         field: String,
-        /// What is wrong with it.
+        /// What is wrong with the field.
         what: String,
-        /// What to do.
+        /// What the user has to do.
         next: String,
     },
 }

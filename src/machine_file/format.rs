@@ -1,5 +1,5 @@
-//! The fields of a machine file, as they are written. `check.rs` finds out whether their values make sense. The texts here
-//! are also those of the JSON schema.
+//! The fields of a machine file, as they are written. `check.rs` checks their values. The doc comments become the
+//! descriptions in the JSON schema, so they are written for users.
 
 use std::collections::BTreeMap;
 
@@ -12,15 +12,16 @@ use super::unit::Unit;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(title = "Machine file of ecmsk"))]
 #[serde(deny_unknown_fields)]
 pub(super) struct Content {
-    /// The version of the format: 1.
+    /// The version of the file's format: 1.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 1)))]
     #[allow(dead_code, reason = "it is checked before the other fields are read")]
     pub(super) format: i64,
     /// The name of the machine, for people.
     pub(super) name: Option<String>,
-    /// The link to its board or network, as `--link` takes it. `sim:` simulates the slaves of this file.
+    /// The link to the machine's board or network, as the option --link takes it. sim: simulates the slaves of this
+    /// file.
     pub(super) link: Option<String>,
-    /// The EtherCAT cycle in microseconds: 250, 500, 1000, 2000, 4000 ...
+    /// The EtherCAT cycle in microseconds: 250, 500, 1000 or another 250 * 2^n; default 1000.
     pub(super) cycle_us: Option<i64>,
     /// The slaves by their numbers, from 1 in the order of the cable.
     #[serde(default)]
@@ -34,7 +35,7 @@ pub(super) struct Content {
     /// The outputs by their names.
     #[serde(default)]
     pub(super) outputs: BTreeMap<String, LineFields>,
-    /// What the error codes of the drives mean, by their makers.
+    /// The meanings of the drives' error codes, for all drives, for those of a vendor, or for one product.
     #[serde(default)]
     pub(super) alarms: Vec<AlarmFields>,
 }
@@ -44,25 +45,29 @@ pub(super) struct Content {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct SlaveFields {
-    /// The kind of slave; none: it is there and not used.
+    /// The kind of the slave: drive, io, step, dp3cl, hsp or hsp2; none for a slave that is on the cable and not used.
     #[cfg_attr(feature = "schema", schemars(extend("enum" = super::kind_words())))]
     pub(super) kind: String,
-    /// The mode of its axis: csp, csv or cst. Without it csp.
+    /// The mode of operation of the slave's axis: csp, csv or cst; default csp.
     pub(super) mode: Option<ModeWord>,
-    /// The vendor that it must have, object 0x1018:1.
+    /// The vendor id that the slave has to have, object 0x1018:1; machine check --link reports another one. Default:
+    /// any.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 4294967295_i64)))]
     pub(super) vendor: Option<i64>,
-    /// The product code that it must have, object 0x1018:2.
+    /// The product code that the slave has to have, object 0x1018:2; machine check --link reports another one. Default:
+    /// any.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 4294967295_i64)))]
     pub(super) product: Option<i64>,
-    /// The revision that it must have, object 0x1018:3.
+    /// The revision that the slave has to have, object 0x1018:3; machine check --link reports another one. Default:
+    /// any.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 4294967295_i64)))]
     pub(super) revision: Option<i64>,
-    /// How it is simulated, as `slaves=` of a link has it, e.g. drive:limits@-200000..300000. Without it as its kind is.
+    /// How the slave is simulated, written as one slave of the key slaves= of a link, e.g.
+    /// drive:limits@-200000..300000. Default: as its kind.
     pub(super) simulated: Option<String>,
 }
 
-/// The mode of an axis.
+/// The mode of operation of an axis: cyclic synchronous position, velocity or torque.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
@@ -77,10 +82,10 @@ pub(super) enum ModeWord {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct AxisFields {
-    /// The number of its slave, from 1.
+    /// The number of the slave that moves the axis, from 1.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 40)))]
     pub(super) slave: i64,
-    /// The unit of its positions. Without it they are in counts.
+    /// The unit of the axis's positions; default counts.
     pub(super) unit: Option<Unit>,
     /// Units per count: a number, or a fraction as "360/131072". Negative: the unit counts in the opposite direction.
     pub(super) per: Option<Number>,
@@ -94,11 +99,11 @@ pub(super) struct AxisFields {
     /// The highest acceleration of a move, units per second squared.
     #[cfg_attr(feature = "schema", schemars(extend("exclusiveMinimum" = 0)))]
     pub(super) max_acceleration: Option<f64>,
-    /// How its home is found.
+    /// How the axis finds its home position.
     pub(super) homing: Option<HomingFields>,
 }
 
-/// How the home of an axis is found. Without a value the drive has its own.
+/// How an axis finds its home position. A setting that is left out stays as the drive has it.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -136,20 +141,20 @@ pub(super) struct LineFields {
     /// The number of the slave, from 1.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 40)))]
     pub(super) slave: i64,
-    /// The bit, from 0.
+    /// The number of the input or output on the slave, from 0.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 15)))]
     pub(super) bit: i64,
 }
 
-/// What the error codes of some drives mean.
+/// The meanings of the error codes of some drives.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct AlarmFields {
-    /// The vendor of the drives; without it all.
+    /// The vendor id of the drives; left out: the texts are for all drives.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 4294967295_i64)))]
     pub(super) vendor: Option<i64>,
-    /// The product code of the drives; without it all of the vendor.
+    /// The product code of the drives; left out: the texts are for all drives of the vendor.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 4294967295_i64)))]
     pub(super) product: Option<i64>,
     /// The texts by error codes, object 0x603F, e.g. 0x7500 = "encoder cable".

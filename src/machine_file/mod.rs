@@ -1,6 +1,6 @@
-//! The machine file, `machine.toml`: what a person knows of a machine and a network does not tell. Axes by their names, with
-//! unit, scale, soft limits and homing; which device each slave has to be; inputs and outputs by their names; what the
-//! error codes of a maker mean; the link.
+//! The machine file, `machine.toml`: facts about a machine that a person knows and the network does not tell. It has
+//! the axes by their names, with unit, scale, soft limits and homing; which device each slave has to be; inputs and
+//! outputs by their names; what the error codes of a maker mean; the link.
 //!
 //! ```
 //! use ecmsk::machine_file::MachineFile;
@@ -19,7 +19,7 @@
 //! ```
 //!
 //! - `format.rs`: the fields as they are written; `unit.rs`: the units
-//! - `check.rs`, `axes.rs`: whether the values make sense; `places.rs`: their lines in the text
+//! - `check.rs`, `axes.rs`: check the values and convert them; `places.rs`: the lines of the fields in the text
 //! - `error.rs`: [`MachineFileError`]
 
 mod axes;
@@ -44,9 +44,9 @@ pub use unit::Unit;
 
 /// The name of the file that the tool looks for in its working directory.
 pub const FILE_NAME: &str = "machine.toml";
-/// The version of the format.
+/// The version of the file format that this library reads. Files with another version are refused.
 pub const FORMAT: i64 = 1;
-/// The maximum length of a machine file. \[OURS]
+/// The maximum length of a machine file, bytes. \[OURS]
 const FILE_SIZE_MAX_BYTES: u64 = 1 << 20;
 
 /// A machine, as its file describes it. All values are checked.
@@ -54,15 +54,15 @@ const FILE_SIZE_MAX_BYTES: u64 = 1 << 20;
 pub struct MachineFile {
     /// The path of the file, as it was given.
     pub path: PathBuf,
-    /// The name of the machine.
+    /// The name of the machine, for people; `None` if the file does not give it.
     pub name: Option<String>,
-    /// The link to its board or network.
+    /// The link to the machine's board or network; `None` if the file does not give it.
     pub link: Option<LinkUri>,
-    /// The EtherCAT cycle, microseconds.
+    /// The EtherCAT cycle, microseconds; `None` if the file does not give it.
     pub cycle_us: Option<u32>,
     /// The slaves in network order: slave 1 is the first; 1..=40.
     pub slaves: Vec<MachineSlave>,
-    /// The axes, in the order of their slaves; at most one of a slave.
+    /// The axes, in the order of their slaves; at most one for each slave.
     pub axes: Vec<MachineAxis>,
     /// The inputs with names, in the order of the names.
     pub inputs: Vec<IoLine>,
@@ -71,41 +71,42 @@ pub struct MachineFile {
     alarms: Vec<AlarmTexts>,
 }
 
-/// A slave of a machine.
+/// A slave of a machine: its kind, its mode of operation, and which device it has to be.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineSlave {
-    /// The kind that the board is told.
+    /// The kind of the slave, which a program declares to the board (SET_AXIS).
     pub kind: SlaveKind,
-    /// The mode of its axis; CSP if it has none.
+    /// The mode of operation of the slave's axis; CSP if the file does not give one.
     pub mode: Mode,
-    /// The device that it has to be, as far as the file says.
+    /// Vendor, product code and revision that the slave has to have; `None` for a value that the file does not give.
     pub expected: IdentitySpec,
-    /// How the slave is simulated: with the identity that it has to have.
+    /// How the slave is simulated. It has the identity of [`Self::expected`].
     pub simulated: SlaveSpec,
 }
 
-/// An axis of a machine.
+/// An axis of a machine, with unit, scale, limits and homing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineAxis {
-    /// Its name.
+    /// The name of the axis.
     pub name: String,
-    /// The number of its slave, 1..=40.
+    /// The number of the slave that moves the axis, 1..=40.
     pub slave: u8,
-    /// The unit of its positions.
+    /// The unit of the axis's positions.
     pub unit: Unit,
     /// The counts of one unit.
     pub scale: Scale,
-    /// Where its targets have to be, counts.
+    /// The range in which targets of the axis have to be, counts. The tool refuses other targets; programs are not
+    /// checked.
     pub limits: SoftLimits,
     /// The highest speed of a move, units per second; above 0.
     pub max_velocity: Option<f64>,
     /// The highest acceleration of a move, units per second squared; above 0.
     pub max_acceleration: Option<f64>,
-    /// How its home is found.
+    /// How the axis finds its home position.
     pub homing: AxisHoming,
 }
 
-/// How the home of an axis is found. `None`: as the drive has it.
+/// How an axis finds its home position. A value of `None` stays as the drive has it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisHoming {
     /// The homing method, 0x6098.
@@ -123,15 +124,15 @@ pub struct AxisHoming {
 /// An input or output with a name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IoLine {
-    /// Its name.
+    /// The name of the input or output.
     pub name: String,
-    /// The number of its slave, 1..=40.
+    /// The number of the slave with this input or output, 1..=40.
     pub slave: u8,
-    /// The bit, 0..=15.
+    /// The number of the input or output on the slave, 0..=15.
     pub bit: u8,
 }
 
-/// What the error codes of some drives mean.
+/// The meanings of the error codes of some drives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct AlarmTexts {
     vendor: Option<u32>,
@@ -140,10 +141,11 @@ struct AlarmTexts {
 }
 
 impl MachineFile {
-    /// Reads a file.
+    /// Reads a machine file.
     ///
     /// # Errors
-    /// [`MachineFileError`]
+    /// [`MachineFileError`] if the file cannot be read, is no TOML, has a newer format, or has a missing or wrong
+    /// field.
     pub fn load(path: &Path) -> Result<Self, MachineFileError> {
         let file = path.display().to_string();
         let unreadable = |message: String| MachineFileError::Unreadable { file: file.clone(), message };
@@ -157,7 +159,8 @@ impl MachineFile {
     /// Reads the text of a file; `file` is its path, for messages.
     ///
     /// # Errors
-    /// [`MachineFileError`], for the first fault.
+    /// [`MachineFileError`] for the first fault: the text is no TOML, has a newer format, or has a missing or wrong
+    /// field.
     pub fn parse(file: &str, text: &str) -> Result<Self, MachineFileError> {
         check::machine(file, text)
     }
@@ -191,8 +194,8 @@ impl MachineFile {
         best.texts.iter().find(|(known, _)| *known == code).map(|(_, text)| text.as_str())
     }
 
-    /// The link to open: `link`, else that of the file. A simulated board (`sim:`, `xf-sim:`) without a list of its own has
-    /// the slaves of this file.
+    /// The link to open: `link` if it is given, otherwise the link of the file. A simulated board (`sim:`, `xf-sim:`)
+    /// whose link lists no slaves gets the slaves of this file.
     pub fn link(&self, link: Option<&LinkUri>) -> Option<LinkUri> {
         let link = link.or(self.link.as_ref())?;
         Some(link.with_machine(&self.path.display().to_string()).unwrap_or_else(|| link.clone()))
@@ -231,7 +234,7 @@ pub fn schema() -> schemars::Schema {
     schemars::schema_for!(format::Content)
 }
 
-/// The words for kinds of slaves.
+/// The values that the field `kind` of a slave may have in a machine file.
 #[cfg(feature = "schema")]
 fn kind_words() -> Vec<String> {
     crate::address::slaves::declared_words().split(", ").map(str::to_owned).collect()

@@ -28,7 +28,7 @@ impl<'t> Places<'t> {
         }
     }
 
-    /// The value of a field at the top; `None` if there is none.
+    /// The value of a field that is outside all tables; `None` if there is none.
     pub(super) fn top(&self, name: &str) -> Option<&DeValue<'t>> {
         self.root.iter().find(|(key, _)| key.get_ref() == name).map(|(_, value)| value.get_ref())
     }
@@ -75,7 +75,8 @@ fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
         let before = path.len();
         path.push(key.get_ref().to_string());
         below(value, at, path);
-        // A table that is written in several parts is no continuous text: one of its fields may be here all the same.
+        // A table may be written in several parts of the text, so its span does not cover all its fields. A field that
+        // contains the position therefore counts even if the span of its table does not contain it.
         if is_here || path.len() > before + 1 {
             return;
         }

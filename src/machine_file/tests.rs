@@ -130,7 +130,7 @@ fn the_slaves_of_the_file_are_simulated_where_a_link_lists_none() {
     let link = |text: &str| machine.link(Some(&LinkUri::parse(text).unwrap())).unwrap().to_string();
     assert_eq!(link("xf-sim:"), "xf-sim:?machine=m.toml");
     assert_eq!(link("sim:?slaves=io"), "sim:?slaves=io");
-    // Two drives are also what a link has that lists none.
+    // A `sim:` link without a list of slaves has two drives by default, so this list is left out of its normal form.
     assert_eq!(link("sim:?slaves=drive,drive"), "sim:");
     assert_eq!(link("sim:?machine=other"), "sim:?machine=other");
     assert_eq!(link("usb:"), "usb:");
@@ -261,7 +261,7 @@ fn each_wrong_field_is_named_with_its_line() {
     ] {
         assert!(WHOLE.contains(replaced), "line {line}: {replaced}");
         let said_now = error(&WHOLE.replacen(replaced, by, 1));
-        // The first product stands at the slave.
+        // The first `product` in the file is that of slave 1, which has to be changed as well.
         let said_now = if line == 52 { error(&WHOLE.replace(replaced, by)) } else { said_now };
         assert!(said_now.contains(said), "{replaced} -> {by}\n  {said_now}\n  {said}");
         assert!(said_now.starts_with("m.toml, line ") && said_now.contains("; "), "{said_now}");
@@ -297,7 +297,7 @@ fn a_file_with_a_part_missing_or_twice_never_panics() {
     }
 }
 
-/// The example of the page is a machine file.
+/// The example in `docs/MACHINE.md` is a valid machine file.
 #[test]
 fn the_page_shows_a_machine_file() {
     let page = include_str!("../../docs/MACHINE.md");

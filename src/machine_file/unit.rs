@@ -1,4 +1,4 @@
-//! The units of axes.
+//! The units of positions that an axis in a machine file may have.
 
 use std::fmt;
 
@@ -29,7 +29,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// All units.
+    /// All units, in the order of the documentation.
     pub const ALL: [Self; 8] = [Self::Mm, Self::Um, Self::M, Self::In, Self::Deg, Self::Rad, Self::Turn, Self::Counts];
 
     /// The word for the unit in a machine file and behind a number: `mm`.

@@ -1,5 +1,6 @@
-//! When acyclic datagrams are sent: jobs, mailbox messages and the reads of the watch. The interval between two frames of
-//! them decides how soon the watch in `lost_slaves.rs` notices that a slave is lost.
+//! Decides when acyclic datagrams are sent: those of jobs, of mailboxes, and those by which the watch in
+//! `lost_slaves.rs` checks the slaves. How often a frame with them is sent decides how soon the watch notices that a
+//! slave is lost.
 
 use super::shared::Shared;
 use super::wire::Wire;

@@ -35,7 +35,7 @@ impl From<Lost> for Unanswered {
     }
 }
 
-/// A handle of a queued datagram. Dropping it abandons the datagram.
+/// A handle of a queued datagram, for its answer. Dropping it abandons the datagram.
 pub(super) struct Ticket {
     shared: Arc<Mutex<Shared>>,
     number: usize,
@@ -45,7 +45,7 @@ impl Ticket {
     /// Waits for the answer and copies its data into `data`. Returns the working counter.
     ///
     /// # Errors
-    /// [`Lost`].
+    /// [`Lost`] if no frame with the datagram has come back in any of the tries.
     pub(super) async fn answer(self, data: &mut [u8]) -> Result<u16, Lost> {
         poll_fn(|_| match self.shared.lock().exchange.answer(self.number, data) {
             Some(answer) => Poll::Ready(answer),
@@ -98,7 +98,8 @@ impl Bus {
         Ticket { shared: Arc::clone(&self.0), number }
     }
 
-    /// Sends a datagram and replaces `data` by the data of its answer. Returns the working counter.
+    /// Sends a datagram and replaces `data` by the data of its answer. Returns the working counter; fails if no frame
+    /// comes back in any of the tries.
     pub(super) async fn exchange(&self, command: Command, adp: u16, ado: u16, data: &mut [u8]) -> Result<u16, Lost> {
         self.queue(command, adp, ado, data).answer(data).await
     }

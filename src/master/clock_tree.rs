@@ -5,7 +5,7 @@ use super::topology::{PORT_ORDER, Upstream, is_open};
 use crate::ethercat::registers::{DlStatus, PORTS};
 use crate::ethercat::{Command, SlaveSet};
 
-/// The SYNC signals of a slave.
+/// When a slave with distributed clocks generates its SYNC signals: their cycle, offset and delay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SyncSignals {
     /// Value for registers 0x0980 (low byte) and 0x0981, which selects the SYNC signals. ESI files and EEPROMs call it

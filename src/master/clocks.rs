@@ -52,7 +52,7 @@ pub(super) fn make_room(shared: &mut Shared, slaves: usize) {
 }
 
 impl Measurement {
-    /// A measurement with memory for that many slaves.
+    /// A measurement of propagation delays with memory for `slaves` slaves.
     fn new(slaves: usize) -> Self {
         let mut measurement = Self {
             reads: Vec::with_capacity(slaves),
@@ -207,8 +207,8 @@ pub(super) async fn distribute(bus: &Bus) {
 /// Stops the SYNC signals of a slave.
 pub(super) async fn stop_sync(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {
     if bus.with(|shared| shared.clocks.all.contains(slave)) {
-        // Before this write gives control to the master, the slave's own controller may have it, and other writes have
-        // no effect.
+        // The PDI, the slave's own microcontroller, may control the SYNC unit; other writes to the unit then have no
+        // effect. Writing 0 gives the control to the master.
         bus.write(station, CYCLIC_UNIT_CONTROL, &[0; 2]).await?;
     }
     Ok(())

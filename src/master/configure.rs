@@ -1,4 +1,5 @@
-//! The configuration of a user: process data of each slave, its sync managers, and the distributed clocks.
+//! What a user configures before slaves go to SafeOP: the process data of each slave, its sync managers, and the
+//! distributed clocks.
 
 use super::{ConfigureError, Master, Pace, ProcessManager, ReferenceClock, SyncSignals, process_data};
 use crate::ethercat::registers::SyncManager;
@@ -7,10 +8,12 @@ use crate::ethercat::sii::SiiSmType;
 impl Master {
     /// Sets the lengths of a slave's process data, bytes, as its PDOs are mapped. The data of each direction use the
     /// first sync manager that the slave describes for it. The lengths take effect when the slave goes from PreOP to
-    /// SafeOP. Its outputs are 0 then, unless nothing has changed.
+    /// SafeOP. If a length changes, the slave's outputs become 0; otherwise they stay.
     ///
     /// # Errors
-    /// [`ConfigureError`].
+    /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`] for data without a sync manager;
+    /// [`ConfigureError::TooFewFmmus`]; [`ConfigureError::Active`] if the slave is in SafeOP or OP;
+    /// [`ConfigureError::TooLong`].
     pub fn configure(&mut self, slave: u8, output_bytes: u16, input_bytes: u16) -> Result<(), ConfigureError> {
         let info = self.slave(slave).ok_or(ConfigureError::NoSlave(slave))?;
         if info.outputs.is_empty() && output_bytes > 0 || info.inputs.is_empty() && input_bytes > 0 {
@@ -23,7 +26,7 @@ impl Master {
     /// Configures the process data of a slave as its EEPROM describes them.
     ///
     /// # Errors
-    /// [`ConfigureError`].
+    /// Those of [`Self::configure`].
     pub fn configure_as_described(&mut self, slave: u8) -> Result<(), ConfigureError> {
         let described = |_, one: &ProcessManager| one.registers.len;
         self.configure_managers(slave, described, described)
@@ -51,7 +54,8 @@ impl Master {
             return Err(ConfigureError::Active(slave));
         }
         self.process.configure(slave, outputs, inputs, lacks_lrw, active)?;
-        // The logical addresses of other slaves' inputs may have changed, too.
+        // The layout of the process image may have changed, so the address at which the watch reads a slave's inputs is
+        // set anew for all slaves.
         let Self { bus, process, .. } = self;
         bus.with(|shared| {
             (1..).zip(&mut shared.live).for_each(|(slave, live)| live.inputs_at = process.inputs_at(slave))

@@ -1,4 +1,4 @@
-//! The end of a cycle: derives from its working counters which slaves are missing or have left OP.
+//! The end of a cycle: its working counters show whether slaves may be missing or have left OP.
 
 use super::process_data::ProcessData;
 use super::shared::Shared;

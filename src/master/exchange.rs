@@ -99,7 +99,7 @@ impl Sent {
     }
 }
 
-/// A frame in flight.
+/// A frame in flight, with the datagrams whose answers it brings back.
 #[derive(Debug, Default)]
 struct Flight {
     is_used: bool,
@@ -198,7 +198,7 @@ impl CyclicFrame<'_> {
         fits
     }
 
-    /// Sends the frame.
+    /// Sends the frame. If the wire refuses it, the frame is counted as not sent, and later as lost.
     pub(super) fn send(self, wire: &mut (impl Wire + ?Sized)) {
         send(wire, self.writer, self.counters);
     }
@@ -232,7 +232,7 @@ impl Exchange {
         exchange
     }
 
-    /// Allocates memory for `more` short datagrams beyond those from the start.
+    /// Allocates memory for `more` short datagrams in addition to the [`SHORT_REQUESTS`] that [`Self::new`] allocates.
     pub(super) fn reserve_short(&mut self, more: usize) {
         let has = self.requests.iter().filter(|request| !request.is_long).count();
         self.reserve((SHORT_REQUESTS + more).saturating_sub(has), false);
@@ -297,7 +297,7 @@ impl Exchange {
         self.flights.iter().any(|flight| flight.is_used && !flight.is_cyclic)
     }
 
-    /// Claims a free index, and a place in `flights` for its frame.
+    /// Claims a frame index, and a place in `flights` for its frame. `None`: [`FLIGHTS`] frames are in flight already.
     fn claim(&mut self, now: Ns, is_cyclic: bool) -> Option<usize> {
         let place = self.flights.iter().position(|flight| !flight.is_used)?;
         let is_free = |index: &u8| match self.indices[usize::from(*index)] {

@@ -49,13 +49,13 @@ pub struct SlaveInfo {
     pub identity: SiiIdentity,
     /// The name of the slave, as [`SiiText`](crate::ethercat::sii::SiiText) shows it; empty if the EEPROM has none.
     pub name: String,
-    /// The features of the slave controller.
+    /// The features of the slave controller, register 0x0008, such as distributed clocks and LRW.
     pub features: Features,
-    /// The number of FMMUs.
+    /// The number of FMMUs of the slave controller.
     pub fmmus: u8,
-    /// The number of sync managers.
+    /// The number of sync managers of the slave controller.
     pub sync_managers: u8,
-    /// The state of the slave's ports.
+    /// The DL status of the slave: which ports have a link, and which are closed.
     pub ports: DlStatus,
     /// The slave and port to which this slave is connected; `None`: it is the first one.
     pub upstream: Option<Upstream>,
@@ -76,7 +76,7 @@ pub struct SlaveInfo {
 }
 
 impl SlaveInfo {
-    /// A slave of which only the registers are known.
+    /// A slave of which only the station address and the EEPROM are known; all values of registers are 0 or empty.
     pub(super) fn new(station: u16, eeprom: Result<Vec<u8>, SiiError>) -> Self {
         let mut info = Self {
             station,
@@ -202,7 +202,7 @@ impl SlaveInfo {
         true
     }
 
-    /// Whether the slave has no CoE, according to its EEPROM. False if that was not read.
+    /// Whether the slave has no CoE, according to its EEPROM. False if the EEPROM was not read.
     pub fn lacks_coe(&self) -> bool {
         let has_coe = self.mailbox.is_some_and(|mailbox| mailbox.protocols.contains(MailboxProtocols::COE));
         self.eeprom.is_ok() && !has_coe

@@ -20,7 +20,7 @@ use super::{
 use crate::ethercat::coe::{ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 
-/// \[OURS] How many changes of state, and how many transfers of numbers, can run at once without allocating.
+/// \[OURS] How many changes of state, and how many SDO transfers of up to 4 bytes, can run at once without allocating.
 const CHANGES: usize = 1;
 const TRANSFERS: usize = 8;
 /// \[OURS] How many jobs of all kinds there can be without allocating, including those whose result was not taken.
@@ -32,18 +32,19 @@ pub(super) enum Output {
     Done(End),
 }
 
-/// A running job.
+/// A running job: its id, and the future that does its work.
 pub(super) struct Running {
     pub(super) id: JobId,
     pub(super) work: Work,
 }
 
-/// A slot for transfers of numbers, with the arguments of one transfer: kind, slave, object and scope.
+/// A preallocated slot for SDO transfers of up to 4 bytes. Each transfer is begun with these arguments: upload or
+/// download, slave, object, and scope.
 type NumberPlace = Place<(NumberTransfer, Peer, ObjectAddress, SdoScope), End>;
 
 /// The future of a running job, or the slot that holds it.
 pub(super) enum Work {
-    /// A future in a box of its own.
+    /// The future of a job, in a box that was allocated for this job.
     Once(Task<Output>),
     /// A change of state, in a slot that is reused.
     State(StateChange),

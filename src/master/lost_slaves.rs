@@ -12,7 +12,7 @@ use crate::ethercat::registers::{
 use crate::ethercat::sii::SiiIdentity;
 use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns, SlaveSet};
 
-/// \[OURS] A temporary station address, for a slave that is being identified.
+/// \[OURS] A temporary station address for the slave that is just being identified.
 const UNKNOWN_STATION: u16 = 0x0FFF;
 /// \[OURS] The interval in which the watch searches for slaves that have come back.
 const RETURN_NS: Ns = 20_000_000;
@@ -172,8 +172,9 @@ impl Watch {
         }
     }
 
-    /// Assigns its station address again to a slave that has lost it, at position `place` (from 1) of the cable, if it
-    /// is one of `candidates` and missing. `absent`: the slaves whose station address no slave has now.
+    /// Identifies the slave at position `place` (from 1) of the cable, which has lost its station address, and assigns
+    /// the address to it again. The slave must be one of `candidates` and missing. `absent`: the slaves whose station
+    /// address no slave has now. `None`: the slave could not be identified, or an access to it has failed.
     async fn identify(&self, place: u8, candidates: SlaveSet, absent: SlaveSet) -> Option<()> {
         let adp = (u16::from(place) - 1).wrapping_neg();
         let unknown = UNKNOWN_STATION.to_le_bytes();
@@ -200,9 +201,10 @@ impl Watch {
         Some(())
     }
 
-    /// The candidate with that identity and alias. If several candidates have the same, the one whose upstream port is
-    /// open, if there is only one such. `None`: several candidates remain, so that the slave can be identified only
-    /// after the others, or the slave was not known to be missing.
+    /// The candidate with that identity and alias, if it is missing. Several candidates may have the same identity and
+    /// alias. Then the slave is the one whose upstream slave answers with an open port towards it. `None`: this is so
+    /// for none or for several of them, so that the slave can be identified only when others have got their addresses
+    /// back; or the slave was not known to be missing.
     async fn one_of(&self, candidates: SlaveSet, absent: SlaveSet, identity: SiiIdentity, alias: u16) -> Option<u8> {
         let is_equal = |slave: &u8| {
             let info = self.slaves.get(usize::from(*slave) - 1);
@@ -240,7 +242,7 @@ fn candidates(order: &[u8], place: u8, slaves: u8) -> SlaveSet {
     let end = order[at..].iter().position(|slave| *slave != 0).map_or(order.len(), |known| known + at);
     let before = begin.checked_sub(1).map_or(0, |known| order[known]);
     let behind = order.get(end).copied().unwrap_or(slaves + 1);
-    // Unknown positions before and behind this one in the gap belong to other slaves.
+    // Unknown positions before and behind this one, between the same known slaves, belong to other slaves.
     let (first, last) = (before + 1 + (at - begin) as u8, behind.saturating_sub((end - at) as u8));
     (first..=last).collect()
 }
@@ -259,7 +261,7 @@ mod tests {
         assert_eq!(of(&[0, 2, 0, 4, 0], 5), [5]);
         assert_eq!([of(&[0, 0, 0, 0, 0], 1), of(&[0, 0, 0, 0, 0], 4)], [[1], [4]]);
         assert_eq!([of(&[1, 0, 0, 4, 5], 2), of(&[1, 0, 0, 4, 5], 3)], [[2], [3]]);
-        // One slave of the gap is missing.
+        // One of the slaves between the known ones is missing, so each unknown position has several candidates.
         assert_eq!(of(&[0, 3, 4, 5], 1), [1, 2]);
         assert_eq!(of(&[1, 0], 2), [2, 3, 4, 5]);
         assert_eq!([of(&[0, 0], 1), of(&[0, 0], 2)], [[1, 2, 3, 4], [2, 3, 4, 5]]);

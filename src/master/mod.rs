@@ -196,7 +196,7 @@ pub struct Master {
     done: VecDeque<(JobId, End)>,
     slaves: Vec<SlaveInfo>,
     process: ProcessData,
-    /// The task that watches over the slaves that were found.
+    /// The future of the watch over the slaves that a scan has found (`lost_slaves.rs`).
     watch: Option<Task<()>>,
     buffer: Box<FrameBuffer>,
 }

@@ -1,4 +1,4 @@
-//! The clock that follows the reference clock: it computes the next deadline of cycles.
+//! A PLL that follows the reference clock, and computes from it the deadline of the next cycle.
 
 use crate::ethercat::Ns;
 
@@ -59,7 +59,8 @@ impl Pacer {
             }
         };
         self.ahead = Some(ahead);
-        // A runner that is a little late keeps to the planned deadlines.
+        // If the cycle was sent up to half a cycle late or early, the next deadline follows from the planned one, so
+        // that a delay does not shift all later cycles. Otherwise it follows from the time at which the cycle was sent.
         let is_near = |planned: &Ns| planned.abs_diff(sent_at) < pace.cycle_ns / 2;
         let base = self.planned.filter(is_near).unwrap_or(sent_at).saturating_add(pace.cycle_ns);
         let then = ahead.wrapping_add(self.speed / SPEED_UNIT);

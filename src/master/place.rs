@@ -19,7 +19,7 @@ pub(crate) trait Sequences<Q, R>: Send {
     /// Polls the sequence and returns its result when it is ready. An empty slot is always pending.
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<R>;
 
-    /// Drops the running sequence.
+    /// Drops the running sequence, if there is one. The slot is then free for another one.
     fn give_up(&mut self);
 }
 
@@ -34,7 +34,7 @@ where
 
 struct Seat<B, F> {
     begin: B,
-    /// The running sequence.
+    /// The running sequence; `None`: the slot is free.
     sequence: Pin<Box<Option<F>>>,
 }
 

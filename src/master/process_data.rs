@@ -57,7 +57,7 @@ pub enum ConfigureError {
     /// The slave describes no sync manager for a direction that should have process data.
     #[error("slave {0} describes no sync manager for its process data in this direction")]
     NoManager(u8),
-    /// The slave is in SafeOP or OP.
+    /// The slave is in SafeOP or OP, where its process data cannot be changed.
     #[error("slave {0} exchanges process data; bring it to PreOP first")]
     Active(u8),
     /// The process data of the slave do not fit into a datagram.
@@ -65,7 +65,7 @@ pub enum ConfigureError {
     TooLong {
         /// Slave, from 1.
         slave: u8,
-        /// Bytes of its outputs and inputs together.
+        /// Bytes of the slave's outputs and inputs together.
         bytes: usize,
     },
     /// The slave has fewer FMMUs than sync managers with process data.
@@ -73,9 +73,9 @@ pub enum ConfigureError {
     TooFewFmmus {
         /// Slave, from 1.
         slave: u8,
-        /// The number of FMMUs that it needs.
+        /// The number of FMMUs that the slave needs: one for each sync manager with process data.
         needs: usize,
-        /// The number of FMMUs that it has.
+        /// The number of FMMUs that the slave has.
         has: u8,
     },
 }
@@ -96,13 +96,13 @@ pub struct CycleDone {
     pub expected_working_counter: u16,
     /// The number of datagrams with process data that did not come back in time.
     pub lost: u8,
-    /// The slaves with a share in a datagram that was lost or had a working counter below the expected one.
+    /// The slaves with process data in a datagram that was lost or had a working counter below the expected one.
     /// [`Master::missing`](super::Master::missing) later names those that do not answer.
     pub short: SlaveSet,
     /// The slaves whose inputs are those of this cycle. All others keep their previous inputs, because their datagram
     /// was lost or had a wrong working counter.
     pub fresh: SlaveSet,
-    /// The slaves with a share in a datagram whose working counter was wrong, too low or too high.
+    /// The slaves with process data in a datagram whose working counter was wrong, too low or too high.
     pub doubtful: SlaveSet,
     /// The number of slaves that the frame has passed; `None`: it did not come back.
     pub present: Option<u16>,
@@ -145,7 +145,8 @@ pub(super) const fn with_len(manager: SyncManager, len: u16) -> SyncManager {
 }
 
 impl ProcessData {
-    /// Resets everything after a scan that has found these slaves.
+    /// Begins anew with the slaves that a scan has found: without process data and without a cycle. Only the setting of
+    /// LRW stays.
     pub(super) fn reset(&mut self, slaves: &[SlaveInfo]) {
         let (slaves, is_lrw_off) = (slaves.iter().map(SlaveData::of).collect(), self.is_lrw_off);
         *self = Self { slaves, is_lrw_off, ..Self::default() };
@@ -242,7 +243,7 @@ impl ProcessData {
         self.slave(slave).map(|data| Arc::clone(&data.registers))
     }
 
-    /// The SYNC signals of a slave.
+    /// The SYNC signals that were set for a slave; `None`: none were set, or there is no such slave.
     pub(super) fn sync(&self, slave: u8) -> Option<SyncSignals> {
         self.slave(slave)?.sync
     }

@@ -37,7 +37,7 @@ impl From<Unanswered> for DatagramError {
 pub struct DatagramAnswer {
     /// The data of the answer, as many bytes as were sent.
     pub data: Vec<u8>,
-    /// The working counter, whatever its value is.
+    /// The working counter of the answer. It is not checked.
     pub working_counter: u16,
 }
 
@@ -45,10 +45,10 @@ const fn check_len(bytes: usize) -> Result<(), DatagramError> {
     if bytes > DATA_LEN_MAX { Err(DatagramError::TooLong(bytes)) } else { Ok(()) }
 }
 
-/// Sends a datagram once.
+/// Sends a datagram once; its answer may have any working counter.
 ///
 /// # Errors
-/// [`DatagramError`].
+/// [`DatagramError::TooLong`]; [`DatagramError::Lost`] if the frame does not come back.
 pub(super) async fn datagram(
     bus: Bus,
     command: Command,
@@ -66,7 +66,8 @@ pub(super) async fn datagram(
 /// Reads registers of the slave with that station address.
 ///
 /// # Errors
-/// [`DatagramError`].
+/// [`DatagramError::TooLong`]; [`DatagramError::Lost`] if no frame comes back; [`DatagramError::WorkingCounter`] if the
+/// slave does not answer or refuses the access.
 pub(super) async fn read(bus: Bus, station: u16, address: u16, len: usize) -> Result<Vec<u8>, DatagramError> {
     check_len(len)?;
     let mut data = vec![0; len];
@@ -80,7 +81,8 @@ pub(super) async fn read(bus: Bus, station: u16, address: u16, len: usize) -> Re
 /// Writes registers of the slave with that station address.
 ///
 /// # Errors
-/// [`DatagramError`].
+/// [`DatagramError::TooLong`]; [`DatagramError::Lost`] if no frame comes back; [`DatagramError::WorkingCounter`] if the
+/// slave does not answer or refuses the access.
 pub(super) async fn write(bus: Bus, station: u16, address: u16, data: Vec<u8>) -> Result<(), DatagramError> {
     check_len(data.len())?;
     Ok(bus.write(station, address, &data).await?)

@@ -17,8 +17,9 @@ pub(super) const FIRST_STATION: u16 = 0x1001;
 /// \[OURS] How long slaves may take to reach Init.
 const INIT_MAX_NS: Ns = 2_000_000_000;
 
-/// \[OURS] How often the scan opens all ports again, each time with all tries, after no frame has come back: opening a
-/// port without a link loses the frame behind that slave, which has taken the write already.
+/// \[OURS] How often the scan begins anew to open all ports after no frame has come back in any of
+/// [`Settings::tries`](super::Settings::tries). When a slave opens a port without a link, it loses the frame of this
+/// write, although it has executed the write; so the next attempt may succeed.
 const LOST_MAX: u32 = 2;
 
 /// Why a scan has failed.
@@ -55,7 +56,7 @@ async fn count(bus: &Bus) -> u16 {
 }
 
 /// Opens the ports of all slaves, as at power-on, again and again: slaves behind a closed port may have closed ports,
-/// too. Returns the number of slaves then.
+/// too. Returns the number of slaves that can be reached after that.
 async fn uncover(bus: &Bus) -> u16 {
     let (mut found, mut lost) = (None, 0);
     for _ in 0..=MAX_SLAVES {
@@ -77,7 +78,8 @@ async fn uncover_next(bus: &Bus) -> Result<u16, Lost> {
     const WITHOUT_ALIAS: [u8; 1] = [0];
     let count = bus.queue(Command::Brd, 0, TYPE, &[0]);
     bus.write_all_of([
-        // The first byte enables writes within this frame, and the second one ends the write protection.
+        // Each write has two bytes: the first one (0x0030, 0x0020) enables writes within this frame, the second one
+        // (0x0031, 0x0021) ends the write protection.
         (ESC_WRITE_ENABLE, &[0; 2]),
         (WRITE_REGISTER_ENABLE, &[0; 2]),
         (DL_CONTROL, &AUTOMATIC),
@@ -174,7 +176,7 @@ async fn reset(bus: &Bus) -> Result<(), Lost> {
     Ok(())
 }
 
-/// Collects the information about a slave.
+/// Reads the registers and the EEPROM of a slave that has just got its station address.
 async fn identify(bus: &Bus, station: u16) -> Result<SlaveInfo, Unanswered> {
     let until = bus.now() + INIT_MAX_NS;
     loop {

@@ -1,4 +1,4 @@
-//! The settings of the master.
+//! [`Settings`]: addresses, timeouts and intervals of the master.
 
 use crate::ethercat::Ns;
 
@@ -10,8 +10,9 @@ pub struct Settings {
     pub source: [u8; 6],
     /// \[OURS] The timeout of a frame; a frame that comes back later counts as lost.
     pub frame_timeout_ns: Ns,
-    /// \[OURS] How often a datagram is sent at most if no frame comes back; only for datagrams that may be executed
-    /// twice.
+    /// \[OURS] How often a datagram is sent at most if no frame comes back; 0 counts as 1. Only for datagrams that a
+    /// slave may execute twice, such as accesses to registers. Requests to mailboxes and
+    /// [`Master::datagram`](super::Master::datagram) are not repeated in this way.
     pub tries: u8,
     /// \[OURS] How long the index of a lost frame is not reused, so that a late answer is recognised as such.
     pub index_rest_ns: Ns,

@@ -26,7 +26,7 @@ pub enum Event {
     Emergency {
         /// Slave, from 1.
         slave: u8,
-        /// The content of the message.
+        /// The emergency: error code, error register and the bytes of the maker.
         emergency: Emergency,
     },
     /// A slave no longer answers: its cable is cut, or it has no power.
@@ -77,7 +77,8 @@ impl SlaveStatus {
     }
 }
 
-/// The changing state of one slave.
+/// What the master keeps of one slave while the network runs: its status, its mailbox, and which operations on it are
+/// running.
 #[derive(Clone, Debug)]
 pub(super) struct Live {
     pub(super) status: SlaveStatus,
@@ -178,7 +179,7 @@ pub(super) struct Shared {
     pub(super) mapped: SlaveSet,
     /// The slaves that answer, but whose inputs cannot be read at their logical addresses.
     pub(super) mute: SlaveSet,
-    /// Slaves with a share in a datagram that had a wrong working counter in the newest cycle.
+    /// Slaves with process data in a datagram that had a wrong working counter in the newest cycle.
     pub(super) doubtful: SlaveSet,
     /// When all AL states were read the last time, if every read was answered.
     pub(super) states_read: Option<Ns>,
@@ -187,7 +188,8 @@ pub(super) struct Shared {
     pub(super) searched: Option<Ns>,
     /// Whether all slaves were in OP in the newest cycle.
     pub(super) is_all_in_op: bool,
-    /// Whether the working counters of a cycle were wrong, and differed from those of the cycle before.
+    /// Whether the watch has to check the slaves at once, because a cycle had wrong working counters. They must also
+    /// differ from those of the cycle before, so that a lasting fault causes one check and not one in each cycle.
     pub(super) is_alarmed: bool,
     /// The working counters of the newest cycle: of process data, the expected one, and the number of slaves passed.
     pub(super) last_counters: (u16, u16, Option<u16>),
@@ -231,7 +233,8 @@ impl Shared {
         }
     }
 
-    /// Resets everything that belongs to slaves.
+    /// Forgets all slaves, with their states and clocks, and the cycle that ran with them. Settings, frames in flight
+    /// and events stay.
     pub(super) fn reset(&mut self) {
         (self.last_cycle, self.last_counters) = (None, (0, 0, None));
         (self.states_read, self.searched) = (None, None);
@@ -353,7 +356,7 @@ impl Shared {
         live.is_some_and(|live| !std::mem::replace(&mut live.is_changing, true))
     }
 
-    /// Ends a change of a slave's state.
+    /// Marks that no change of the slave's state is under way any more.
     pub(super) fn end_change(&mut self, slave: u8) {
         if let Some(live) = self.live_mut(slave) {
             live.is_changing = false;
@@ -367,7 +370,7 @@ impl Shared {
         live.is_some_and(|live| !std::mem::replace(&mut live.is_eeprom_used, true))
     }
 
-    /// Releases the EEPROM of a slave.
+    /// Marks that no job uses the EEPROM of the slave any more.
     pub(super) fn release_eeprom(&mut self, slave: u8) {
         if let Some(live) = self.live_mut(slave) {
             live.is_eeprom_used = false;

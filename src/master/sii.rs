@@ -28,11 +28,12 @@ pub(super) async fn offer(bus: &Bus, station: u16, is_offered: bool) -> Result<(
     bus.write(station, SII_CONFIGURATION, &[is_offered.into()]).await
 }
 
-/// Reads the fixed words and the categories, as far as they are complete. If the end of the categories is missing, all
-/// before it counts, and [`fault`](super::sii_error::fault) reports that.
+/// Reads the fixed words and the categories, as far as they are complete. If the categories have no end mark, all
+/// complete ones count, and [`fault`](super::sii_error::fault) reports the missing mark.
 ///
 /// # Errors
-/// [`SiiError`].
+/// [`SiiError::NoAnswer`], [`SiiError::Busy`], [`SiiError::Command`] if not even the fixed words can be read,
+/// [`SiiError::Empty`] if the EEPROM was never written.
 pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
     let mut bytes = Vec::new();
     read_up_to(bus, station, &mut bytes, SII_INFO_LEN).await?;
@@ -53,7 +54,7 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
                     return Ok(bytes);
                 }
             }
-            // Addresses behind the end of an EEPROM are not acknowledged.
+            // The EEPROM has ended: addresses behind its end are not acknowledged. What was read until here counts.
             Err(SiiError::Command(_)) => return Ok(bytes),
             Err(error) => return Err(error),
         }
@@ -74,10 +75,10 @@ fn wraps_at(bytes: &[u8]) -> Option<usize> {
         .find(is_again)
 }
 
-/// Reads the identity of a slave.
+/// Reads vendor, product, revision and serial number of a slave from its EEPROM.
 ///
 /// # Errors
-/// [`SiiError`].
+/// [`SiiError::NoAnswer`], [`SiiError::Busy`], [`SiiError::Command`] if the EEPROM acknowledges no command.
 pub(super) async fn identity(bus: &Bus, station: u16) -> Result<SiiIdentity, SiiError> {
     const START: usize = 2 * VENDOR_WORD as usize;
     let mut bytes = [0; SII_INFO_LEN];
@@ -107,7 +108,8 @@ async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usiz
     Ok((data, if status.contains(SiiControl::READS_8_BYTES) { 8 } else { 4 }))
 }
 
-/// Writes one word of the EEPROM.
+/// Writes one word of the EEPROM. The EEPROM may still be storing it when the function returns; the next command waits
+/// for that.
 async fn write_word(bus: &Bus, station: u16, word: u16, value: u16) -> Result<(), SiiError> {
     // The write enable bit must be in the same datagram as the command.
     let write = SiiControl::NONE.with_command(SiiCommand::Write).with(SiiControl::WRITE_ENABLE);
@@ -180,10 +182,11 @@ impl Drop for Eeprom {
 }
 
 impl Eeprom {
-    /// Claims the EEPROM of the slave with that station address.
+    /// Claims the EEPROM of a slave for a job, and takes it back from the slave's own controller.
     ///
     /// # Errors
-    /// [`SiiError`].
+    /// [`SiiError::NoSlave`]; [`SiiError::InUse`]: another job uses the EEPROM, or the slave is changing its state;
+    /// [`SiiError::NoAnswer`].
     pub(super) async fn open(bus: Bus, slave: u8, station: Option<u16>) -> Result<Self, SiiError> {
         let station = station.ok_or(SiiError::NoSlave(slave))?;
         if !bus.with(|shared| shared.claim_eeprom(slave)) {
@@ -195,10 +198,10 @@ impl Eeprom {
         Ok(eeprom)
     }
 
-    /// Reads words from `first` on.
+    /// Reads `count` words from the word `first` on.
     ///
     /// # Errors
-    /// [`SiiError`].
+    /// [`SiiError::TooLong`] beyond word 0xFFFF, [`SiiError::NoAnswer`], [`SiiError::Busy`], [`SiiError::Command`].
     pub(super) async fn read(&self, first: u16, count: usize) -> Result<Vec<u16>, SiiError> {
         check_end(first, count)?;
         let mut words: Vec<u16> = Vec::with_capacity(count);
@@ -210,10 +213,11 @@ impl Eeprom {
         Ok(words)
     }
 
-    /// Writes words from `first` on.
+    /// Writes words from the word `first` on, one after the other.
     ///
     /// # Errors
-    /// [`SiiError`]; the words before the failing one are written.
+    /// [`SiiError::TooLong`] beyond word 0xFFFF: nothing is written. [`SiiError::NoAnswer`], [`SiiError::Busy`],
+    /// [`SiiError::Command`]: the words before the failing one are written.
     pub(super) async fn write(&self, first: u16, words: &[u16]) -> Result<(), SiiError> {
         check_end(first, words.len())?;
         for (n, word) in (first..=u16::MAX).zip(words) {

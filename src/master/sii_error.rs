@@ -36,7 +36,7 @@ pub enum SiiError {
     /// The end of the categories is missing.
     #[error("the EEPROM's categories are not whole: nothing after word 0x{word:04X} can be read")]
     NoEnd {
-        /// The number of words that are complete.
+        /// The number of the word at which the last complete category ends, from the beginning of the EEPROM.
         word: u16,
     },
     /// The scan found no slave with that number.

@@ -10,9 +10,9 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 pub struct StateError {
     /// Slave, from 1.
     pub slave: u8,
-    /// The requested state.
+    /// The requested state, which the slave has not reached.
     pub target: AlState,
-    /// The reason of the failure.
+    /// Why the slave has not reached the state.
     pub reason: StateReason,
 }
 
@@ -66,7 +66,8 @@ impl StateReason {
     pub const fn code(self) -> AlStatus {
         match self {
             Self::Refused { code, .. } => code,
-            // The code of slaves that detect this fault themselves.
+            // The master has found this fault. It gets the AL status code with which slaves report an invalid watchdog
+            // themselves.
             Self::Watchdog { .. } => AlStatus::INVALID_WATCHDOG,
             Self::TimeUp { .. } | Self::Busy | Self::NoAnswer | Self::NotTaken(_) => AlStatus::NONE,
         }

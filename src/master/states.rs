@@ -17,7 +17,7 @@ use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns};
 /// \[OURS] The interval in which a slave's AL status is polled.
 pub(super) const STATE_POLL_NS: Ns = 200_000;
 
-/// The register values that the steps of one slave write.
+/// What a change of state writes into the registers of one slave.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
     /// Slave, from 1.
@@ -25,7 +25,7 @@ pub(super) struct Plan {
     pub(super) station: u16,
     /// The sync managers of the mailbox.
     pub(super) mailbox: Option<[SyncManager; 2]>,
-    /// The registers for its process data; `None`: the slave was not found.
+    /// The register values for the slave's process data; `None`: the slave was not found.
     pub(super) registers: Option<Arc<Registers>>,
     pub(super) sync: Option<SyncSignals>,
 }
@@ -93,7 +93,8 @@ impl StateChange {
         Poll::Ready(failed.map_or(Ok(()), |(slave, reason)| Err(StateError { slave, target, reason })))
     }
 
-    /// Cancels the change of state.
+    /// Cancels the change of state, if one is running. Each slave stays in the state that it has reached, or still goes
+    /// to the state that was requested last.
     pub(super) fn give_up(&mut self) {
         for part in &mut self.parts[..self.slaves] {
             part.plan = None;
@@ -128,7 +129,7 @@ impl Drop for Change<'_> {
     }
 }
 
-/// Brings a slave to a state, and finds the reason if it fails.
+/// Brings a slave to a state. Claims the slave for this change, and finds the reason if the change fails.
 async fn bring(bus: Bus, plan: Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
     let (bus, plan) = (&bus, &plan);
     let Some(_change) = Change::begin(bus, plan.slave) else { return Err(StateReason::Busy) };
@@ -140,7 +141,7 @@ async fn bring(bus: Bus, plan: Plan, target: AlState, until: Ns) -> Result<(), S
     ended
 }
 
-/// Takes a slave to a state, step by step.
+/// The steps of [`bring`], for a slave that is claimed: acknowledges an error, then goes from state to state.
 async fn lead(bus: &Bus, plan: &Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
     let mut current = acknowledge(bus, plan, until).await?;
     while current != target {
@@ -233,7 +234,7 @@ async fn wait_for(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns)
         if bus.now() >= until {
             return Err(StateReason::TimeUp { state });
         }
-        // A slave in a third state without an error has lost its power meanwhile.
+        // A slave that is in neither of the two states, and reports no error, has lost its power meanwhile.
         if state != RequestedState::State(from) {
             return Err(StateReason::Refused { state, code });
         }
@@ -273,7 +274,8 @@ async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), StateReason>
     Ok(clocks::start_sync(bus, plan.slave, plan.station, plan.sync).await?)
 }
 
-/// Below SafeOP: disables the exchange of process data.
+/// After a change from SafeOP or OP to PreOP or Init: stops the SYNC signals, and disables the FMMUs and sync managers
+/// of the process data.
 async fn end_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
     clocks::stop_sync(bus, plan.slave, plan.station).await?;
     let Some(registers) = &plan.registers else { return Ok(()) };

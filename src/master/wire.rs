@@ -7,7 +7,7 @@ pub type FrameBuffer = [u8; FRAME_LEN_MAX];
 
 /// A connection to the slaves, such as a network card. Its calls never block.
 pub trait Wire {
-    /// Sends a frame at once; the frame has no check sequence.
+    /// Sends a frame at once. The frame has no frame check sequence (FCS), which the network card appends.
     ///
     /// # Errors
     /// [`WireDown`]: the frame was not sent.

@@ -30,11 +30,11 @@ pub struct Packets {
     /// The exchanges of process data that are in flight at the same time. With 1 no outputs are lost as long as packets
     /// get through at all. With 2, outputs that the chip did not accept are not sent again.
     pub in_flight: usize,
-    /// The lowest SPI clock in Hz at which one exchange in flight fits into the cycle with a tenth of the time to spare,
-    /// also with packets of another size. At most the clock that was given.
+    /// The lowest SPI clock in Hz at which one exchange in flight fits into the cycle with a tenth of the time to
+    /// spare. The packets at that clock may have another size than `size`. At most [`Needs::clock_hz`].
     pub least_clock_hz: u32,
     /// The number of process images that have to wait in the chip's FIFO to cover the latency of the transport, at the
-    /// clock that was given. A board over the chip adds them to `ahead=`.
+    /// clock [`Needs::clock_hz`]. A board over the chip adds them to `ahead=`.
     pub transport_sets: u16,
 }
 
@@ -45,12 +45,13 @@ pub struct Refused {
     pub limit: HardwareLimit,
     /// The shortest longer cycle that is possible with one exchange in flight; `None` if there is none.
     pub next_cycle: Option<CycleTime>,
-    /// Whether INT0 is wired. If not, the reason advises to wire it.
+    /// Whether INT0 is wired. If not, [`Self::reason`] advises to wire it, since packets then need less time.
     pub has_int0: bool,
 }
 
 impl Refused {
-    /// Why the cycle time is too short for the chip, with general advice.
+    /// Why the cycle time is too short for the chip, with advice that holds for any program: a longer cycle, a faster
+    /// clock or fewer slaves.
     pub fn reason(&self) -> String {
         match self.limit {
             HardwareLimit::Cycle { cycle_ns, needed_ns } if self.has_int0 => format!(
@@ -71,7 +72,7 @@ pub struct Needs {
     pub output_bytes: usize,
     /// The bytes of the inputs of all slaves.
     pub input_bytes: usize,
-    /// The EtherCAT cycle time.
+    /// The EtherCAT cycle time of the network in OP.
     pub cycle: CycleTime,
     /// The SPI clock of the machine, in Hz.
     pub clock_hz: u32,
@@ -80,7 +81,8 @@ pub struct Needs {
     /// The packets to use without INT0, with the default idle time after each packet, or why the cycle time is too short
     /// for any packets.
     pub without_int0: Result<Packets, Refused>,
-    /// The entries of each FIFO of the chip. Both FIFOs share one memory.
+    /// The number of entries that each of the chip's two FIFOs has, 1..=64. The FIFOs share 16 KB, so the more process
+    /// data there are, the fewer entries fit.
     pub entries: u8,
     /// The largest useful value of `ahead=`: the entries of the chip's FIFO that are not needed to cover the latency of the
     /// transport.

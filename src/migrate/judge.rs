@@ -7,9 +7,9 @@ use super::{Needs, Network, Setting};
 use crate::ethercat::Ns;
 use crate::sk::{CommandId, CycleTime, MasterState};
 
-/// A command with targets or IO gets the verdict "differs" if more than 1 of this number of its uses was in a closed loop.
-/// Fewer uses may come from a program that writes ahead: it begins with an empty FIFO, which looks like a closed loop.
-/// \[OURS]
+/// A command with targets or IO gets the verdict "differs" if more than this fraction (1/2) of its uses was in a closed
+/// loop. A smaller part may come from a program that writes ahead: its first commands find an empty FIFO, which looks
+/// like a closed loop. \[OURS]
 const EXPOSED_FRACTION: u64 = 2;
 
 /// The verdict on one feature that a program uses. `network` is the network with the most process data per time;

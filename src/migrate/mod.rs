@@ -66,12 +66,12 @@ pub struct Place {
     pub at_ns: i64,
 }
 
-/// A time interval, in nanoseconds since the first frame.
+/// An interval of time between two frames, in nanoseconds since the first frame of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
-    /// The beginning of the interval.
+    /// The time of the first frame in the interval.
     pub from_ns: i64,
-    /// The end of the interval.
+    /// The time of the last frame in the interval.
     pub to_ns: i64,
 }
 
@@ -106,11 +106,11 @@ pub struct Item {
 /// What a program needs to run with an ECM-XF, found from one recorded run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Migration {
-    /// The command frames of the run in which some slot requests something.
+    /// The number of command frames of the run in which some slot requests something.
     pub commands: u64,
-    /// The command frames in which all slots are GET_STATUS.
+    /// The number of command frames in which all slots are GET_STATUS.
     pub polls: u64,
-    /// The reports of the run.
+    /// The number of reports in the run.
     pub reports: u64,
     /// The time of the last frame, in nanoseconds since the first one.
     pub last_ns: i64,

@@ -26,8 +26,8 @@ pub struct Ahead {
     pub is_known: bool,
     /// The length of the stall in cycles, rounded up.
     pub stall_cycles: u16,
-    /// The number of process images that a board over the chip keeps in the chip's FIFO in addition. It needs them because
-    /// the FIFO level that it knows is old: it does not know yet whether the chip has sent them.
+    /// The number of process images that a board over the chip keeps in the chip's FIFO in addition to those of
+    /// `ahead=`. It needs them because it learns the FIFO level late: from answers that are some cycles old.
     pub transport_sets: u16,
     /// The value for `ahead=`: the cycles of the stall, at least the default, and at most what fits into the chip's
     /// FIFO.
@@ -42,22 +42,22 @@ pub struct Links {
     /// The link to the chip on the machine. INT0 at line 24 is an example, and so are the pins of the board's own
     /// inputs and outputs, if the program uses them.
     pub machine: String,
-    /// The link to a model of the chip with the same slaves.
+    /// The link to a model of the chip whose simulated slaves are of the same kinds as the recorded ones.
     pub model: String,
 }
 
-/// How a chip has to be set up.
+/// How a chip has to be set up for the network of a program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// The network behind the chip.
+    /// The slaves that the program declares, which the chip has to serve.
     pub network: Network,
-    /// What the chip needs for the network.
+    /// What the chip needs to exchange the process data of that network: packets, SPI clock, FIFO entries.
     pub needs: Needs,
     /// How many cycles the outputs in the chip have to bridge.
     pub ahead: Ahead,
     /// How long the start to OP took in the recording, and how long it takes over a chip.
     pub start: Start,
-    /// The links with these settings.
+    /// The links to the chip and to its model, with all settings of this plan as keys.
     pub links: Links,
 }
 

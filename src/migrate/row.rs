@@ -6,31 +6,31 @@ use std::fmt;
 /// `docs/MIGRATION.md`, which has the figures, the reason and the test that checks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Row {
-    /// Answers come some cycles later.
+    /// The report that answers a command comes some cycles later than on a board.
     Latency,
     /// A stall of the host is bridged by the outputs in the chip, and not by the board's FIFO.
     Stall,
-    /// While an axis is switched on, it is held at a position that is some cycles old, and only a few cycles of outputs
-    /// are in the chip.
+    /// While an axis is switched on, it is held at its position of some cycles ago. Meanwhile the chip buffers only a
+    /// few cycles of outputs, so that a stall of the host stops the other axes sooner.
     Hold,
-    /// SET_FIFO clear takes some cycles.
+    /// SET_FIFO clear takes some cycles, in which the chip still sends outputs.
     Clear,
-    /// The report names a lost slave later.
+    /// The report names a lost slave some cycles later than on a board: the chip does not tell which slave is lost.
     Loss,
-    /// Slaves that return are configured one after the other.
+    /// Slaves that return are configured and led to OP one after the other; on a board together.
     Remap,
-    /// An SDO during a change of the AL state waits for its end.
+    /// An SDO that is requested during a change of the AL state waits until the change has ended.
     Sdo,
     /// Some cycle times are too short for the exchanges with the chip.
     Cycle,
     /// The board's own six inputs and outputs are pins of the chip, which keys of the link name.
     Lio,
-    /// The start to OP takes longer.
+    /// The start to OP takes longer than on a board.
     Start,
 }
 
 impl Row {
-    /// Every row, in the order of the table.
+    /// Every row, in the order of the table in `docs/MIGRATION.md`.
     pub const ALL: [Self; 10] = [
         Self::Latency,
         Self::Stall,
@@ -44,7 +44,8 @@ impl Row {
         Self::Start,
     ];
 
-    /// The id in the first column of the table. It never changes.
+    /// The id of the row in the first column of the table in `docs/MIGRATION.md`, also for other programs. It never
+    /// changes.
     pub const fn id(self) -> &'static str {
         match self {
             Self::Latency => "latency",
@@ -60,7 +61,7 @@ impl Row {
         }
     }
 
-    /// What is different, in one sentence.
+    /// The difference in one sentence, for the user.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::Latency => {
@@ -109,11 +110,11 @@ impl fmt::Display for Row {
 pub enum Verdict {
     /// The feature works, and the program sees no difference.
     Yes,
-    /// The feature works, but differs as the row says.
+    /// The feature works, but the program sees the difference that this row of `docs/MIGRATION.md` describes.
     Differs(Row),
-    /// The feature does not work.
+    /// The feature does not work with an ECM-XF.
     No {
-        /// The row of the table that describes the difference.
+        /// The row of `docs/MIGRATION.md` that describes the difference.
         row: Row,
         /// Why the feature does not work.
         reason: String,

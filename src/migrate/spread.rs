@@ -29,13 +29,13 @@ impl Spread {
         }
     }
 
-    /// The number of durations.
+    /// The number of durations that were added.
     pub const fn count(&self) -> u64 {
         self.total
     }
 
-    /// The percentile of the durations, in nanoseconds, to 10 us, and above a second to 100 ms; `None` if there are no
-    /// durations.
+    /// The percentile of the durations, in nanoseconds, rounded down: to a multiple of 10 us, or of 100 ms for more
+    /// than a second. `None` if there are no durations. `per_cent` is 0 to 100.
     pub fn percentile(&self, per_cent: u64) -> Option<i64> {
         let wanted = (self.total.saturating_mul(per_cent.min(100))).div_ceil(100).max(1);
         let mut passed = 0;
@@ -50,7 +50,7 @@ impl Spread {
         self.longest.map(|(ns, _)| ns)
     }
 
-    /// The frame at which the longest duration ended.
+    /// The frame at which the longest duration ended; `None` if there are no durations.
     pub fn longest_at(&self) -> Option<Place> {
         self.longest.map(|(_, place)| place)
     }

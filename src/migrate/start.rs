@@ -19,17 +19,18 @@ const SPARE_TENTHS: i64 = 30;
 const CLOCK_HZ: u32 = 24_000_000;
 /// The idle time after each packet, ns (XF EN 1706).
 const IDLE_NS: i64 = HostConfig::DEFAULT.idle_ns.cast_signed();
-/// The duration of an SDO download over the model of a chip, ns. This time and those below were measured with the shortest
-/// packets, without packets of process data. \[OURS]
+/// The duration of an SDO download over the model of a chip, ns. This time and the following ones were measured with
+/// the shortest packets, without packets of process data. \[OURS]
 const WRITE_NS: i64 = 3_518_000;
 /// The duration of an SDO upload, ns.
 const READ_NS: i64 = 3_914_000;
 /// The additional time of an SDO transfer that ends with an abort code, ns.
 const ABORT_NS: i64 = 2 * 396_000;
-/// The duration of the layout of process data without slaves, ns.
+/// The duration of the chip's command that assigns the process data of all slaves their places in the process image,
+/// ns, without the part of each slave.
 const LAYOUT_NS: i64 = 24_163_000;
-/// The additional duration of the layout for each slave, ns, without the packets that ask for the position of the slave's
-/// process data.
+/// The additional duration of that command for each slave, ns, without the packets that then ask for the position of
+/// the slave's process data.
 const LAYOUT_SLAVE_NS: i64 = 10_000_000;
 /// The duration of the FIFO set-up before SafeOP, ns.
 const FIFO_NS: i64 = 7_400_000;
@@ -115,7 +116,8 @@ impl Transfers {
         let Some(data) = ProcessData::of(role, network.second_channels[slave - 1]) else { return Self::default() };
         let downloads = data.downloads(DriveSync::DcSync);
         let others = downloads.into_iter().filter(|download| !download.is_mapping());
-        // A slave without clocks has no synchronization types.
+        // A slave without distributed clocks has no objects for the synchronization type (0x1C32, 0x1C33), so it aborts
+        // the transfers that write them.
         let without_clock = role == Role::Io;
         Self {
             reads: downloads.mapping_images().count() as i64 + i64::from(ProcessData::probe(role).is_some()),

@@ -36,7 +36,8 @@ pub struct Seen {
     pub gap: Option<Stretch>,
 }
 
-/// Reads a run. The frames have to be sorted by time.
+/// Reads a run frame by frame, to find the features that the program uses and the stalls of its host. The frames have
+/// to be sorted by time.
 #[derive(Debug)]
 pub struct Survey {
     size: SlotSize,

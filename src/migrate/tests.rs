@@ -281,7 +281,8 @@ fn a_cycle_that_the_chip_cannot_hold() {
     };
     assert_eq!(row, Row::Cycle);
     assert!(!reason.contains("INT0"), "INT0 is wired where this is said: {reason}");
-    // 341 us for each cycle: two of three exchanges carry 1232 bytes at 24 MHz, with 100 us each, for three cycles.
+    // A process image has 400 bytes, and three of them need packets of 1232 bytes: 411 us at 24 MHz and 100 us idle
+    // time. With two exchanges in flight, two such packets serve three cycles: 2 * 511 us / 3 = 341 us.
     assert!(
         reason.contains("a cycle of 250 us cannot be held: the exchanges with the chip take 341 us for each"),
         "{reason}"
@@ -298,7 +299,7 @@ fn a_cycle_that_the_chip_cannot_hold() {
     );
     let packets = plan.needs.without_int0.expect("packets");
     assert_eq!((packets.size.bytes(), packets.sets), (800, 2));
-    // A process image of 640 bytes in both directions, in a memory of 16384 bytes.
+    // The chip's memory of 16384 bytes has room for 25 process images of 640 bytes, outputs and inputs together.
     assert_eq!((plan.needs.entries, plan.needs.ahead_max), (25, 21));
     assert_eq!(plan.links.machine, "xf-spi:/dev/spidev0.0?int0=gpiochip0/24&ahead=4&use_n=400&speed=24M");
     assert_eq!(plan.links.model, "xf-sim:?slaves=drive*40&int0=yes&ahead=4&use_n=400&speed=24M");
@@ -331,7 +332,8 @@ fn small_packets() {
     assert_eq!(plan.needs.least_size().expect("a size").bytes(), 32);
     assert!(plan.links.machine.ends_with("&ahead=4&use_n=112&speed=24M"), "{}", plan.links.machine);
     let packets = plan.needs.with_int0.expect("packets");
-    // The lowest clock needs eight process images in 192 bytes, in 1700 us.
+    // 24 MHz: five process images of 20 bytes fit into packets of 112 bytes. At the lowest clock eight of them are in a
+    // packet of 192 bytes: 4 packets may take 8 cycles of 900 us, so each has 1700 us beside 100 us idle time.
     assert_eq!((packets.sets, packets.least_clock_hz), (5, 904_000));
     assert_eq!((plan.needs.entries, plan.needs.ahead_max), (64, 60));
     let slow = Setting { clock_hz: 1_000_000, ..Setting::default() };

@@ -127,7 +127,7 @@ impl Longest {
 pub struct HostTiming {
     /// The time in OP, in nanoseconds.
     pub op_ns: i64,
-    /// The levels of the board's FIFO.
+    /// How many command frames waited in the board's FIFO, as the reports in OP have shown it.
     pub levels: Levels,
     /// The pauses between bursts of writes, in nanoseconds. Pauses of more than a second are the program's intention
     /// and left out.
@@ -136,9 +136,9 @@ pub struct HostTiming {
     pub silences: Spread,
     /// The cycles with an empty FIFO during a motion, in which the board repeated its outputs.
     pub repeated_cycles: u64,
-    /// The number of gaps that these cycles make.
+    /// The number of gaps: periods of such cycles without a target in between.
     pub gaps: u64,
-    /// The longest of these gaps in nanoseconds, and the frame at its end.
+    /// The longest gap in nanoseconds, and the frame with the target that ended it.
     pub longest_gap: Option<(i64, Place)>,
     /// The longest pause within a motion, in nanoseconds, and the frame at its end: targets still waited, or an axis
     /// had stopped before its target.

@@ -91,7 +91,7 @@ impl fmt::Display for Subject {
 /// How often a program uses a feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Count {
-    /// The feature.
+    /// The feature that is counted.
     pub subject: Subject,
     /// The number of uses.
     pub times: u64,

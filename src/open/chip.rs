@@ -12,7 +12,9 @@ use crate::xf::host::HostConfig;
 /// Opens the link to a chip at a URI. Also returns the settings of the chip's driver.
 ///
 /// # Errors
-/// [`ChipError`].
+/// [`ChipError::Uri`], [`ChipError::NotAChip`] for the URI of a board, [`ChipError::Unsupported`]; for a model
+/// [`ChipError::Script`], [`ChipError::ManufacturerObjects`] and [`ChipError::Network`]; for hardware or a recording
+/// that cannot be opened [`ChipError::Wires`].
 pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
     let uri = LinkUri::parse(uri)?;
     let link = connect(&uri)?;

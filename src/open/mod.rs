@@ -28,7 +28,9 @@ pub use help::help;
 /// ```
 ///
 /// # Errors
-/// [`LinkError::Uri`], [`LinkError::Unsupported`], [`LinkError::NoBoard`], [`LinkError::InUse`], [`LinkError::Io`].
+/// [`LinkError::Uri`] for an invalid URI, [`LinkError::Unsupported`] if this build has no such links,
+/// [`LinkError::NoBoard`] if no board answers, [`LinkError::InUse`] if another program has the board, [`LinkError::Io`]
+/// for an error of the system.
 pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     open_with(uri, share, false)
 }

@@ -17,7 +17,7 @@ use crate::xf::host::{HostError, StepError};
 pub struct ChipUse {
     /// The settings of the chip's driver.
     pub driver: ChipOptions,
-    /// For how many cycles outputs may be sent to the chip ahead of time, see [`XfBusOptions::ahead`].
+    /// For how many cycles outputs may be sent to the chip ahead of time, 1..=60; see [`XfBusOptions::ahead`].
     pub ahead: u16,
     /// The pins of the chip that are the board's local inputs and outputs.
     pub local_pins: LocalPins,
@@ -57,11 +57,11 @@ impl ChipUse {
 /// A board that reaches its slaves through a real chip. Its EC01M is the model in this process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipBoard {
-    /// The options of the board.
+    /// The options of the board's model and of its host interface.
     pub board: BoardOptions,
     /// How the board uses the chip.
     pub used: ChipUse,
-    /// The options that every link has.
+    /// The options that every link has, such as the recording and the time limits.
     pub common: CommonOptions,
 }
 
@@ -84,7 +84,8 @@ impl ChipBoard {
     /// newest outputs for ever: an axis in CSP stops, but an axis in CSV or CST keeps moving.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`]: the chip does not answer, or finds no slave; [`LinkError::Io`].
+    /// [`LinkError::NoBoard`]: the chip cannot be reached, does not answer, or finds no slave; [`LinkError::Io`]: the
+    /// system provides no thread.
     pub fn open_over(&self, link: Box<dyn ChipLink>) -> Result<EngineLink, LinkError> {
         let name = link.info().name;
         let no_board = |reason: String| LinkError::NoBoard { name: name.clone(), reason };

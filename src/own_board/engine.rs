@@ -22,7 +22,7 @@ pub struct RunOptions {
     pub virtual_time: bool,
     /// The duration of a write in the board's time, in nanoseconds; by default one USB microframe.
     pub host_ns: Ns,
-    /// The most unread reports that are kept.
+    /// The most unread reports that are kept, 1 or more. When the queue is full the oldest report is dropped.
     pub queue: usize,
     /// The timeout of a read for callers that do not choose one.
     pub read_wait: Wait,
@@ -30,7 +30,7 @@ pub struct RunOptions {
     pub write_wait: Wait,
     /// The real-time priority, the processor and the memory locking of the cyclic thread (real clock only).
     pub real_time: RealTime,
-    /// The speed of the board's time (real clock only).
+    /// How fast the board's time passes, compared with real time (real clock only).
     pub rate: Rate,
 }
 

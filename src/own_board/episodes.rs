@@ -30,7 +30,7 @@ struct Tracker {
     episode: Option<Episode>,
 }
 
-/// The episodes of all kinds.
+/// The episodes of all kinds of commands that were not executed, one tracker for each kind.
 pub(crate) struct Episodes {
     kinds: [Tracker; Unexecuted::KINDS],
 }

@@ -1,5 +1,5 @@
-//! The keys of links to boards whose EC01M is the model in this process, as Rust types. They do not depend on the
-//! slaves.
+//! The keys of links to boards whose EC01M is the model in this process, as Rust types. These keys describe the board
+//! and its host interface, not the slaves, so simulated slaves, a chip and a network card all have them.
 
 use std::time::Duration;
 
@@ -53,7 +53,7 @@ impl BoardOptions {
         })
     }
 
-    /// The configuration of the engine.
+    /// The configuration of the board's model that these options give.
     pub(crate) fn engine(&self) -> EngineConfig {
         EngineConfig {
             slot: self.slot,
@@ -65,7 +65,7 @@ impl BoardOptions {
         }
     }
 
-    /// The options of the host interface.
+    /// The options of the board's host interface: its clock, its queue of reports, its timeouts and its thread.
     pub(crate) fn run(&self, common: &CommonOptions, virtual_time: bool, rate: Rate) -> RunOptions {
         RunOptions {
             virtual_time,

@@ -15,7 +15,7 @@ const CLEAR_WRITE_MAX: Duration = Duration::from_millis(200);
 /// A board whose commander `who` has vanished. The server alone uses `link` meanwhile; closing it leaves the board open.
 pub(super) struct LeftBoard<'a> {
     pub(super) link: Arc<dyn Link>,
-    /// What frames and reports have shown, up to the newest report.
+    /// Returns the state of the network (slaves, axes, FIFO) that frames and reports up to the newest one have shown.
     pub(super) watch: &'a dyn Fn() -> Watch,
     pub(super) who: &'a str,
     /// Logs a line; never waits.
@@ -63,8 +63,9 @@ impl LeftBoard<'_> {
         }
     }
 
-    /// Clears the FIFO of a board that makes no reports. It may take frames nevertheless, and the entries of its FIFO must
-    /// not be executed when its cable is plugged in again.
+    /// Clears the FIFO of a board that makes no reports, without seeing the effect. Such a board may still accept
+    /// frames: without its EtherCAT cable it keeps its FIFO entries, and these must not be executed when the cable is
+    /// plugged in again.
     fn clear_fifo_unseen(&self) {
         let Some(size) = self.link.info().slot else { return };
         let mut clear = Frame::new();

@@ -15,26 +15,27 @@ const WITH_REPORT_ID: usize = 1 + FRAME_LEN;
 /// Length in bytes of a frame with 12-byte slots, sent without padding to 512.
 const NARROW: usize = SlotSize::Bytes12.frame_len();
 
-/// `bmRequestType` and `bRequest` of HID's SET_REPORT, and the upper byte of `wValue` for an output report (HID 1.11,
-/// 7.2.2).
+/// HID's SET_REPORT (HID 1.11, 7.2.2): `bmRequestType` and `bRequest`, and the upper byte of `wValue` for an output
+/// report.
 const SET_REPORT: (u8, u8) = (0x21, 0x09);
 const OUTPUT_REPORT: u8 = 2;
-/// `bmRequestType` and `bRequest` of GET_DESCRIPTOR, and the upper byte of `wValue` for a device descriptor (USB 2.0,
-/// 9.4.3).
+/// GET_DESCRIPTOR (USB 2.0, 9.4.3): `bmRequestType` and `bRequest`, and the upper byte of `wValue` for a device
+/// descriptor.
 const GET_DESCRIPTOR: (u8, u8) = (0x80, 0x06);
 const DEVICE_DESCRIPTOR: u8 = 1;
-/// The offset of vendor and product in a device descriptor, and its length (USB 2.0, 9.6.1).
+/// In a device descriptor (USB 2.0, 9.6.1), bytes: the offset of idVendor, which idProduct follows, and the length of
+/// the descriptor.
 const VENDOR_AT: usize = 8;
 const DEVICE_DESCRIPTOR_LEN: usize = 18;
 
-/// The most setup packets of control transfers in flight that are remembered. A capture may lack the ends of transfers.
-/// \[OURS]
+/// The most setup packets of control transfers in flight that are remembered; at this number all are forgotten, since a
+/// capture may lack the ends of transfers. \[OURS]
 const MOST_SETUPS: usize = 1024;
 
 /// A USB device in a capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CapturedDevice {
-    /// The address of the device.
+    /// The bus and the device number, by which the capture tells devices apart.
     pub address: Address,
     /// Vendor and product id; `None` if the capture does not have the device descriptor.
     pub ids: Option<(u16, u16)>,
@@ -47,9 +48,9 @@ pub struct CapturedDevice {
 }
 
 impl CapturedDevice {
-    /// How much the device looks like a board: 0 without frames, 1 with frames in one direction, 2 with frames in both
-    /// directions, 3 if it also has the board's ids. The ids are those of a hobby project, which other devices share,
-    /// so frames count for more. \[OURS] A device with other ids is no board.
+    /// How much the device looks like a board: 0 without frames or with other ids than the board's, 1 with frames in
+    /// one direction, 2 with frames in both directions, 3 with frames in both directions and the board's ids. The ids
+    /// alone count nothing: they are those of a hobby project, which other devices share. \[OURS]
     fn board_score(&self) -> u8 {
         match (self.ids, self.written.min(1) + self.read.min(1)) {
             (Some(ids), _) if ids != BOARD_IDS => 0,
@@ -70,13 +71,14 @@ impl fmt::Display for CapturedDevice {
     }
 }
 
-/// The packets of a capture that are not frames of a board, counted. Packets of a device that has frames are counted by
-/// their kind, and those of all other devices together.
+/// Numbers of packets in a capture that are not frames of a board. For a device with frames each reason has a count of
+/// its own; the packets of all other devices are counted together in [`Self::other_devices`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skipped {
-    /// Frames that the host cancelled, or that failed, so that the board did not get them.
+    /// Frames that the board did not get, because the host cancelled the transfer or the transfer failed.
     pub taken_back: u64,
-    /// Reads that ended without a report: cancelled, failed or empty. Each program that closes its board leaves some.
+    /// Reads that ended without a report: cancelled, failed or empty. A program that closes its board cancels its
+    /// pending reads, so a few are normal.
     pub without_report: u64,
     /// Interrupt transfers whose length is not that of a frame.
     pub other_lengths: u64,
@@ -88,7 +90,8 @@ pub struct Skipped {
 }
 
 impl Skipped {
-    /// The skipped packets that may matter to a user, as text; `None` if there are none.
+    /// The counts that may concern a user, as text: frames that the board did not get, and interrupt transfers of
+    /// another length. `None` if both are 0.
     pub fn words(&self) -> Option<String> {
         let parts = [
             (self.taken_back, "frames that the board did not take"),
@@ -109,7 +112,8 @@ pub(super) struct Devices {
     only: Option<Address>,
 }
 
-/// The error of a packet that has fewer bytes than its transfer, because the capture cut it off.
+/// The capture cut the bytes of a frame off (snap length): `captured` bytes of the `length` bytes of its transfer are
+/// there.
 pub(super) struct Cut {
     pub captured: usize,
     pub length: u32,
@@ -142,8 +146,9 @@ impl Devices {
         skipped
     }
 
-    /// Processes a packet. If it has a frame, the frame is added to `pending`; with `waits` it stays there until its
-    /// transfer has ended.
+    /// Processes a packet of the capture. A frame is added to `pending`. With `waits` a frame to the board stays there
+    /// until its transfer has ended, which shows whether the board got it; recordings of this crate have no ends of
+    /// transfers.
     pub fn take(
         &mut self,
         event: &UsbEvent<'_>,
@@ -179,8 +184,8 @@ impl Devices {
         &mut self.device(address).others
     }
 
-    /// Processes the end of a transfer to the board. The board got the bytes if the transfer succeeded, or if the
-    /// capture shows a transferred length.
+    /// Processes the end of a transfer to the board. The board got the bytes if the transfer succeeded. It also got
+    /// them if a cancelled transfer has a transferred length of a whole frame.
     fn ended(&mut self, event: &UsbEvent<'_>, done: bool, pending: &mut PendingFrames) {
         let moved = done || event.length as usize >= NARROW;
         if pending.ended(event.id, moved) {
@@ -271,7 +276,7 @@ fn is_frame(event: &UsbEvent<'_>) -> bool {
     }
 }
 
-/// The devices of a capture that look most like a board.
+/// The devices of a capture that have the highest score as a board; none if no device has frames.
 pub(super) fn candidates(seen: &[CapturedDevice]) -> Vec<CapturedDevice> {
     let most = seen.iter().map(CapturedDevice::board_score).max().unwrap_or_default();
     seen.iter().filter(|seen| most > 0 && seen.board_score() == most).copied().collect()

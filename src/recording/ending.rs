@@ -1,9 +1,9 @@
 //! Finds out from the end of a recording what is missing in it.
 //!
 //! The recorder of this crate ends each section with pcapng's block of interface statistics. If the block is missing,
-//! the recording was not ended: its program was killed, is still running, or found the disk full. Captures of other
-//! programs, and recordings that another program rewrote, may have no such block, so a missing block means nothing
-//! there \[OURS]. A recording in blocks (`.ecmrec`) ends with a block of its own.
+//! the recording was not ended: its program was killed, is still running, or found the disk full. The section header
+//! names the program that wrote the section. If it is another program (a capture, or a recording that was rewritten), a
+//! missing block means nothing \[OURS]. A recording in blocks (`.ecmrec`) ends with a block of its own.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};

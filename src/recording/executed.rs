@@ -13,9 +13,9 @@ pub enum LastExecuted {
     /// The number of the command among those sent in OP, from 0.
     Command(u64),
     /// The free count does not match the cycles that have passed: a command and the report were in flight at the same
-    /// time.
+    /// time, so it is unknown whether the command was in the FIFO when the report was made. A later report shows it.
     Ambiguous,
-    /// Commands were lost, and no later command has been executed yet.
+    /// Commands were lost (FIFO full or CRC error), and no command that was sent later has been executed yet.
     Unknown,
 }
 
@@ -26,8 +26,8 @@ pub struct Executed {
     cycle_ns: i64,
     /// The number of commands sent so far.
     count: u64,
-    /// The number of the first command after the last loss or clear. It is unknown which of the earlier commands the
-    /// board accepted.
+    /// The number of the first command whose fate is known. A loss (FIFO full or CRC error) leaves open which of the
+    /// earlier commands the board has refused; a command that clears the FIFO removes the earlier ones.
     known_from: u64,
     /// The FIFO-full count and the CRC error count of the last report, to notice losses.
     losses: Option<(u16, u8)>,
@@ -49,8 +49,8 @@ impl Executed {
         self.count
     }
 
-    /// The number of the first command sent after the last loss or clear. It is unknown whether earlier commands were
-    /// executed.
+    /// The number of the first command whose fate is known: the first one after the last loss, or the last one that
+    /// cleared the FIFO. It is unknown whether earlier commands were executed.
     pub const fn known_from(&self) -> u64 {
         self.known_from
     }
@@ -90,8 +90,9 @@ impl Executed {
         }
     }
 
-    /// Whether one command was executed in each cycle since the previous report. Always true if fewer commands waited
-    /// than cycles have passed.
+    /// Whether one command was executed in each cycle since the previous report. If fewer commands waited than cycles
+    /// have passed, the FIFO ran empty meanwhile; then the numbers cannot contradict each other, and the result is
+    /// true.
     fn matches_previous(&self, (then_ns, executed_then, waited): (i64, u64, u64), at_ns: i64, executed: u64) -> bool {
         let cycles = self.cycles(then_ns, at_ns);
         waited < cycles || executed.checked_sub(executed_then) == Some(cycles)
@@ -109,7 +110,7 @@ impl Executed {
         (passed.saturating_add(self.cycle_ns / 2) / self.cycle_ns).unsigned_abs()
     }
 
-    /// Resets everything when OP is left, since the FIFO is empty then. `cycle_ns` is the cycle time of the next OP.
+    /// Forgets all commands when OP is left, since the FIFO is empty then. `cycle_ns` is the cycle time from now on.
     pub fn reset(&mut self, cycle_ns: i64) {
         *self = Self { losses: self.losses, ..Self::new(cycle_ns) };
     }

@@ -7,7 +7,8 @@ use super::executed::{Executed, LastExecuted};
 use crate::sk::dump::MAX_SLAVES;
 use crate::sk::{FIFO_ENTRIES, MasterResponse, SlaveCommand};
 
-/// The commands in one frame, for the slaves that the caller wants to know them of, in its order.
+/// The commands in one frame, one for each slave that the caller follows, in the caller's order; `None`: the slot has
+/// no valid command.
 pub type Orders = [Option<SlaveCommand>; MAX_SLAVES];
 
 /// A frame without commands for slaves.
@@ -20,9 +21,10 @@ const COMMANDS_KEPT: usize = 4 * FIFO_ENTRIES as usize;
 /// A command frame that was executed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
-    /// The time of the execution: that of the cycle's report, in nanoseconds.
+    /// When the board executed the frame, ns: the time of that cycle's report, or the time calculated from a later
+    /// report.
     pub at_ns: i64,
-    /// The commands in the slots of the frame.
+    /// The commands of the frame, in the caller's order of slaves.
     pub orders: Orders,
 }
 
@@ -39,7 +41,8 @@ pub enum ExecutionReport {
     },
     /// Nothing yet; a later report will show it (see [`LastExecuted::Ambiguous`]).
     Later,
-    /// Nothing, because earlier commands were lost or cleared.
+    /// Nothing, because earlier commands were lost or the FIFO was cleared. This ends with the report that shows the
+    /// execution of a command sent later.
     Unknown,
 }
 
@@ -99,8 +102,8 @@ impl Execution {
         let before = self.before.replace((at_ns, waits));
         let idle_since_ns = before.filter(|(_, waited)| !waited).and_then(|(then_ns, _)| {
             let cycles = (at_ns.saturating_sub(then_ns) + self.cycle_ns / 2) / self.cycle_ns;
-            // On a real link the times of reports vary by less than a cycle, so a single cycle more than the executed commands
-            // does not prove that the FIFO was empty.
+            // The FIFO was empty if more cycles have passed than commands were executed. One cycle more proves nothing,
+            // because on a real link the times of reports vary by up to a cycle.
             let idle = (entries.is_empty() && !waits) || entries.len() as i64 + 1 < cycles;
             idle.then_some(then_ns.saturating_add(self.cycle_ns).min(at_ns))
         });

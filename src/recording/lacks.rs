@@ -5,15 +5,17 @@ use std::fmt;
 /// A stretch of a recording that cannot be read, since its bytes are damaged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lost {
-    /// The number of bytes.
+    /// The number of unreadable bytes.
     pub bytes: u64,
-    /// The number of frames in them, as far as it is known.
+    /// The number of frames in these bytes, as far as headers of blocks show it.
     pub packets: u64,
-    /// The time of the last frame before, or of the first one in them, in the file, ns; `None` if it is not known.
+    /// The time in the file from which frames are lost, ns: that of the first lost frame if a header shows it,
+    /// otherwise that of the last frame before. `None` if neither is known.
     pub from_ns: Option<u64>,
-    /// The time of the first frame behind, or of the last one in them, in the file, ns.
+    /// The time in the file up to which frames are lost, ns: that of the last lost frame if a header shows it,
+    /// otherwise that of the first frame after. `None` if neither is known.
     pub to_ns: Option<u64>,
-    /// Whether a newer version of this crate has written some of them.
+    /// Whether a newer version of this crate wrote some of these bytes.
     pub is_newer: bool,
 }
 
@@ -22,18 +24,18 @@ pub struct Lost {
 pub struct Damage {
     /// The number of stretches.
     pub count: u64,
-    /// All of them together: numbers added up, from the first time to the last.
+    /// The sum of all stretches: their bytes and frames, from the earliest to the latest time.
     pub whole: Lost,
-    /// The first stretches, at most [`Damage::LISTED`].
+    /// The first stretches one by one, at most [`Damage::LISTED`].
     pub first: Vec<Lost>,
-    /// The time of the first frame that was read, in the file, ns, from which times are shown.
+    /// The time of the first frame that was read, in the file, ns. Messages give times relative to it.
     pub begin_ns: u64,
 }
 
 impl Damage {
-    /// The most stretches that are listed. \[OURS]
+    /// The most stretches that [`Self::first`] keeps. \[OURS]
     pub const LISTED: usize = 16;
-    /// The most stretches that are named in a line. \[OURS]
+    /// The most stretches that the text of the damage gives one by one. \[OURS]
     const NAMED: usize = 3;
 
     pub(super) fn add(&mut self, lost: Lost) {
@@ -86,12 +88,13 @@ pub struct Lacks {
     pub missing: u64,
     /// Why frames are missing, as the recorder has noted it in the file.
     pub why: Option<String>,
-    /// What cannot be read, in a recording in blocks (`.ecmrec`). Other formats are read up to their first damage.
+    /// The damaged parts of a recording in blocks (`.ecmrec`), which the reader skips. Reading other formats ends with
+    /// an error at the first damage.
     pub damage: Damage,
 }
 
 impl Lacks {
-    /// The same with the time of the first frame that was read, from which times of damage are shown.
+    /// Returns these lacks with the time of the first frame that was read, to which times of damage are relative.
     pub(super) fn since(mut self, first_ns: Option<u64>) -> Self {
         if self.damage.count > 0 {
             self.damage.begin_ns = first_ns.unwrap_or_default();

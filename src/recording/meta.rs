@@ -11,7 +11,8 @@ pub(crate) const APPLICATION: &str = "ecmsk ";
 const MARK: &str = "ecmsk";
 /// The name of the last field in the comment. Its value is the rest of the comment: the link.
 const LINK: &str = "link=";
-/// Longest link that is written, bytes: the pcapng field of a comment has at most 65535 bytes.
+/// The most bytes of the link that are written; a longer link is cut. The comment of pcapng, which also has the other
+/// fields, may have 65535 bytes.
 const LINK_MAX: usize = 60_000;
 
 /// The clock that stamps the frames of a recording.
@@ -31,9 +32,10 @@ pub struct RecordMeta {
     pub slot: Option<SlotSize>,
     /// The clock of the times in the file.
     pub clock: Clock,
-    /// The offset from the link's time to the time in the file, in nanoseconds. With the real clock, times in the file
-    /// count from 1970-01-01. With a virtual clock the offset is 0. If a program records to the same file again and its
-    /// clock starts anew, times continue where the earlier ones ended, with either clock.
+    /// What has to be added to the link's time to get the time in the file, ns. With the real clock, times in the file
+    /// count from 1970-01-01; with a virtual clock this is 0. If a program records to the same file again and its clock
+    /// begins at 0 again, the recorder increases this value, so that times in the file never go back; that is so with
+    /// either clock.
     pub base_ns: u64,
     /// The link's time at which the board was opened, ns. Times in warnings and scripts count from it. `None` if the
     /// recording does not have it.

@@ -5,8 +5,8 @@
 
 use std::collections::BTreeMap;
 
-/// The number of frames that are buffered to be sorted: up to 31 reports wait in the host, each with the commands that
-/// a fast program writes in its cycle. \[OURS]
+/// The number of frames that are buffered to be sorted. Up to 31 reports wait in the host while it writes commands, so
+/// there is room for the commands of 31 cycles, some 32 per cycle. \[OURS]
 const WINDOW: usize = 1024;
 
 /// Sorts frames by time if they are out of order by less than 1024 frames. Frames of the same time keep their order.
@@ -25,8 +25,8 @@ impl<T> Default for InOrder<T> {
 }
 
 impl<T> InOrder<T> {
-    /// Takes the next frame of the file and its time in nanoseconds. Returns the earliest buffered frame, once there
-    /// are enough.
+    /// Adds the next frame of the file and its time in nanoseconds. Returns the earliest buffered frame once more than
+    /// 1024 are buffered.
     pub fn push(&mut self, at_ns: i64, frame: T) -> Option<T> {
         self.held.insert((at_ns, self.pushed), Box::new(frame));
         self.pushed += 1;

@@ -14,14 +14,15 @@ pub struct Outline {
     pub times_ns: Option<(u64, u64)>,
     /// The number of recordings in the file: one for each opening of the board.
     pub recordings: u64,
-    /// The number of those that were ended.
+    /// How many of these recordings were ended: they have the block that ends a recording.
     pub ended: u64,
     /// The number of blocks of frames.
     pub blocks: u64,
-    /// The number of pieces. A recording that was not ended has some at its end, and one that went through a pipe has
-    /// nothing else.
+    /// The number of pieces: short blocks of the newest frames, which the writer later replaces by one block. A
+    /// recording that was not ended has some at its end, and one that was written to a pipe has only pieces.
     pub pieces: u64,
-    /// Whether the file has an index of all blocks. If not, this outline is that of the blocks that were found.
+    /// Whether the file has an index of all its blocks. If not, the headers of the blocks were read, and damaged blocks
+    /// are missing in these numbers.
     pub has_index: bool,
 }
 

@@ -8,14 +8,15 @@ use std::collections::{HashMap, VecDeque};
 
 use super::recorded::Recorded;
 
-/// The most frames that wait. A capture may lack the end of a transfer, and the reader of a pipe must get its frames in
-/// time. \[OURS]
+/// The most frames that wait; beyond, the oldest one waits no longer and counts as taken by the board. A capture may
+/// lack the end of a transfer, and the reader of a pipe must get its frames in time. \[OURS]
 const MOST: usize = 4096;
 
 #[derive(Default)]
 pub(super) struct PendingFrames {
     frames: VecDeque<Waiting>,
-    /// The number of frames that were returned, which is also the number of the first frame here.
+    /// The number of frames that have left the queue. Frames are numbered in the order of the capture, so this is also
+    /// the number of the first frame in `frames`.
     left: u64,
     /// For each transfer in flight, by its id: the number of the frame that waits for the end of the transfer.
     waiting: HashMap<u64, u64>,
@@ -40,7 +41,8 @@ impl PendingFrames {
         self.frames.push_back(Waiting { frame: Some(frame), until });
     }
 
-    /// Processes the end of a transfer; `moved`: whether the board got its bytes. Returns whether this drops a frame.
+    /// Processes the end of a transfer; `moved`: whether the board got its bytes. If it did not, its frame is dropped,
+    /// and the result is true.
     pub fn ended(&mut self, id: u64, moved: bool) -> bool {
         let Some(number) = self.waiting.remove(&id) else { return false };
         let Some(waiting) = self.frame(number) else { return false };

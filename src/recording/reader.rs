@@ -27,10 +27,12 @@ pub struct Recording<R> {
     blocks: Blocks<R>,
     name: String,
     meta: Option<RecordMeta>,
-    /// The metadata of the newest section. It is kept here while frames of the section before have not all been returned.
+    /// The metadata of the newest section, while frames of the section before are still in `pending`; the outer `None`:
+    /// no section has begun since.
     next_meta: Option<Option<RecordMeta>>,
     lacks: Lacks,
-    /// Whether the recorder of this crate wrote the current section, and its end has not been read yet.
+    /// Whether the current section was written by the recorder of this crate and its end has not been read yet. If the
+    /// next section or the end of the file comes first, the section counts as not ended.
     unended: bool,
     /// The link types of interfaces that carry no USB, for the error; `None` once an interface with USB was read.
     others: Option<Vec<String>>,
@@ -42,7 +44,8 @@ pub struct Recording<R> {
     first_ns: Option<u64>,
     /// Whether the file has a section of a recording. Such a file may be without frames.
     is_recording: bool,
-    /// The result of the last read, once reading has ended.
+    /// The result of the reading of blocks, once the file or the readable part has ended; `None` while there may be
+    /// more.
     end: Option<Result<(), RecordError>>,
     ended: bool,
 }
@@ -119,7 +122,7 @@ impl<R: Read> Recording<R> {
         self.devices.skipped()
     }
 
-    /// The USB devices in the part read so far.
+    /// The USB devices of which the part read so far has any packet, also without frames.
     pub fn devices(&self) -> Vec<CapturedDevice> {
         self.devices.seen()
     }
@@ -225,12 +228,9 @@ impl<R: Read> Iterator for Recording<R> {
     }
 }
 
-/// Finds the board in a capture: the device that looks most like one, by its frames, and by its descriptor if the
-/// capture has it. `None` for a recording, which has only one board, so that only the beginning is read. A damaged
-/// capture is searched up to the damaged block.
-///
-/// # Errors
-/// [`RecordError::SeveralBoards`], [`RecordError::NoBoard`], and the errors of opening and reading the file.
+/// Finds the board in a capture: the device that looks most like a board, by its frames, and by its descriptor if the
+/// capture has it. `None` if the file is a recording of this crate: that has only one board, and only its beginning is
+/// read. A damaged capture is searched up to the damaged block.
 pub fn board_in(path: &Path) -> Result<Option<Address>, RecordError> {
     board_of(Recording::open(path)?)
 }

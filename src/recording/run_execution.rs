@@ -1,4 +1,5 @@
-//! Follows the frames of a run: the kinds of the slaves, and which commands the board has executed in OP.
+//! Follows the frames of a run (all frames that pass between a program and a board): the kinds of the slaves, and which
+//! commands the board has executed in OP.
 
 use super::execution::{Execution, ExecutionReport, NO_ORDERS};
 use super::slave_kinds::Kinds;
@@ -7,7 +8,7 @@ use crate::sk::{FifoAction, Frame, MasterCommand, MasterResponse, MasterState, S
 /// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.
 const DEFAULT_CYCLE_NS: i64 = 1_000_000;
 
-/// Follows the frames of a run, which have to be sorted by time.
+/// Follows the frames of a run: all frames that pass between a program and a board. They have to be sorted by time.
 #[derive(Debug)]
 pub struct RunExecution {
     kinds: Kinds,
@@ -28,7 +29,7 @@ impl Default for RunExecution {
 }
 
 impl RunExecution {
-    /// Starts without frames, for a board with a cycle of 1 ms until a SET_DC says otherwise.
+    /// Starts without frames. The cycle time is 1 ms until a SET_DC command sets another one.
     pub fn new() -> Self {
         Self::default()
     }
@@ -52,8 +53,9 @@ impl RunExecution {
     }
 
     /// Adds the next report. Returns what it shows about the execution of commands, whose
-    /// [`orders`](super::Entry::orders) are those of slaves 1, 2 and so on. `None` outside OP, and in state 0x18, in which the
-    /// slots of lost slaves repeat their last values: whatever was executed before is not in force any more.
+    /// [`orders`](super::Entry::orders) are those of slaves 1, 2 and so on. Returns `None` outside OP, and in state
+    /// 0x18 (a slave is lost), in which slots of lost slaves repeat their last values: commands executed before have no
+    /// effect any more.
     pub fn report(&mut self, at_ns: i64, frame: &Frame, size: SlotSize) -> Option<ExecutionReport> {
         self.kinds.response(frame, size);
         let board = MasterResponse::decode(&frame.slot(size, 0));

@@ -17,7 +17,7 @@ pub enum SizeFrom {
 #[derive(Clone, Debug)]
 pub struct SizeFinder {
     known: Option<SlotSize>,
-    /// The number of frames that fit only 12-byte slots, and of frames that fit only 16-byte slots.
+    /// `[n12, n16]`: the number of frames that fit only 12-byte slots, and of those that fit only 16-byte slots.
     votes: [u32; 2],
 }
 
@@ -27,7 +27,7 @@ impl SizeFinder {
         Self { known, votes: [0; 2] }
     }
 
-    /// The size that the user or the recording states.
+    /// The size that the user or the recording states; `None` if neither does.
     pub const fn given(&self) -> Option<SlotSize> {
         self.known
     }
@@ -57,8 +57,8 @@ impl SizeFinder {
         }
     }
 
-    /// Whether more frames are unlikely to change the result: one size leads by three frames. A wrong CRC fits by
-    /// chance once in 256 frames.
+    /// Whether more frames are unlikely to change the result: one size leads by three frames. A CRC of the wrong size
+    /// fits by chance in one of 256 frames, so three such frames in a row hardly occur.
     pub fn is_sure(&self) -> bool {
         self.known.is_some() || self.votes[0].abs_diff(self.votes[1]) >= 3
     }

@@ -7,7 +7,8 @@ use crate::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, Sl
 #[derive(Clone, Debug)]
 pub struct Kinds {
     kinds: [Option<SlaveKind>; MAX_SLAVES],
-    /// Whether the kinds come from SET_AXIS, because the user gave none.
+    /// Whether the kinds follow the SET_AXIS commands. If the user gave a list, it is false, and these commands are
+    /// ignored.
     follow: bool,
     state: Option<MasterState>,
 }
@@ -38,7 +39,8 @@ impl Kinds {
             Ok(MasterCommand::SetAxis { group, kinds })
                 if !matches!(self.state, Some(MasterState::SafeOp | MasterState::Op)) =>
             {
-                // The five groups of SET_AXIS have 40 slaves, more than a board with 16-byte slots drives.
+                // The five groups of SET_AXIS have 8 slaves each, 40 in all. A board with 16-byte slots has 30, so the
+                // kinds of slaves 31 to 40 are ignored.
                 let slaves = self.kinds.iter_mut().take(size.max_slaves()).skip(usize::from(group) * 8);
                 slaves.zip(kinds).for_each(|(slave, kind)| *slave = Some(kind));
             }

@@ -3,12 +3,12 @@
 //! The clock of a capture may be set, by NTP or by a person, while it stamps frames, and a bit of the file may flip.
 //! Then the times seem to jump by years, but the replay of a recording must not simulate years.
 
-/// The longest time between two frames that is kept unchanged. \[OURS] After a longer silence nothing that the board
-/// did before is still going on.
+/// The longest time between two frames that is kept unchanged; a longer one is shortened to it. \[OURS] After an hour
+/// nothing that the board did before is still going on.
 pub const LONGEST_SILENCE_NS: i64 = 3_600_000_000_000;
-/// The limit for the sum of all silences that are longer than [`SHORT_SILENCE_NS`]: 25 hours. \[OURS]
+/// The limit for the sum of all times between frames that are longer than [`SHORT_SILENCE_NS`]: 25 hours. \[OURS]
 const SILENCE_IN_ALL_NS: i64 = 25 * LONGEST_SILENCE_NS;
-/// Times between frames up to this do not count as silences.
+/// A time between two frames up to this is no silence: it is always kept; ns.
 const SHORT_SILENCE_NS: i64 = 1_000_000_000;
 /// How much earlier than the previous frame a frame's time may be: a report may be read late by as many cycles as the
 /// host buffers. \[OURS]
@@ -19,7 +19,7 @@ const LATE_MAX_NS: i64 = 5_000_000_000;
 pub struct Jumps {
     /// The number of jumps.
     pub count: u64,
-    /// The time of the first jump, nanoseconds since the first frame.
+    /// When the clock jumped first, nanoseconds since the first frame in the consistent time.
     pub first_at_ns: i64,
     /// How far the clock jumped the first time, nanoseconds; negative if it jumped back.
     pub first_by_ns: i64,
@@ -46,7 +46,8 @@ pub struct Timeline<T> {
     /// The time and the frame read last. It is held back until the following frame is read, because only that one shows whether
     /// this time is an outlier.
     held: Option<(u64, T)>,
-    /// The latest time of the clock, and what has to be added to a time of the clock to get the time since the first frame.
+    /// The latest time of the recording's clock, ns, and the offset that turns a time of this clock into the time since
+    /// the first frame, ns.
     clock: Option<(i128, i128)>,
     latest_ns: i64,
     silence_left_ns: i64,
@@ -73,7 +74,7 @@ impl<T> Timeline<T> {
         Some((self.place(at_ns, None), frame))
     }
 
-    /// The jumps so far.
+    /// The jumps so far; `None` if the clock has not jumped.
     pub const fn jumps(&self) -> Option<Jumps> {
         if self.jumps.count > 0 { Some(self.jumps) } else { None }
     }
@@ -170,7 +171,8 @@ mod tests {
                 let expected: Vec<i64> = (0..10).collect();
                 for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
                     let apart = (found - expected).abs();
-                    // The last frame has no successor to compare with, so its time may be wrong by up to an hour.
+                    // The last frame has no successor that would show an outlier. Only a difference of more than an
+                    // hour is recognized, so its time may be wrong by up to an hour.
                     assert!(
                         apart <= if n == frame { if frame == 9 { 3600 } else { 9 } } else { 0 },
                         "{frame} {bit}: {n}"

@@ -1,4 +1,4 @@
-//! A stretch of time of a long recording, without reading the others.
+//! Reads the frames of a stretch of time from a long recording, without reading the rest of the file.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -9,14 +9,14 @@ use super::file_formats::ecmrec::header::{HEADER_LEN, Header};
 use super::file_formats::ecmrec::index::{BlockAt, Index};
 use super::timeline::LONGEST_SILENCE_NS;
 
-/// The most blocks with orders before the stretch that are read, the first and the last ones. \[OURS] A program that
-/// configures a board and runs needs a few.
+/// Of the blocks with commands for the board itself, the number of first ones and of last ones that are read. \[OURS] A
+/// program that configures a board and runs needs a few.
 const ORDERS_MAX: usize = 64;
 
-/// The bytes of those blocks of a recording that a stretch of time needs.
+/// The part of a recording that is needed to understand the frames in a stretch of time, as a source of bytes.
 ///
-/// That is the beginning, each block with a command for the board itself (which tells the slaves and the state of the
-/// network), and the blocks of the stretch. Read it as a [`Recording`](super::Recording).
+/// That is the beginning of the recording, blocks with a command for the board itself (which shows the slaves and the
+/// state of the network), and the blocks of the stretch. Read it as a [`Recording`](super::Recording).
 pub struct WindowOf {
     file: File,
     /// What is left to read: offset and length.
@@ -25,11 +25,9 @@ pub struct WindowOf {
 }
 
 impl WindowOf {
-    /// The part of a recording that is needed for the stretch from `from_ns` to `to_ns`, ns since its first frame. `None` if
-    /// that is all of it, or can be found only by reading it: for other formats, and if its clock was set meanwhile.
-    ///
-    /// # Errors
-    /// The file cannot be read.
+    /// Opens the part of a recording for the stretch from `from_ns` to `to_ns`, both included, ns since the first frame
+    /// of the recording. `None` if this part is the whole file, or cannot be found without reading all frames: the file
+    /// has another format, or the clock was set during the recording.
     pub fn open(path: &Path, from_ns: i64, to_ns: i64) -> io::Result<Option<Self>> {
         let Some((mut file, index)) = Index::open(path)? else { return Ok(None) };
         let Some(first) = index.blocks.first().filter(|_| is_even(&index.blocks)) else { return Ok(None) };
@@ -64,7 +62,8 @@ impl WindowOf {
     }
 }
 
-/// Whether times go on from block to block, so that a stretch of them is one of the file.
+/// Whether times rise from block to block without long gaps. Only then do the frames of a stretch of time lie in the
+/// blocks with these times.
 fn is_even(blocks: &[BlockAt]) -> bool {
     blocks.is_sorted_by(|before, after| {
         let silence = i128::from(after.times_ns.0) - i128::from(before.times_ns.1);

@@ -51,7 +51,7 @@ pub enum ReplayError {
     /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordError),
-    /// The recording has no frames, or cannot be read.
+    /// The recording has no frames, or its slots cannot be compared with those of the model.
     #[error(transparent)]
     Compare(#[from] CompareError),
     /// The model cannot be opened.
@@ -151,7 +151,8 @@ pub enum FilesInLink {
 pub struct Replay {
     path: PathBuf,
     link: LinkUri,
-    /// Whether the recorded board and the model reach their slaves in the same way, see [`Self::is_alike`].
+    /// Whether both the recorded board and the model reach their slaves over an ECM-XF, or neither does, see
+    /// [`Self::is_alike`].
     is_alike: bool,
     board: Address,
     slot: Option<SlotSize>,
@@ -167,7 +168,8 @@ impl Replay {
     /// searched for. `files` decides whether the link in the recording may open files.
     ///
     /// # Errors
-    /// [`ReplayError`].
+    /// [`ReplayError`]: the recording cannot be read or has no report, there is no usable link of a model, the slot
+    /// sizes differ, or the recording never goes below SafeOP.
     pub fn open(
         path: &Path,
         link: Option<&LinkUri>,
@@ -223,9 +225,8 @@ impl Replay {
         &self.link
     }
 
-    /// Whether the recorded board and the model reach their slaves in the same way: over their own network, or over an
-    /// ECM-XF. If not, the model needs other times than the recorded board, and they are compared by
-    /// [`Self::waiting_runs`].
+    /// Whether both the recorded board and the model reach their slaves over an ECM-XF, or neither does. If they
+    /// differ, the model needs other times than the recorded board, and the two are compared by [`Self::waiting_runs`].
     pub const fn is_alike(&self) -> bool {
         self.is_alike
     }
@@ -240,10 +241,11 @@ impl Replay {
         &self.start
     }
 
-    /// The recorded run and the model's run, both from [`Self::start`] on and sorted by time.
+    /// The recorded run and the model's run, both from [`Self::start`] on and sorted by time. Each call opens the
+    /// recording and a new model.
     ///
     /// # Errors
-    /// [`ReplayError`].
+    /// [`ReplayError`]: the model cannot be opened, or the recording cannot be read again.
     pub fn runs(&self) -> Result<(RecordedRun, ModelRun), ReplayError> {
         let board = open::model(&self.link)?;
         let model = ModelRun::new(self.recorded()?, self.recorded()?, board, &self.start);
@@ -255,7 +257,7 @@ impl Replay {
     /// the recorded board, such as one over an ECM-XF.
     ///
     /// # Errors
-    /// [`ReplayError`].
+    /// [`ReplayError`]: the model cannot be opened, or the recording cannot be read again.
     pub fn waiting_runs(&self) -> Result<(RecordedRun, WaitingRun), ReplayError> {
         let board = open::model(&self.link)?;
         Ok((self.recorded()?, WaitingRun::new(self.recorded()?, board, &self.start, self.size)))
@@ -290,8 +292,8 @@ fn model_size(link: &LinkUri) -> SlotSize {
     link.value("slot").and_then(uri::slot_size).unwrap_or_default()
 }
 
-/// The link in a recording, without the keys that only mattered to the recorded program; `None` if it is not the link
-/// of a model.
+/// The link in a recording, without the keys `record` and `fault.*`, which made the recording and its faults; `None` if
+/// it is not the link of a model.
 fn recorded_link(meta: &RecordMeta) -> Option<LinkUri> {
     let link = LinkUri::parse(&meta.link).ok().filter(|link| link.scheme().is_model())?;
     let kept = link.keys().filter(|(key, _)| *key != "record" && !key.starts_with("fault."));

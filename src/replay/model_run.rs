@@ -9,7 +9,8 @@ use crate::engine::Board;
 use crate::link::Dir;
 use crate::sk::Frame;
 
-/// If a recorded model ran longer than this before its first frame, its clock is not taken over. \[OURS]
+/// If a recorded model ran longer than this before its first frame, the model of the replay does not run for as long
+/// first: the offset between the clocks is then chosen from the cycles alone. \[OURS]
 const RUN_BEFORE_MAX_NS: i64 = 60_000_000_000;
 /// How long after a cycle a recorded model may have made the report of that cycle. \[OURS]
 const LATE_MAX_NS: u64 = 1_000_000_000;
@@ -28,7 +29,7 @@ pub struct ModelRun {
     frames: u64,
     writes: Writes,
     board: Board,
-    /// The offset from the clock of the recording to the clock of the model, ns.
+    /// The model's time minus the time on the clock of the recording, ns.
     offset_ns: i64,
     unread: Unread,
     reports: u64,
@@ -37,7 +38,8 @@ pub struct ModelRun {
 }
 
 impl ModelRun {
-    /// The run of the model `board`. `again` is the same recording as `source`, from the same frame on.
+    /// The run of the model `board`. `again` is the same recording as `source`, opened a second time at the same frame:
+    /// command frames are read ahead from it.
     pub(super) fn new(source: RecordedRun, again: RecordedRun, board: Board, start: &ReplayStart) -> Self {
         let mut model = Self {
             source,
@@ -93,15 +95,16 @@ impl ModelRun {
         Some(TimedFrame { number: self.reports, frame, ..observed })
     }
 
-    /// Sends a command frame to the model. Of the reports made up to `due`, the host then receives only the newest.
+    /// Sends a command frame to the model. `due` is the model's time of the recorded frame that is being replayed: of
+    /// the reports made up to then, the host receives only the newest.
     fn write(&mut self, observed: &TimedFrame, due: u64) {
         let at = self.model_time(observed.at_ns);
         let Self { board, unread, .. } = self;
         board.host(&observed.frame, at, &mut |frame, made| unread.push(frame, made, due));
     }
 
-    /// Runs the model until it has made the report of the cycle at `at`, and passes it the command frames that the host
-    /// wrote in that time.
+    /// Runs the model until it has made the report of the cycle at the model's time `at`. Meanwhile the model gets the
+    /// command frames that the host wrote in that time.
     fn wait_for_report_of(&mut self, at: u64) {
         let end = at.saturating_add(LATE_MAX_NS);
         while self.unread.newest().is_none_or(|made| made < at) && self.board.next_cycle() <= end {
@@ -146,8 +149,8 @@ impl Unread {
     }
 }
 
-/// The command frames of a recording, read ahead of the other frames: the model may need a command frame before a
-/// report that is earlier in the recording.
+/// The command frames of a recording, read by a second reader that may be ahead of the first: the model may need a
+/// command frame before a report that is earlier in the recording.
 struct Writes {
     source: RecordedRun,
     /// The number of frames of the recording that were read.

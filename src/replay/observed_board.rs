@@ -8,8 +8,8 @@ use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, Sdo
 
 /// The bits of a statusword that show the progress of homing.
 const HOMING_BITS: u16 = Statusword::BIT12 | Statusword::BIT13;
-/// How many more entries the model's FIFO may have than the recorded one. Over an ECM-XF, entries in flight to the chip
-/// count as well. \[OURS]
+/// How many more entries the model's FIFO may have than the recorded one. A model over an ECM-XF counts entries that
+/// are in flight to the chip as well. \[OURS]
 const ON_THE_WAY: u16 = 12;
 
 /// The state of a board as its newest reports show it.
@@ -20,7 +20,8 @@ pub struct ObservedBoard {
     state: Option<StateByte>,
     sdo: Option<SdoResponse>,
     fifo_free: u16,
-    /// The number of reports since the newest command.
+    /// The number of reports since the newest command. Once there are enough, an empty FIFO is at rest, and the model's
+    /// FIFO has to be empty, too.
     reports_since_command: u16,
     slaves: [ObservedSlave; MAX_SLAVES],
 }
@@ -30,7 +31,8 @@ pub struct ObservedBoard {
 struct ObservedSlave {
     statusword: Option<Statusword>,
     positions: [i32; 2],
-    /// The number of reports in a row that show the same positions.
+    /// The number of reports in a row that show the same positions. Once there are enough, the axes stand still, and
+    /// those of the model have to as well.
     still: u16,
     /// The inputs of an IO slave, and the command that its slot answers.
     inputs: Option<(CommandId, u16)>,
@@ -104,17 +106,18 @@ impl Missing {
     }
 }
 
-/// Checks whether the model shows what the recorded board has shown. If it does not show something in time, that is
-/// given up: it is ignored until the model shows it.
+/// Checks whether the model shows everything that the recorded board has shown. The caller can give up a difference
+/// that stays for too long: it is then ignored until the two agree on it again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Agreement {
     given_up: Vec<Missing>,
 }
 
 impl Agreement {
-    /// The first thing that the model does not show yet, without those that were given up.
+    /// The first thing that the model does not show yet; those that were given up are left out. `None`: there is
+    /// nothing to wait for.
     pub(super) fn missing(&mut self, recorded: &ObservedBoard, model: &ObservedBoard) -> Option<Missing> {
-        // A program that has not read a report yet cannot wait for anything.
+        // As long as the recorded program had not read a report, it could not wait for anything.
         recorded.state?;
         let board = [(Missing::State, agree_on_state(recorded, model)), (Missing::Sdo, agree_on_sdo(recorded, model))];
         let fifo = (Missing::Fifo, agree_on_fifo(recorded, model));

@@ -45,7 +45,7 @@ impl ReplayStart {
             let below = matches!(state.state(), Some(MasterState::Init | MasterState::PreOp));
             match &mut tick {
                 None if below => tick = Some(Tick { first_ns: at_ns, early_ns: 0 }),
-                // The commands before this report are skipped, too.
+                // This report is not the start: it is skipped, and so are the commands before it.
                 None if is_first => skipped += commands + 1,
                 None => skipped += 1,
                 Some(tick) if state.state() == Some(MasterState::Op) || seen > REPORTS_FOR_TICK => {

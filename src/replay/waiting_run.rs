@@ -34,7 +34,7 @@ const TOTAL_WAIT_NS: i64 = 120_000_000_000;
 pub struct WaitingRun {
     source: RecordedRun,
     board: Board,
-    /// The offset from the clock of the recording to the clock of the model, ns.
+    /// The model's time minus the time on the clock of the recording, ns.
     offset_ns: i64,
     tick_ns: i64,
     recorded: ObservedBoard,
@@ -43,7 +43,8 @@ pub struct WaitingRun {
     /// The reports that the host has not received yet, with the times of their cycles.
     unread: Vec<(Frame, u64)>,
     reports: u64,
-    /// When the recorded host received its last report, and whether it had missed reports before that one.
+    /// `read_ns`: when the recorded host received its last report. `misses`: whether it had missed reports before that
+    /// one.
     read_ns: Option<i64>,
     misses: bool,
     begun: bool,
@@ -109,8 +110,8 @@ impl WaitingRun {
             return;
         }
         self.wait();
-        // The host first receives a report that was made before the command, so that it does not take the report for an
-        // answer to the command.
+        // The recorded program had received the reports made so far before it wrote this command. The model's host
+        // receives them first, too, so that none of them is taken for an answer to the command.
         self.receive();
         let now = self.board.now();
         let (unread, model) = (&mut self.unread, &mut self.model);
@@ -159,7 +160,8 @@ impl WaitingRun {
         }
     }
 
-    /// Converts a time of the model to the clock of the recording. The waits of the host are left in.
+    /// Converts a time of the model to the clock of the recording. The time that the host has waited is included, so
+    /// frames after a wait are later than in the recording.
     fn recorded_time(&self, ns: u64) -> i64 {
         time(ns).saturating_sub(self.offset_ns).saturating_add(self.waited_ns)
     }

@@ -25,7 +25,7 @@ pub enum Argument {
 /// The target of one axis and, for a pulse module (HSP), its digital outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AxisTarget {
-    /// Digital outputs of an HSP, bit k is output k. Drives have no such outputs and ignore them.
+    /// CSP: the absolute target position in counts. CSV: the target velocity in counts/s, as the drive scales it.
     pub target: i32,
     /// Digital outputs of an HSP, bit k is output k; a drive ignores them.
     pub outputs: u16,
@@ -181,7 +181,8 @@ impl fmt::Display for TorquePercent {
 pub enum InvalidArgument {
     /// SET_STATE: Data1 is not 1, 2, 4 or 8.
     State(u32),
-    /// SET_AXIS: byte 2 is above 4.
+    /// SET_AXIS: the group of eight slaves, which is the low byte of Parm, is above 4: with groups 0 to 4 all 40 slaves are
+    /// declared.
     Group(u8),
     /// SET_AXIS: the nibble of this slave is 4..=14, which stands for no kind.
     Kind {
@@ -192,7 +193,7 @@ pub enum InvalidArgument {
     },
     /// SET_DC: Data1 is not 250 us * 2^n or more than 1 s.
     CycleTime(u32),
-    /// SET_FIFO: byte 2 is neither 1 nor 2.
+    /// SET_FIFO: the action, which is the low byte of Parm, is neither 1 (clear) nor 2 (set the threshold).
     FifoAction(u8),
     /// SET_FIFO 2 with Data1 = 0: the FIFO starts once fewer entries than Data1 are free, so with 0 it would never
     /// start.

@@ -70,8 +70,9 @@ const O: u8 = MasterState::Op.code();
 enum Acts {
     /// When the command's frame is the next one in the FIFO.
     InTurn,
-    /// As [`Acts::InTurn`], but ignored for an axis in homing, since the command would move that axis. SK-7 `[OURS]`:
-    /// SV_OFF always acts, and ends homing; ALM_CLR always acts too, since it starts no motor.
+    /// As [`Acts::InTurn`], but ignored for an axis in homing, since the command would move that axis (SV_ON, CSP, CSV,
+    /// CST, GO_HOME). SK-7 `[OURS]`: SV_OFF and ALM_CLR are [`Acts::InTurn`]. SV_OFF always acts, and ends homing;
+    /// ALM_CLR always acts too, since it starts no motor.
     UnlessHoming,
     /// When the command's frame arrives, without waiting in the FIFO (SK-5 `[OURS]`).
     OnArrival,
@@ -196,8 +197,8 @@ impl CommandId {
         self.row().takers.slots >> slot as u8 & 1 != 0
     }
 
-    /// Whether a slave of that kind takes this command in its slot (UG17 1.8). DRIVE_MODE may also precede the slave's
-    /// declaration, so it is the only command that [`SlaveKind::None`] takes.
+    /// Whether a slave of that kind takes this command in its slot (UG17 1.8). DRIVE_MODE may be sent before SET_AXIS
+    /// has declared the slave. So every kind takes it, and it is the only command that [`SlaveKind::None`] takes.
     #[inline]
     pub const fn is_for(self, kind: SlaveKind) -> bool {
         self.row().takers.kinds >> kind.nibble() & 1 != 0

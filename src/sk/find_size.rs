@@ -48,9 +48,9 @@ pub enum SlotForm {
     /// The frame is a report. Each slave's slot and the SDO slot begin with a command that belongs there, GET_STATUS included
     /// (SK-3, SK-6), and bytes 12..15 of slot 0 are 0 (SK-1).
     Report,
-    /// The frame is a report that the host refuses if it does not fit, so the pattern admits everything that a board
-    /// may send. Slot 0 shows a state and the fields of that state (SK-2). The SDO slot begins as for
-    /// [`SlotForm::Report`]. A slave's slot begins with any known command.
+    /// The frame is a report, and the host refuses it if it does not match. So the pattern checks only what is certain
+    /// for every report: slot 0 shows a state and has the fields of that state (SK-2), the SDO slot begins as for
+    /// [`SlotForm::Report`], and a slave's slot begins with any known command.
     StrictReport,
     /// The frame is a command frame or a report. Each slave's slot and the SDO slot are all zero, or hold a command
     /// that belongs there (SK-4) and is not GET_STATUS, or the answer to such a command. A report with slots that
@@ -103,8 +103,8 @@ const fn belongs(slot: &RawSlot, kind: SlotKind) -> bool {
     CommandId::from_code(slot.id).belongs_in(kind)
 }
 
-/// Whether the slot has a command other than GET_STATUS that belongs in a slot of this kind, or the answer to one. An
-/// SDO transfer must also have the number of a possible slave.
+/// Whether the slot has a command other than GET_STATUS that belongs in a slot of this kind, or the answer to such a
+/// command; both begin with the id of the command. An SDO transfer must also have the number of a possible slave.
 fn asks(slot: &RawSlot, kind: SlotKind, size: SlotSize) -> bool {
     let names_slave = kind != SlotKind::Sdo || (1..=size.max_slaves()).contains(&usize::from(slot.parm & 0xFF));
     slot.id != CommandId::GetStatus.code() && belongs(slot, kind) && names_slave

@@ -61,11 +61,11 @@ impl ApplicationLayer {
         self.outputs_came = true;
     }
 
-    /// Advances the watchdog by `dt_ns`. Returns true if the watchdog has just expired and the device has gone from OP to
-    /// SafeOP.
+    /// Advances the watchdog by `dt_ns`. Returns true if the watchdog has just expired and the device has gone from OP
+    /// to SafeOP.
     ///
-    /// The first step after outputs does not count, whatever its length, because a cycle may be longer than the watchdog
-    /// time.
+    /// The first step after outputs does not count, whatever its length. Otherwise a cycle that is longer than the
+    /// watchdog time would always expire the watchdog, although outputs come in every cycle.
     pub fn step(&mut self, dt_ns: Ns) -> bool {
         if self.state != AlState::Op || std::mem::take(&mut self.outputs_came) {
             self.without_outputs_ns = 0;

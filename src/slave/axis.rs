@@ -42,25 +42,27 @@ pub(super) use measure::rounded;
 /// counts/s².
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// Following error window, 0x6065. [`NO_FOLLOWING_WINDOW`] switches the monitoring off.
+    /// Following error window, 0x6065, counts. [`NO_FOLLOWING_WINDOW`] switches the monitoring off.
     pub following_window: u32,
-    /// Following error time out, 0x6066.
+    /// Following error time out, 0x6066, ms.
     pub following_timeout_ms: u16,
-    /// Software position limits, 0x607D:1 and :2. \[OURS] Without effect unless the first limit is less than the second.
+    /// Software position limits, 0x607D:1 and :2, counts. \[OURS] Without effect unless the first limit is less than
+    /// the second.
     pub position_limits: (i32, i32),
-    /// Max profile velocity, 0x607F. \[OURS] It limits every mode.
+    /// Max profile velocity, 0x607F, counts/s. \[OURS] It limits every mode.
     pub max_velocity: u32,
-    /// Max torque, 0x6072, 0.1 % of rated.
+    /// Max torque, 0x6072, 0.1 % of the rated torque.
     pub max_torque: u16,
-    /// Profile deceleration, 0x6084: the slow-down ramp.
+    /// Profile deceleration, 0x6084, counts/s²: the slow-down ramp.
     pub slow_down: u32,
-    /// Quick stop deceleration, 0x6085: the quick-stop ramp.
+    /// Quick stop deceleration, 0x6085, counts/s²: the quick-stop ramp.
     pub quick_stop: u32,
     /// The option codes for the stops of the axis, 0x605A to 0x605E.
     pub options: OptionCodes,
     /// Objects of homing: 0x607C, 0x6098 to 0x609A, 0x605D.
     pub homing: HomingSettings,
-    /// The ramp on which an axis brakes when homing mode is left during a motion; `None`: the homing acceleration, 0x609A.
+    /// The ramp on which an axis brakes if the mode changes from homing to another one while the axis moves, counts/s²;
+    /// `None`: the homing acceleration, 0x609A.
     pub homing_exit: Option<u32>,
 }
 
@@ -71,7 +73,7 @@ pub struct Targets {
     pub position: i32,
     /// Target velocity, 0x60FF, counts/s.
     pub velocity: i32,
-    /// Target torque, 0x6071, 0.1 % of rated.
+    /// Target torque, 0x6071, 0.1 % of the rated torque.
     pub torque: i16,
     /// Whether an offset was ever written. A cycle without offsets then need not read [`Offsets`].
     has_offsets: bool,
@@ -105,7 +107,8 @@ enum Motion {
     BrakeAfterHoming,
 }
 
-/// The demand that the control loops follow, in counts of the shaft.
+/// The demand that the control loops follow. Its position is in counts of the shaft, without the origin that homing
+/// sets, as a whole count and a fraction; its velocity is in counts/s.
 #[derive(Clone, Copy, Debug)]
 struct Demand {
     whole: i64,
@@ -113,7 +116,7 @@ struct Demand {
     velocity: f64,
 }
 
-/// The window around the target within which statusword bit 10, target reached, is set.
+/// How close to the target an axis must be for statusword bit 10, target reached: in CSP in counts, in CSV in counts/s.
 struct ReachedWindow {
     counts: u32,
     /// The velocity tolerance in CSV, counts/s.
@@ -168,7 +171,8 @@ impl Axis {
     /// An axis in its power-on state, in CSP, with its shaft at `position`, counts.
     pub fn new(motor: &Motor, times: TransitionTimes, settings: Settings, position: i64) -> Self {
         let reached = ReachedWindow {
-            // [OURS] Windows of bit 10: a thousandth of a turn in CSP, 10 rpm in CSV.
+            // [OURS] Bit 10 of the statusword, target reached: within a thousandth of a turn in CSP, within 10 rpm in
+            // CSV.
             counts: (motor.counts_per_turn / 1000).max(1),
             velocity: f64::from(motor.counts_per_turn) / 6.0,
         };
@@ -290,8 +294,8 @@ impl Axis {
         self.measure();
     }
 
-    /// Returns whether the target position that has just come must be discarded after homing, see `axis/homing.rs`. The
-    /// next call returns false.
+    /// Whether the target position that has just come must be discarded, because the master computed it before it could
+    /// see the position that homing has set (see `axis/homing.rs`). The call resets this: the next one returns false.
     pub const fn skips_target(&mut self) -> bool {
         std::mem::replace(&mut self.skip_next_target, false)
     }

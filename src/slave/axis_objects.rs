@@ -26,7 +26,8 @@ pub(super) const fn index<const N: usize>(of_axis_1: u16) -> u16 {
     of_axis_1 + SECOND_AXIS_OFFSET * N as u16
 }
 
-/// Passes the settings to axis `N` after one of its objects was written.
+/// Reads the settings of axis `N` from the objects again and applies them to the axis. Called after one of these
+/// objects was written.
 pub(super) fn changed<M: AxisModel, const N: usize>(device: &mut M) {
     let settings = device.settings(N);
     device.axes_mut()[N].apply_settings(settings);

@@ -51,7 +51,7 @@ struct Shared {
     noise: AtomicU32,
     /// The slaves that do not answer.
     silent: [AtomicU64; 4],
-    /// The slaves that have lost their power since the last cycle.
+    /// The slaves that have lost their power since these bits were taken last, which a network does in each cycle.
     powered_off: [AtomicU64; 4],
     /// Whether there are faults that no cycle has applied yet.
     has_faults: AtomicBool,
@@ -173,7 +173,7 @@ impl Cable {
         Some(Noise { slave: (packed >> 16) as u8, one_of: NonZeroU16::new(packed as u16)? })
     }
 
-    /// The slaves that frames reach and that answer, among the slaves that a board can have.
+    /// Those of the first 40 slaves, the most that a board can have, that frames reach and that answer.
     pub fn answering(&self) -> SlaveSet {
         let silent = SlaveSet::from_bits(self.0.silent[0].load(Ordering::Relaxed) >> 1);
         SlaveSet::first(self.reach().min(MAX_SLAVES as u8)).difference(silent)
@@ -184,12 +184,12 @@ impl Cable {
         self.0.silent.each_ref().map(|word| word.load(Ordering::Relaxed))
     }
 
-    /// The slaves that have lost their power since the last call, among the slaves that a board can have.
+    /// Those of the first 40 slaves, the most that a board can have, that have lost their power since the last call.
     pub fn take_powered_off(&self) -> SlaveSet {
         SlaveSet::from_bits(take(&self.0.powered_off[0]) >> 1)
     }
 
-    /// All slaves that have lost their power since the last call.
+    /// All slaves, up to 254, that have lost their power since the last call.
     pub(super) fn take_all_powered_off(&self) -> Bits {
         self.0.powered_off.each_ref().map(take)
     }

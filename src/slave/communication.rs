@@ -1,7 +1,8 @@
 //! The registers of an EtherCAT slave controller that the firmware of a device checks before it changes its state.
 //!
 //! A network without controllers sets only the lengths of the sync managers for process data, see
-//! [`Slave::set_sync_managers`](super::Slave::set_sync_managers). A device then assumes that everything else is right.
+//! [`Slave::set_sync_managers`](super::Slave::set_sync_managers). A device then assumes that all other registers are
+//! right.
 
 use crate::ethercat::Ns;
 
@@ -30,21 +31,23 @@ impl SyncManagerSettings {
     }
 }
 
-/// A synchronization event that the controller reports to its device while the device runs by SYNC0.
+/// A synchronization event. The controller reports it to its device if the device runs by SYNC0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyncEvent {
-    /// A SYNC0 cycle began in time, and the device has just done the work of this cycle.
+    /// A SYNC0 pulse came in time, and the device has run its cycle at this pulse.
     InTime,
-    /// Outputs have come since the last SYNC0 cycle.
+    /// Outputs have come between the last two SYNC0 pulses. This is reported at the second of the two.
     Outputs {
-        /// The time from the newest outputs to this cycle, ns.
+        /// The time from the newest outputs to the second pulse, ns.
         ago_ns: Ns,
     },
-    /// A SYNC0 cycle began too early or too late.
+    /// A SYNC0 cycle began too early or too late. The simulated controller never deviates, so only tests report this
+    /// event.
     Deviation,
-    /// The clock of the device was not synchronized within the time limit.
+    /// The first SYNC0 pulse has not come within the time limit after SafeOP or during the change to OP, see
+    /// [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns).
     NotLocked,
-    /// The clock of the device is no longer synchronized.
+    /// SYNC0 was switched off while the device ran by it.
     LockLost,
 }
 

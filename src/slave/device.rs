@@ -44,14 +44,15 @@ pub struct Base<M> {
     identity: Identity,
     /// The stored values of the object dictionary.
     pub values: Values,
-    /// Manufacturer-specific objects beyond the table of the kind. Cycles do not use them.
+    /// Manufacturer-specific objects that were added to the object dictionary of this kind of device; `None`: no such
+    /// objects.
     pub(super) manufacturer: Option<Box<ManufacturerObjects>>,
-    /// The files of the device, if it supports files. Cycles do not use them.
+    /// The files of the device; `None` if it does not support files.
     files: Option<Box<FileStore>>,
     /// The content of the test object [`TEST_MEMORY`].
     test_memory: Vec<u8>,
     mapping: Mapping,
-    /// The values of the synchronization types 0x1C32:1 and 0x1C33:1. Cycles do not use them.
+    /// The synchronization types, 0x1C32:1 and 0x1C33:1.
     sync_types: SyncTypes,
     /// The lengths of sync managers 2 and 3 as set by the master, bytes.
     sync_managers: (u16, u16),
@@ -84,8 +85,9 @@ impl<M: Model> Base<M> {
         }
     }
 
-    /// Power-cycles the device: AL state, mapping and stored values are those of power-on. Manufacturer-specific objects
-    /// keep their values, and files are kept.
+    /// Power-cycles the device: AL state and mapping are those of power-on, and the stored values become `values`,
+    /// which the caller has taken from what the device keeps without power. Manufacturer-specific objects keep
+    /// their values, and files are kept.
     pub fn restart(&mut self, values: Values, pdos: &[Pdo<M>]) {
         let (name, manufacturer) = (std::mem::take(&mut self.name), self.manufacturer.take());
         let files = self.files.take();
@@ -94,7 +96,8 @@ impl<M: Model> Base<M> {
         *self = Self { manufacturer, files, ..new };
     }
 
-    /// This device with other limits for its PDO mapping.
+    /// This device with other limits for its PDO mapping, such as the number of entries of a PDO. `pdos` are the PDOs
+    /// at power-on, from which the mapping is made anew.
     #[must_use]
     pub fn with_limits(mut self, limits: MappingLimits, pdos: &[Pdo<M>]) -> Self {
         self.mapping = Mapping::new(pdos, limits);
@@ -116,9 +119,10 @@ impl<M: Model> Base<M> {
         self.al.state()
     }
 
-    /// Checks that the mapped process data have the same lengths as the sync managers.
+    /// Checks that the mapped process data have the same lengths as the sync managers: outputs as sync manager 2,
+    /// inputs as sync manager 3.
     ///
-    /// \[OURS] Sync manager 2 is checked first.
+    /// \[OURS] Sync manager 2 is checked first. So if both are wrong, the AL status code is the one for outputs.
     fn fits_sync_managers(&self) -> Result<(), AlStatus> {
         let ((outputs, inputs), (wanted_outputs, wanted_inputs)) = (self.plan.lengths(), self.sync_managers);
         if outputs != wanted_outputs {
@@ -184,7 +188,8 @@ pub trait Model: Send + Sized + 'static {
         true
     }
 
-    /// As [`Slave::waits_for_outputs`](super::Slave::waits_for_outputs).
+    /// Whether the device goes to OP only after outputs have come, see
+    /// [`Slave::waits_for_outputs`](super::Slave::waits_for_outputs).
     fn waits_for_outputs(&self) -> bool {
         true
     }
@@ -204,8 +209,8 @@ pub trait Model: Send + Sized + 'static {
         let _ = dt_ns;
     }
 
-    /// Reports that outputs no longer come: the device has left OP by a change of state or by its watchdog. The axes brake
-    /// without this call.
+    /// Reports that outputs no longer come: the device has left OP by a change of state or by its watchdog. A kind of
+    /// device with digital outputs switches them off here. The axes brake by themselves.
     fn lose_outputs(&mut self) {}
 
     /// Reports that the watchdog for outputs has expired and the device has left OP.
@@ -253,22 +258,24 @@ pub trait Model: Send + Sized + 'static {
         let _ = event;
     }
 
-    /// As [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns).
+    /// The time after SafeOP that the device waits for the first SYNC0 pulse, ns, see
+    /// [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns).
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
     }
 
-    /// As [`Slave::note_links`](super::Slave::note_links).
+    /// Reports which ports of the slave controller have a link.
     fn note_links(&mut self, links: [bool; PORTS]) {
         let _ = links;
     }
 
-    /// As [`Slave::latch_levels`](super::Slave::latch_levels).
+    /// The levels of the latch inputs of the slave controller that the device drives; bit 0 is input 0. `None`: it
+    /// drives no latch inputs.
     fn latch_levels(&self) -> Option<u8> {
         None
     }
 
-    /// As [`Slave::tell_latch_changes`](super::Slave::tell_latch_changes).
+    /// Calls `tell` for each change at the latch inputs during the last step, once.
     fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
         let _ = tell;
     }

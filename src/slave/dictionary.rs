@@ -182,7 +182,7 @@ pub(super) fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<Place, Ab
     Ok(Place { row, cell: cell_of::<D>(row, offset) })
 }
 
-/// The row for an address, and the offset of the sub-index within the row.
+/// The row whose sub-indices include that of the address, and the distance from the first sub-index of the row to it.
 fn find_row<D: Device>(device: &D, at: ObjectAddress) -> Result<(usize, usize), AbortCode> {
     let objects = D::objects();
     let first = objects.partition_point(|object| object.index < at.index);
@@ -206,7 +206,8 @@ fn cell_of<D: Device>(row: usize, offset: usize) -> usize {
     D::objects()[..row].iter().map(|object| usize::from(object.count)).sum::<usize>() + offset
 }
 
-/// The present value of an object as a number; 0 for a text.
+/// The present value of an object as a number; 0 for a text, which process data cannot have. `cell` is used only if the
+/// value is stored.
 #[inline(always)]
 pub(super) fn number<D: Device>(device: &D, object: &Object<D>, cell: usize) -> i64 {
     match object.cell {
@@ -216,7 +217,8 @@ pub(super) fn number<D: Device>(device: &D, object: &Object<D>, cell: usize) -> 
     }
 }
 
-/// Writes a value that has come in process data. \[OURS] A value that an SDO download would refuse is ignored.
+/// Writes a value that has come in process data. \[OURS] A value that an SDO download would refuse is ignored, and the
+/// object keeps its value; the other values of the same process data are not affected.
 #[inline(always)]
 pub(super) fn take_output<D: Device>(device: &mut D, object: &Object<D>, cell: usize, number: i64) {
     if let Some(output) = object.output {

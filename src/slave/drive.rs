@@ -17,7 +17,7 @@ use crate::ethercat::cia402::Mode;
 
 pub use objects::{PRODUCT_CODE, REVISION, STEPPER_PRODUCT_CODE};
 
-/// The kind of a [`Drive`].
+/// The type of a [`Drive`]: it determines the modes, the identity and the PDOs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DriveKind {
     /// A servo drive with CSP, CSV and CST.

@@ -5,7 +5,7 @@ use super::lines::InputPattern;
 use super::state_machine::DeviceFault;
 use super::switches::Input;
 
-/// The present fault of an axis, with its meaning for the user.
+/// The error code that an axis shows at present, with an explanation for error messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisFault {
     /// The error code, 0x603F.
@@ -30,7 +30,7 @@ pub enum Fault {
         axis: usize,
         /// The input; `None`: every input of the axis.
         input: Option<Input>,
-        /// The value; `None`: the switch works again.
+        /// The state in which the switch sticks, true for active; `None`: the switch works again.
         value: Option<bool>,
     },
     /// The shaft of an axis is mechanically blocked: it does not move, whatever the torque.
@@ -50,8 +50,8 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The fault value that ends this fault. For an alarm it is the alarm itself, because only a fault reset by the master
-    /// clears an alarm.
+    /// The fault that ends this one when it is applied: a stuck switch without a value, for example. An alarm has no such
+    /// fault, since only a fault reset by the master clears it, so the alarm itself is returned.
     #[must_use]
     pub const fn end(self) -> Self {
         match self {
@@ -62,7 +62,7 @@ impl Fault {
         }
     }
 
-    /// The values that end all lasting faults of the axis or the channel with this number.
+    /// The faults that end every stuck switch and jam of axis `number`, and forced inputs of channel `number`.
     pub const fn all_ends(number: usize) -> [Self; 3] {
         [
             Self::Stick { axis: number, input: None, value: None },

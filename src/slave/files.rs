@@ -1,4 +1,4 @@
-//! The files of a device with FoE: its firmware, which masters access in bootstrap, and others.
+//! The files that a device serves by FoE: its firmware, which masters access in bootstrap, and the files that masters store.
 
 use crate::ethercat::foe::FoeError;
 
@@ -34,7 +34,7 @@ impl FileStore {
         Self { files: vec![File { name: FIRMWARE_NAME.into(), bytes: firmware.into() }] }
     }
 
-    /// Whether a name denotes the firmware. An error if this file cannot be accessed in the present state at all.
+    /// Whether a name denotes the firmware. In bootstrap every other name is an error.
     fn is_firmware(name: &[u8], in_bootstrap: bool) -> Result<bool, FoeError> {
         match (name.starts_with(FIRMWARE_NAME.as_bytes()), in_bootstrap) {
             (false, true) => Err(FoeError::NOT_BOOTSTRAP),
@@ -49,7 +49,8 @@ impl FileStore {
     /// The bytes of a file.
     ///
     /// # Errors
-    /// [`FoeError::NOT_FOUND`]. [`FoeError::NOT_BOOTSTRAP`]: the file is not the firmware, and the device is in bootstrap.
+    /// [`FoeError::NOT_FOUND`]: there is no such file. [`FoeError::NOT_BOOTSTRAP`]: the file is not the firmware, and the
+    /// device is in bootstrap.
     pub fn read(&self, name: &[u8], in_bootstrap: bool) -> Result<&[u8], FoeError> {
         let is_firmware = Self::is_firmware(name, in_bootstrap)?;
         let file = self.place(name, is_firmware).and_then(|place| self.files.get(place));

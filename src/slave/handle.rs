@@ -57,7 +57,8 @@ impl SimHandle {
         *self.lock().positions.get(place)?.get(axis)?
     }
 
-    /// Stores the positions at the end of a cycle. Skipped if another thread is reading positions at this moment.
+    /// Stores the positions at the end of a cycle. If another thread is reading positions at this moment, the stored ones stay
+    /// those of an earlier cycle, because the cycle must not wait.
     pub(crate) fn publish(&self, at: Ns, positions: impl Iterator<Item = [Option<i64>; AXES_MAX]>) {
         let Ok(mut shafts) = self.shafts.try_lock() else { return };
         shafts.at = at;

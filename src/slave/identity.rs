@@ -1,9 +1,9 @@
 //! The identity of a slave.
 
-/// The identity objects of a kind of slave.
+/// The identity objects that all slaves of one model have in common. The serial number is not among them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// Device type, 0x1000: device profile and type.
+    /// Device type, 0x1000: the device profile in bits 0 to 15 (402 for a drive), the type of the device in bits 16 to 31.
     pub device_type: u32,
     /// Device name, 0x1008.
     pub name: &'static str,

@@ -4,7 +4,7 @@
 
 use crate::ethercat::Ns;
 
-/// The number of inputs.
+/// The number of inputs, as [`Ns`] because it divides times.
 const INPUTS: Ns = 16;
 
 /// The pattern that inputs are forced to.
@@ -20,7 +20,7 @@ pub enum InputPattern {
 }
 
 impl InputPattern {
-    /// The values of the inputs at a time since the pattern has begun.
+    /// The values of the inputs when the pattern has run for `ns`; bit k is input k.
     const fn after(self, ns: Ns) -> u16 {
         match self {
             Self::Bits(bits) => bits,
@@ -65,7 +65,7 @@ impl Lines {
         self.forced.is_some()
     }
 
-    /// Updates the inputs after `dt_ns`.
+    /// Ends a cycle of `dt_ns`: the inputs follow the outputs, or the pattern that they are forced to.
     pub const fn pass(&mut self, dt_ns: Ns) {
         self.inputs = match &mut self.forced {
             None => self.outputs,

@@ -1,5 +1,5 @@
-//! Manufacturer-specific objects: those from 0x2000 on, and others that programs write at startup although the simulated
-//! slave does not have them. They have no effect; a value written by SDO or as process data is read back.
+//! Manufacturer-specific objects (from 0x2000 on), and objects of any other index that programs expect but the simulated slave
+//! lacks. They have no effect; a value written by SDO or as process data is read back.
 //!
 //! ```
 //! use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -57,8 +57,8 @@ pub enum ManufacturerType {
     F64,
     /// `text`, of variable length.
     Text,
-    /// `any`: a value of unknown size, such as that of an object that was read over the board, which shows at most 4 bytes.
-    /// A write of any size is accepted.
+    /// `any`: a value of unknown size, such as that of an object that was read over the board, which shows at most 4 bytes. A
+    /// write of any size is accepted; an upload returns at least 4 bytes, padded with zeros.
     Any,
 }
 
@@ -138,8 +138,8 @@ impl ManufacturerType {
         named.or_else(|| unsigned.into_iter().find(fits)).unwrap_or(Self::Any)
     }
 
-    /// Whether a PDO entry of this length in bits can contain a value of this type. \[OURS] A `u8` may stand for one of the
-    /// types of 2 to 7 bits, which the text format does not distinguish.
+    /// Whether a PDO entry of this length in bits can contain a value of this type. \[OURS] A `u8` fits entries of 1 to 8 bits,
+    /// because the text format has no types of 2 to 7 bits and their objects are listed as `u8`.
     const fn can_be_mapped_with(self, bits: u8) -> bool {
         match (self, self.bytes()) {
             (Self::Bool, _) => bits == 1,
@@ -178,9 +178,9 @@ impl Mappable {
     }
 }
 
-/// The maximum length of a stored value, bytes \[OURS].
+/// The maximum length of a value, bytes \[OURS]. A longer write is refused.
 pub const MANUFACTURER_VALUE_BYTES_MAX: usize = 0x1_0000;
-/// The minimum length of an upload of a value of unknown size, bytes.
+/// The minimum length of an upload of a value of unknown size, bytes. A shorter value is padded with zeros.
 const ANY_BYTES_MIN: usize = 4;
 
 /// One sub-index of a manufacturer-specific object.
@@ -194,23 +194,23 @@ pub struct ManufacturerObject {
     pub access: Access,
     /// The PDOs that the object can be mapped into; without effect for a type without a fixed size.
     pub mappable: Mappable,
-    /// The value.
+    /// The value at power-on, and later the value that was last written.
     pub value: ManufacturerValue,
     /// A descriptive name, possibly empty.
     pub name: String,
 }
 
-/// The maximum number of objects that writes create in [`ManufacturerObjects::any`] \[OURS]: more than any program writes
-/// at startup.
+/// \[OURS] The maximum number of objects in [`ManufacturerObjects::any`], where a write to an unused address creates one. It
+/// bounds the memory, and is more than any program writes at startup. A write that would create a further object is refused.
 const MADE_MAX: usize = 4096;
 
-/// The manufacturer-specific objects of a slave. An object with the same address in the dictionary of the slave's kind
-/// takes precedence.
+/// The manufacturer-specific objects of a slave. An object that the slave's own dictionary has takes precedence over one with
+/// the same address here.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ManufacturerObjects {
     /// The objects in ascending order of address.
     objects: Vec<ManufacturerObject>,
-    /// Whether every address in [`Self::ANY`] can be read and written.
+    /// Whether every address in [`Self::ANY`] can be read and written, even if it is not in `objects`.
     any: bool,
 }
 
@@ -294,7 +294,8 @@ impl ManufacturerObjects {
     /// `otherwise` is the abort code of the slave's own dictionary, returned if the object is not found here either.
     ///
     /// # Errors
-    /// [`AbortCode::WRITE_ONLY`], [`AbortCode::NO_SUB_INDEX`], `otherwise`; [`AbortCode::COMPLETE_ACCESS`] always \[OURS].
+    /// [`AbortCode::WRITE_ONLY`] for a write-only object; [`AbortCode::NO_SUB_INDEX`] if the object has no such sub-index;
+    /// `otherwise` if there is no such object; [`AbortCode::COMPLETE_ACCESS`] for every complete access \[OURS].
     pub fn read(
         &self,
         at: ObjectAddress,
@@ -315,8 +316,10 @@ impl ManufacturerObjects {
     /// [`dictionary::write`](super::dictionary::write()).
     ///
     /// # Errors
-    /// [`AbortCode::READ_ONLY`], [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`], [`AbortCode::NO_SUB_INDEX`],
-    /// [`AbortCode::OUT_OF_MEMORY`], `otherwise`; [`AbortCode::COMPLETE_ACCESS`] always \[OURS].
+    /// [`AbortCode::READ_ONLY`] for a read-only object; [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`] for a value of the
+    /// wrong length; [`AbortCode::NO_SUB_INDEX`] if the object has no such sub-index; [`AbortCode::OUT_OF_MEMORY`] if writes
+    /// have created too many objects; `otherwise` if there is no such object; [`AbortCode::COMPLETE_ACCESS`] for every complete
+    /// access \[OURS].
     pub fn write(
         &mut self,
         at: ObjectAddress,
@@ -360,11 +363,11 @@ impl ManufacturerObjects {
         }
     }
 
-    /// The index in [`Self::objects`] of an object that can be mapped into a PDO of this direction with an entry of this
-    /// length.
+    /// The index in [`Self::objects`] of the object that a mapping entry of `bits` bits maps into a PDO of this direction.
     ///
     /// # Errors
-    /// [`AbortCode::NOT_MAPPABLE`], or `otherwise` if the object is not found.
+    /// [`AbortCode::NOT_MAPPABLE`] if the object cannot be mapped into a PDO of this direction or has another length;
+    /// [`AbortCode::NO_SUB_INDEX`] if the object has no such sub-index; `otherwise` if there is no such object.
     pub(super) fn mapped(
         &self,
         at: ObjectAddress,
@@ -390,13 +393,14 @@ impl ManufacturerObjects {
         }
     }
 
-    /// Refuses complete access, because not all sub-indices of such an object are known.
+    /// Refuses complete access to a manufacturer-specific object, because not all of its sub-indices are known.
     fn one_entry(&self, at: ObjectAddress, scope: SdoScope) -> Result<(), AbortCode> {
         let is_here = self.is_any(at) || self.objects.iter().any(|object| object.address.index == at.index);
         if scope == SdoScope::Complete && is_here { Err(AbortCode::COMPLETE_ACCESS) } else { Ok(()) }
     }
 
-    /// The abort code for an address without an object.
+    /// The abort code for an address that is not here: [`AbortCode::NO_SUB_INDEX`] if the index has other sub-indices, or else
+    /// `otherwise`.
     fn absent_code(&self, at: ObjectAddress, otherwise: AbortCode) -> AbortCode {
         let has_index = self.objects.iter().any(|object| object.address.index == at.index);
         if has_index { AbortCode::NO_SUB_INDEX } else { otherwise }
@@ -404,7 +408,8 @@ impl ManufacturerObjects {
 }
 
 impl ManufacturerObject {
-    /// Calls `show` with the bytes that an upload returns.
+    /// Calls `show` with the bytes that an SDO upload of the object returns. They are not returned, because a short value is
+    /// padded in a temporary array.
     fn shown<T>(&self, show: impl FnOnce(&[u8]) -> T) -> T {
         match self.value.bytes() {
             short if self.data == ManufacturerType::Any && short.len() < ANY_BYTES_MIN => {

@@ -6,7 +6,7 @@
 //! | `dp3cl/` | complete model of the stepper drive Xinje DP3CL |
 //! | `device/`, `device.rs` | the common part of all kinds: AL states, mailbox, identity, process data, faults |
 //! | `identity.rs` | the identity objects of a device |
-//! | `communication.rs` | the registers of its slave controller that a device checks |
+//! | `communication.rs` | the settings of sync managers, watchdog and clocks that a device checks |
 //! | `al.rs` | the allowed changes of the AL state, and the watchdog for outputs |
 //! | `dictionary/`, `dictionary.rs` | reading and writing of objects by SDO |
 //! | `manufacturer/`, `manufacturer.rs` | manufacturer-specific objects that are read from a file |
@@ -91,7 +91,8 @@ pub struct SdoValue {
 }
 
 impl SdoValue {
-    /// Reads a value: `read` copies up to 4 bytes of it into the buffer and returns its whole length.
+    /// Calls `read` with a buffer of 4 bytes. `read` copies the first bytes of the value into it and returns the length of the
+    /// whole value. Of a longer value, the first 4 bytes are the result.
     fn of(read: impl FnOnce(&mut [u8]) -> Result<usize, AbortCode>) -> Result<Self, AbortCode> {
         let mut first = [0; 4];
         let len = read(&mut first)?;
@@ -123,11 +124,12 @@ pub trait Slave: Send {
     /// Requests an AL state. After `Ok` the slave is in that state.
     ///
     /// # Errors
-    /// The AL status code with which the slave refuses.
+    /// The AL status code of the refusal, for example for a change that is not allowed, or for an invalid PDO mapping on the
+    /// way to SafeOP.
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus>;
 
-    /// Handles the state requested in the AL control register. The slave controller of a slave with [files](Self::files)
-    /// handles Bootstrap; meanwhile the slave itself is in Init, so it refuses Bootstrap here.
+    /// Handles a request in the AL control register. A slave with [files](Self::files) is in Init while its slave controller
+    /// handles bootstrap, so a request for bootstrap that reaches the slave is refused.
     ///
     /// # Errors
     /// The AL status code of the refusal. The slave may have fallen back to a lower state.
@@ -141,7 +143,7 @@ pub trait Slave: Send {
         AlStatus(0)
     }
 
-    /// Power-cycles the slave.
+    /// Power-cycles the slave: it returns to Init with its power-on values. Non-volatile values are kept.
     fn restart(&mut self) {
         // Every slave can go to Init, so the result is always `Ok`.
         let _ = self.enter(AlState::Init);
@@ -150,13 +152,13 @@ pub trait Slave: Send {
     /// SDO upload: copies the value into `value`, as far as there is room. Returns the length of the whole value, bytes.
     ///
     /// # Errors
-    /// The SDO abort code of the refusal.
+    /// The SDO abort code, for example if the object does not exist, is write-only, or cannot be accessed in the present state.
     fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode>;
 
     /// SDO download of a whole value.
     ///
     /// # Errors
-    /// The SDO abort code of the refusal.
+    /// The SDO abort code, for example if the object does not exist, is read-only, or has another length or range.
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
 
     /// The lowest existing object index from `from` on; `None` if there is none. The basis of the object lists of SDO
@@ -203,7 +205,7 @@ pub trait Slave: Send {
     /// SDO upload of one sub-index. Of a value longer than 4 bytes it returns the first 4, as the ECM-SK does (SK-6).
     ///
     /// # Errors
-    /// The SDO abort code of the refusal.
+    /// As [`Slave::read`].
     fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
         SdoValue::of(|value| self.read(object, SdoScope::Entry, value))
     }
@@ -211,7 +213,7 @@ pub trait Slave: Send {
     /// SDO download of 1, 2 or 4 bytes to one sub-index.
     ///
     /// # Errors
-    /// The SDO abort code of the refusal.
+    /// As [`Slave::write`].
     fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
         self.write(object, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()])
     }
@@ -222,20 +224,21 @@ pub trait Slave: Send {
         let _ = (outputs, inputs);
     }
 
-    /// Passes the registers of the slave controller to the slave, before a change of state. Without this call, a slave
-    /// checks only the lengths of its sync managers.
+    /// Passes settings of the slave controller to the slave, before a change of state. A slave may check all of them; by
+    /// default, and without this call, it checks only the lengths of its sync managers.
     fn set_communication(&mut self, communication: &Communication) {
         let [_, _, outputs, inputs] = communication.sync_managers;
         self.set_sync_managers(outputs.length, inputs.length);
     }
 
-    /// Reports a synchronization event of the slave controller to the slave.
+    /// Reports a synchronization event of the slave controller to the slave, for example a missing SYNC0 pulse.
     fn report_sync(&mut self, event: SyncEvent) {
         let _ = event;
     }
 
-    /// The time after SafeOP, ns, that a slave running by SYNC0 waits for the first pulse before it reports a
-    /// synchronization error; it sends no inputs meanwhile. `None`: it sends inputs, and waits as long as on the way to OP.
+    /// The time limit for the first SYNC0 pulse after the change to SafeOP, ns, of a slave that runs by SYNC0. After it the
+    /// slave reports a synchronization error; before the pulse it sends no inputs. `None`: it sends inputs at once, and only
+    /// the change to OP fails without SYNC0.
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
     }
@@ -251,7 +254,7 @@ pub trait Slave: Send {
         None
     }
 
-    /// Reports each change at the latch inputs during the last [step](Self::step), once.
+    /// Calls `tell` for each change at the latch inputs during the last [step](Self::step). A second call reports nothing.
     fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
         let _ = tell;
     }
@@ -279,8 +282,9 @@ pub trait Slave: Send {
     /// Advances the slave by `dt_ns`.
     fn step(&mut self, dt_ns: Ns);
 
-    /// The first half of [`Slave::step`]. If the slave returns a motor, that motor only has to follow a position: the
-    /// caller runs it for `dt_ns` together with those of other slaves, then calls [`Slave::end_step`].
+    /// The first half of [`Slave::step`]. If the slave returns a motor, the motor has a position as its setpoint: the caller
+    /// runs it for `dt_ns` with [`follow_side_by_side`], together with those of other slaves, then calls [`Slave::end_step`].
+    /// `None`: no motor is left to run.
     fn begin_step(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         self.step(dt_ns);
         None
@@ -318,7 +322,8 @@ pub trait Slave: Send {
         None
     }
 
-    /// The properties of the slave controller that the slave needs.
+    /// The properties of the slave controller that this slave gets in a simulation with frames, such as the numbers of FMMUs
+    /// and sync managers.
     fn controller_settings(&self) -> EscSettings {
         EscSettings::default()
     }
@@ -328,8 +333,8 @@ pub trait Slave: Send {
         true
     }
 
-    /// Whether the slave goes to OP only after outputs have come. Terminals with outputs only do not wait: their outputs
-    /// are off until then.
+    /// Whether the slave goes to OP only after outputs have come. IO modules with outputs only do not wait: in OP their outputs
+    /// are off until the master has sent some.
     fn waits_for_outputs(&self) -> bool {
         true
     }
@@ -352,10 +357,10 @@ pub trait Slave: Send {
     }
 }
 
-/// Advances all slaves of a network by `dt_ns`, with the same result as [`Slave::step`] for each. `slave` gives access to
-/// the slave in an element of `places`.
+/// Advances all slaves of a network by `dt_ns`, with the same result as [`Slave::step`] for each. `slave` returns the slave
+/// that an item of `places` holds.
 ///
-/// Motors that only have to follow a position are computed side by side, which is faster.
+/// Motors that have a position as their setpoint are computed together by vector instructions, which is faster.
 pub fn step_all<P>(places: &mut [P], slave: impl Fn(&mut P) -> &mut dyn Slave, dt_ns: Ns) {
     for places in places.chunks_mut(SIDE_BY_SIDE) {
         let mut motors = [const { None }; SIDE_BY_SIDE];

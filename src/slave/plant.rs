@@ -9,7 +9,7 @@ pub use servo::{Motor, SIDE_BY_SIDE, SUBSTEP_MAX_NS, Servo, follow_side_by_side}
 
 use crate::ethercat::Ns;
 
-/// The setpoint of the control loops for a period of time.
+/// The setpoint of the drive's control loops for one call of [`Plant::run`], usually a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Setpoint {
     /// No torque: the shaft coasts to a standstill and is then held by friction.
@@ -30,11 +30,11 @@ pub enum Setpoint {
         /// The velocity at the end of the period, counts/s.
         to: f64,
     },
-    /// A torque, as a fraction of the rated torque, while the speed stays within its limit.
+    /// A torque, as a fraction of the rated torque. It is reduced where the shaft would exceed the speed limit.
     Torque(f64),
 }
 
-/// The plant of an axis: the part that moves.
+/// What an axis moves: the shaft of a motor, or a count of pulses.
 #[derive(Clone, Debug)]
 pub enum Plant {
     /// A motor with its load.
@@ -50,7 +50,7 @@ pub(super) struct PlantReading {
     pub(super) limited: bool,
 }
 
-/// Calls the same method on either kind of plant.
+/// Evaluates an expression with the servo or the pulse train of a plant: `either!(plant, name => expression of name)`.
 macro_rules! either {
     ($plant:expr, $it:ident => $what:expr) => {
         match $plant {
@@ -110,7 +110,8 @@ impl Plant {
         either!(self, it => it.velocity())
     }
 
-    /// The velocity of the last position setpoint, counts/s. A pulse train follows it without error.
+    /// The velocity of the last position setpoint, counts/s. For a pulse train it is the actual velocity, which is the same
+    /// unless the rate is limited.
     pub const fn demanded_velocity(&self) -> f64 {
         match self {
             Self::Servo(servo) => servo.demanded_velocity(),
@@ -139,7 +140,8 @@ impl Plant {
         }
     }
 
-    /// Runs the plant for `ns` with a setpoint. The fraction stays precise for periods of up to tens of milliseconds.
+    /// Runs the plant for `ns` with a setpoint. In a period of more than some tens of milliseconds the fraction of a count
+    /// loses precision, because the whole distance is added to it before whole counts are carried.
     pub fn run(&mut self, setpoint: Setpoint, ns: Ns) {
         either!(self, it => it.run(setpoint, ns));
     }
@@ -162,7 +164,7 @@ fn clamp_to(x: f64, limit: f64) -> f64 {
     at_least(at_most(x, limit), -limit)
 }
 
-// `f64::min` and `max` handle NaN, which costs time in the innermost loop.
+// Not `f64::min` and `max`: their handling of NaN costs time in the innermost loop. Here NaN becomes `limit`.
 #[inline(always)]
 fn at_most(x: f64, limit: f64) -> f64 {
     if x < limit { x } else { limit }

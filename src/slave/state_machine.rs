@@ -28,13 +28,13 @@ pub struct TransitionTimes {
 }
 
 impl Default for TransitionTimes {
-    /// \[OURS] The durations of a small servo drive.
+    /// \[OURS] Typical durations of a small servo drive: 100 ms self test, 10 ms switch on, 40 ms enable.
     fn default() -> Self {
         Self { self_test_ns: 100_000_000, switch_on_ns: 10_000_000, enable_ns: 40_000_000 }
     }
 }
 
-/// The option codes for stopping, as written to their objects.
+/// The option codes that select how a drive stops, with the values of their objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionCodes {
     /// Quick stop option code, 0x605A, 0..=8.
@@ -64,14 +64,14 @@ impl Ramp {
         match code {
             1 | 5 => Some(Self::SlowDown),
             2 | 6 => Some(Self::QuickStop),
-            // Current limit and voltage limit are treated alike.
+            // "Current limit" (3, 7) and "voltage limit" (4, 8) have the same effect.
             3 | 4 | 7 | 8 => Some(Self::TorqueLimit),
             _ => None,
         }
     }
 }
 
-/// The action of the power stage.
+/// What the power stage does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Power {
     /// The power stage is off, and the motor has no torque.
@@ -90,7 +90,7 @@ enum Command {
     EnableOperation,
     DisableVoltage,
     QuickStop,
-    /// Bit 7, fault reset, is set; the other bits are ignored.
+    /// No change of state: bit 7, fault reset, is set, and only its rising edge has an effect; the other bits are ignored.
     None,
 }
 
@@ -125,9 +125,11 @@ pub struct StateMachine {
     controlword: Controlword,
     /// Whether controlword bit 7, fault reset, has risen since the last step.
     reset_requested: bool,
-    /// In Quick stop active: whether the drive goes to Switch on disabled, whatever the quick stop option code says.
+    /// Set when the master is lost in Operation enabled or Quick stop active: after the quick stop the drive goes to Switch on
+    /// disabled, even if the quick stop option code says that it stays in Quick stop active.
     ends_switched_off: bool,
-    /// In Operation enabled: the ramp on which the motor brakes, and the state to which the drive goes afterwards.
+    /// In Operation enabled after the command Shutdown or Disable operation: the ramp on which the motor brakes, and the state
+    /// to which the drive goes afterwards.
     braking: Option<(Ramp, DriveState)>,
     /// In Fault reaction active: the ramp on which the motor brakes; `None` if it coasts.
     reaction: Option<Ramp>,
@@ -184,7 +186,8 @@ impl StateMachine {
         self.reset_requested = true;
     }
 
-    /// Raises a fault (transition 13). It replaces an earlier fault that was not cleared.
+    /// Raises a fault (transition 13). It replaces an earlier fault that was not cleared. If that one cannot be reset, the new
+    /// one cannot be reset either.
     pub fn raise(&mut self, fault: DeviceFault) {
         let resettable = fault.resettable && self.fault.is_none_or(|earlier| earlier.resettable);
         self.fault = Some(DeviceFault { resettable, ..fault });
@@ -200,7 +203,8 @@ impl StateMachine {
 
     /// Handles the loss of the master: the device has left OP, so no more controlwords come.
     ///
-    /// \[OURS] The drive brakes as for a quick stop and ends in Switch on disabled; the controlword reads as Quick stop.
+    /// \[OURS] The drive brakes as for a quick stop and ends in Switch on disabled; from then on [`Self::controlword`] returns
+    /// the command Quick stop.
     pub fn lose_master(&mut self) {
         self.controlword = Controlword(0b0010);
         if matches!(self.state, DriveState::OperationEnabled | DriveState::QuickStopActive) {
@@ -208,7 +212,7 @@ impl StateMachine {
         }
     }
 
-    /// The present action of the power stage.
+    /// What the power stage does in the present state.
     pub fn power(&self) -> Power {
         match self.state {
             DriveState::OperationEnabled => self.braking.map_or(Power::Follow, |(ramp, _)| Power::Stop(ramp)),
@@ -228,8 +232,8 @@ impl StateMachine {
         }
     }
 
-    /// Advances the state machine by `dt_ns`, in which at most one transition ends. `standstill` says whether the shaft is
-    /// at standstill.
+    /// Advances the state machine by `dt_ns`. At most one transition ends in a call, and the rest of `dt_ns` does not shorten
+    /// the delay of the next transition. `standstill` says whether the shaft is at standstill.
     pub fn step(&mut self, dt_ns: Ns, standstill: bool) {
         use DriveState::*;
         let reset = std::mem::take(&mut self.reset_requested);
@@ -259,7 +263,7 @@ impl StateMachine {
                     self.go(SwitchOnDisabled); // transition 15
                 }
             }
-            // The transition in progress is no longer commanded.
+            // The controlword no longer commands the transition in progress, so the transition is cancelled.
             (SwitchOnDisabled | ReadyToSwitchOn | SwitchedOn, _) => self.delayed = None,
         }
     }

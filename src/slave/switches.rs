@@ -1,9 +1,9 @@
 //! The travel of an axis: two limit switches, a home switch, the index pulse of its encoder, and end stops.
 //!
-//! All positions are counts of the shaft, which homing never changes. A switch is active in a range of counts, both ends
-//! included. An edge is therefore between two counts and is detected at the first count behind it; the index pulse is one
-//! count wide. [`Switches::next`] finds the counts between two positions at which a switch changes, so that edges and
-//! pulses are latched exactly, however far the shaft moves in a cycle.
+//! All positions are counts of the shaft. Homing shifts the position that the drive shows, never these counts. A switch is
+//! active in a range of counts, both ends included. An edge is therefore between two counts and is detected at the first count
+//! behind it; the index pulse is one count wide. [`Switches::next`] finds the counts between two positions at which a switch
+//! changes, so that edges and pulses are latched exactly, however far the shaft moves in a cycle.
 
 use super::plant::Motor;
 
@@ -13,7 +13,7 @@ const SEARCH_LIMIT_TURNS: u64 = 100;
 /// \[OURS] The distance of the limit switches of [`Travel::for_turn`] from 0, turns.
 const LIMIT_TURNS: i64 = 10;
 
-/// An input of an axis.
+/// A digital input of a drive: a switch along the travel of its axis, or the index pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Input {
     /// Negative limit switch, bit 0 of 0x60FD.
@@ -109,7 +109,8 @@ pub struct Travel {
     pub index: Option<u32>,
     /// Mechanical end stops: the lowest and the highest count that the shaft can reach.
     pub stops: Option<(i64, i64)>,
-    /// The maximum distance of a homing run, there and back, counts. A longer run ends in a homing error.
+    /// The maximum distance of a homing run, counts: all motion of the run added up, forward and back. A longer run ends in a
+    /// homing error.
     pub search_limit: u64,
     /// \[OURS] Whether limit switches also act in CSP, CSV and CST: an active one stops a motion in its direction on the
     /// quick-stop ramp (0x6085), and the statusword shows internal limit active (bit 11) while the target is beyond it. The
@@ -148,23 +149,23 @@ impl Travel {
 }
 
 impl Default for Travel {
-    /// The travel for the default motor.
+    /// The travel for the default servo motor, [`Motor::default`], see [`Self::for_turn`].
     fn default() -> Self {
         Self::for_turn(Motor::default().counts_per_turn)
     }
 }
 
-/// The switches of an axis with their wiring, and the values at which they are stuck.
+/// The switches of an axis: where each is active, whether it is wired, and the state in which it is stuck.
 #[derive(Clone, Debug)]
 pub struct Switches {
     /// The range of counts of each of the three switches: active inside of it, or outside if the switch is inverted.
     ranges: [(Input, Option<(i64, i64)>); 3],
-    /// Whether each of the three switches is inverted.
+    /// Whether each of the three switches is inverted: active outside of its range of counts instead of inside.
     inverted: [bool; 3],
     index: Option<i64>,
     turn: i64,
     search_limit: f64,
-    /// The value at which each input is stuck, in the order of [`Input`]; `None` for a working input.
+    /// The state in which each input is stuck, true for active, in the order of [`Input`]; `None` for a working input.
     stuck: [Option<bool>; 4],
 }
 
@@ -190,9 +191,9 @@ impl Switches {
         }
     }
 
-    /// These switches with another wiring. `wiring` gives for each switch its range of counts, both ends included, and
-    /// whether it is active outside of that range instead; `None` if it is not wired. Index pulse and search limit are
-    /// kept, and no switch is stuck.
+    /// These switches with other terminals: `wiring` gives for each switch the range of counts in which its terminal is on,
+    /// both ends included, and whether the switch is active outside of that range instead; `None`: the switch is not wired.
+    /// Index pulse and search limit are kept, and no switch is stuck.
     #[must_use]
     pub fn rewired(&self, wiring: impl Fn(Input) -> Option<((i64, i64), bool)>) -> Self {
         let wired = self.ranges.map(|(input, _)| (input, wiring(input)));
@@ -204,7 +205,8 @@ impl Switches {
         }
     }
 
-    /// Makes an input stick at a value; `None` repairs it. A stuck index pulse does not occur, whatever the value.
+    /// Makes an input stick in a state, true for active; `None` repairs it. A stuck index pulse does not occur, whatever the
+    /// state.
     pub const fn stick(&mut self, input: Input, value: Option<bool>) {
         self.stuck[input as usize] = value;
     }
@@ -234,7 +236,8 @@ impl Switches {
         Inputs(bits)
     }
 
-    /// Whether a switch changes between two counts. Cheaper than [`Switches::next`], because in most cycles none changes.
+    /// Whether one of the three switches, without the index pulse, changes between two counts. A cycle asks this first, because
+    /// it is cheaper than [`Switches::next`], and in most cycles none changes.
     pub fn change_between(&self, from: i64, to: i64) -> bool {
         let (low, high) = if from < to { (from, to) } else { (to, from) };
         self.ranges.iter().any(|(input, range)| {

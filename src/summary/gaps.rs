@@ -1,13 +1,13 @@
 //! Finds gaps in a motion: the FIFO ran empty while an axis was moving, and the board repeated the last target until
 //! the program sent the next one (SK-5), so that the axis stopped or jerked.
 //!
-//! An empty FIFO at the end of a motion is no gap. It is a gap if the targets after it continue the motion with similar
-//! steps.
+//! An empty FIFO at the end of a motion is no gap. It is a gap if the motion goes on: the steps between the targets before and
+//! after it have the same direction, and each is at least 1/10 of the longest step.
 
 /// \[OURS] A pause that is longer than this, in nanoseconds, is intended by the program and no gap.
 const GAP_MAX_NS: i64 = 1_000_000_000;
-/// \[OURS] Steps between targets that are shorter than 1/10 of the longest step belong to the beginning or the end of a
-/// motion, where the program may pause.
+/// \[OURS] A step between targets that is shorter than 1/10 of the longest step belongs to the beginning or the end of a
+/// motion. No gap is counted there, because a program may pause there.
 const SLOW_FRACTION: i64 = 10;
 
 /// Finds the gaps in the motion of one axis, from its target positions as they are executed.
@@ -17,21 +17,23 @@ pub struct GapFinder {
     target: Option<i32>,
     /// The last two steps between targets, in counts.
     steps: [i64; 2],
-    /// The longest step so far, in counts.
+    /// The longest step of the axis so far, in counts. Steps shorter than 1/10 of it belong to the beginning or the end of a
+    /// motion. It is kept when a motion ends, so that the slow first steps of the next one are recognized.
     longest_step: i64,
-    /// The time of the first cycle since the last target that found the FIFO empty.
+    /// The time at which the FIFO was first found empty after the last target, ns.
     idle_since_ns: Option<i64>,
 }
 
 impl GapFinder {
-    /// Notes a cycle that found the FIFO empty.
+    /// Notes that a cycle found the FIFO empty at `at_ns`.
     pub const fn idle(&mut self, at_ns: i64) {
         if self.idle_since_ns.is_none() {
             self.idle_since_ns = Some(at_ns);
         }
     }
 
-    /// Notes an executed target. If a gap ends with it, returns the time at which the gap began.
+    /// Notes a target that was executed at `at_ns`. If it ends a gap, returns the time at which the gap began, ns on the same
+    /// clock.
     pub fn target(&mut self, at_ns: i64, target: i32) -> Option<i64> {
         let idle_since_ns = self.idle_since_ns.take();
         let before = self.target.replace(target)?;
@@ -86,7 +88,7 @@ mod tests {
         assert_eq!(gaps(&targets, 100, 7), []);
     }
 
-    /// A pause is no gap if the axis stands, reverses, is starting or has slowly reached its end. A long pause is none
+    /// An empty FIFO is no gap if the axis stands, reverses, is starting or has slowly reached its end. A long pause is none
     /// either.
     #[test]
     fn between_motions() {

@@ -1,16 +1,17 @@
-//! The library reports what happens in a program to `ecmsk exec`, in a file that the tool has created. Each line of the
-//! file is one fact. A reader skips lines that it does not know, so that tool and library may be of different versions.
+//! The library reports what happens in a program to `ecmsk exec`, which has started the program: it writes lines to a file that
+//! `ecmsk exec` has created. Each line is one event or one counter. A reader skips lines that it does not know, so that tool
+//! and library may be of different versions.
 
 use std::fmt;
 
 use crate::sk::{MasterState, StateByte};
 
-/// One fact, as a line of the file.
+/// One line of the file: an event, a message of the log, or the value of a counter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Line {
     /// A message of the log that is the first of its kind.
     Message {
-        /// A number by which [`Line::Repeated`] refers to it.
+        /// The number of this kind of message, by which [`Line::Repeated`] refers to it.
         id: u32,
         /// The text of the message.
         text: String,
@@ -24,7 +25,7 @@ pub enum Line {
     },
     /// A drive has an alarm.
     Alarm(Alarm),
-    /// A change of state has failed.
+    /// A change of the AL state of the network has failed.
     StateFailed(StateFailed),
     /// The present value of a counter of a board.
     Count {
@@ -35,7 +36,8 @@ pub enum Line {
         /// The present value of the counter.
         value: u64,
     },
-    /// The number of lines that the library could not write so far.
+    /// The number of lines that are missing so far: the queue of the library was full, or the log had too many different
+    /// messages.
     Dropped(u64),
 }
 
@@ -48,12 +50,12 @@ pub struct Alarm {
     pub code: u16,
 }
 
-/// A change of state that failed.
+/// A change of the AL state of the network that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct StateFailed {
-    /// Byte 2 of slot 0 of the report: the state byte.
+    /// The state byte, byte 2 of slot 0, of the report that shows the failure.
     pub state: u8,
-    /// Whether SET_AXIS had declared a slave of another kind than IO before the change.
+    /// Whether SET_AXIS had declared a slave of another kind than IO before the change. If not, that is the likely cause.
     pub declared: bool,
 }
 
@@ -115,7 +117,8 @@ impl fmt::Display for Alarm {
 impl fmt::Display for StateFailed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let state = StateByte(self.state);
-        // A change of state that fails ends in a lower state than OP. So a failure in OP means that a slave has left OP.
+        // A change of state that fails ends in a lower state than OP. A failure shown in OP means that a slave has left OP, so
+        // the text says that instead.
         if state.state() == Some(MasterState::Op) {
             return write!(
                 f,

@@ -1,4 +1,5 @@
-//! A link around another link. It watches frames and counters for the summary of `ecmsk exec`.
+//! A link around another link. It examines all frames, and passes problems in them and the counters of the board to a
+//! [`SummaryWriter`], for the summary of `ecmsk exec`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,12 +11,13 @@ use crate::engine::Counters;
 use crate::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// A link around another link that watches frames and counters for the summary.
+/// A link around another link that examines frames and counters for the summary.
 pub struct WatchLink {
     inner: Arc<dyn Link>,
     summary_writer: &'static SummaryWriter,
     watch: Mutex<FrameWatch>,
-    /// The board's counters when the link was opened. They are subtracted, because other programs have caused them.
+    /// The board's counters when the link was opened. They are subtracted from later values, because a served board has counted
+    /// for earlier programs too.
     before: Counters,
     closed: AtomicBool,
 }
@@ -34,7 +36,7 @@ impl WatchLink {
         }
     }
 
-    /// Locks the frame watch. The lock is held only while one frame is examined; the writer's thread holds it for less.
+    /// Locks the frame watch. The lock is held only for a short time: while one frame is examined, or its counts are copied.
     fn watch(&self) -> MutexGuard<'_, FrameWatch> {
         self.watch.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -54,7 +56,7 @@ impl Counted for WatchLink {
 }
 
 impl SummaryWriter {
-    /// Wraps a link that was just opened, to watch and report its frames and counters.
+    /// Wraps a link that was just opened: from now on this writer gets the problems in its frames, and its counters.
     pub fn watch(&'static self, inner: Arc<dyn Link>) -> Arc<dyn Link> {
         let link = Arc::new(WatchLink::new(inner, self));
         let counted: Arc<dyn Counted> = link.clone();
@@ -86,7 +88,7 @@ impl Layer for WatchLink {
     }
 
     fn close(&self) {
-        // The link is closed first, because closing may stop axes.
+        // The link is closed before the file is written: closing may stop axes, and that must not wait for a disk.
         self.inner.close();
         self.tell_end();
     }

@@ -33,11 +33,13 @@ use crate::engine::{Counters, Reason, Unexecuted};
 use crate::link::LinkStats;
 use crate::sk::MasterState;
 
-/// The most messages of the log with different texts that a summary keeps. \[OURS]
+/// \[OURS] The maximum number of different messages of the log that a summary keeps; further ones are left out.
 const TEXTS_MAX: usize = 200;
-/// The beginning of the names of counts of rejected commands. The name of the reason follows.
+/// The beginning of the names of the counts of rejected commands, in the file and in [`Summary::counts`]. The name of the
+/// reason follows.
 const REJECTED: &str = "rejected.";
-// The names of counts that are not counters of the board.
+// The names of counts that are no counters of the board: they come from the frames that the summary has watched, or from the
+// library.
 const FULL_SEEN: &str = "full_seen";
 const CRC_SEEN: &str = "crc_seen";
 const GAPS: &str = "gaps";
@@ -59,7 +61,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Adds an event that was found in the frames.
+    /// Adds an event that was found in a frame of the run.
     pub fn add_event(&mut self, event: FrameEvent) {
         match event {
             FrameEvent::Alarm(alarm) => *self.alarms.entry(alarm).or_default() += 1,
@@ -67,12 +69,13 @@ impl Summary {
         }
     }
 
-    /// Sets the counts from the frames. Call it at most once.
+    /// Sets the counts that were found in the frames of the run. A second call replaces the values of the first one.
     pub fn set_frame_counts(&mut self, counts: &FrameCounts) {
         of_frames(counts).into_iter().for_each(|(name, value)| self.set(name, value));
     }
 
-    /// Adds the lines of one process. Call it once for each process, because its counts are added to those of the others.
+    /// Adds the lines that one process has written to the file. Call it once for each process, because the counts of the
+    /// processes are added up.
     pub fn add_lines<'a>(&mut self, lines: impl IntoIterator<Item = &'a Line>) {
         // The file may have several lines for a count. Only the newest value of each board counts, and the values of
         // all boards are added up.
@@ -146,8 +149,8 @@ impl Summary {
         self.messages.iter().map(|(text, times)| (text.as_str(), *times))
     }
 
-    /// The summary as text, one line for each problem, beginning with commands that were not executed. With `told`,
-    /// messages that came only once are left out, because the caller has shown them already.
+    /// The summary as text, one line for each problem, beginning with commands that were not executed. With `told`, an event or
+    /// message that came only once is left out, because the user has seen it already while the program ran.
     pub fn lines(&self, told: bool) -> Vec<String> {
         let mut lines = Vec::new();
         let rejected: Vec<(&str, u64)> = Reason::NAMES
@@ -161,7 +164,8 @@ impl Summary {
             lines.push(format!("{total} command(s) were rejected and not executed: {each}"));
         }
         for what in Unexecuted::ALL.into_iter().filter(|what| !what.is_asked_for()) {
-            // The counter of the modelled board is exact. A real board has none, so its counts in slot 0 are used.
+            // A modelled board has exact counters of these frames. A real board has no counters, so the FIFO-full count and the
+            // error count in slot 0 of its reports are used.
             let seen = match what {
                 Unexecuted::Full => self.count(FULL_SEEN),
                 Unexecuted::Crc => self.count(CRC_SEEN),
@@ -210,12 +214,14 @@ impl fmt::Display for Summary {
     }
 }
 
-/// Whether a message of the log only sums up earlier messages or gives a final count. The summary has these numbers itself.
+/// Whether a message of the log only gives a number of earlier messages or a final count, such as "12 in all". Such messages
+/// are left out of the summary, which has these numbers itself.
 pub fn is_sum(text: &str) -> bool {
     text.contains(" more rejected as ") || text.ends_with(" in all") || text.contains(" was still under way when ")
 }
 
-/// Whether a message of the log is about an event that the summary counts: a rejected command, or the beginning of a loss.
+/// Whether the summary counts what a message of the log reports, so that the message is left out: a rejected command, or the
+/// beginning ("since ...") of a time in which commands were not executed.
 fn is_counted(text: &str) -> bool {
     is_sum(text) || text.contains(" rejected at ") || text.starts_with("since ")
 }

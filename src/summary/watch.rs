@@ -33,9 +33,9 @@ pub struct FrameCounts {
     pub crc: u64,
     /// The number of gaps in a motion: the FIFO ran empty while at least one axis was moving.
     pub gaps: u64,
-    /// The state that the program requested last, if it is higher than the present one and the board has neither
-    /// reached it nor failed to. The second value is how long the program has waited for it up to the newest report, ms
-    /// (at least 1).
+    /// The state above the present one that the program has requested last, as long as the board has neither reached it nor
+    /// reported a failure; `None` otherwise. The second value is how long the program has waited for it up to the newest
+    /// report, ms (at least 1).
     pub unreached: Option<(MasterState, u64)>,
 }
 
@@ -47,18 +47,19 @@ pub struct FrameWatch {
     /// Whether SET_AXIS has declared a slave of another kind than IO.
     declared: bool,
     state: StateByte,
-    /// The time of the request for the state in [`FrameCounts::unreached`], ns.
+    /// The time of the request for the state in [`FrameCounts::unreached`], ns on the clock of the frames.
     asked_ns: i64,
     /// Whether the program still waits for that state: it has not requested a lower one since.
     is_waiting: bool,
-    /// The FIFO-full count and the CRC error count in the last report of OP, to notice losses.
+    /// The FIFO-full count and the CRC error count in the last report of OP. An increase means lost command frames.
     losses: Option<(u16, u8)>,
     /// The error code of each slave that has an alarm.
     alarms: [Option<u16>; MAX_SLAVES],
     gaps: [GapFinder; MAX_SLAVES],
-    /// The time of the newest command frame.
+    /// The time of the newest command frame, ns.
     sent_ns: i64,
-    /// The number of reports with an empty FIFO since the newest command frame.
+    /// The number of reports with an empty FIFO since the newest command frame. The first one only shows that the newest target
+    /// was executed, which is normal for a program that sends one target per cycle. A second one is a gap in a motion.
     idle_reports: u32,
     counts: FrameCounts,
 }
@@ -87,7 +88,7 @@ impl FrameWatch {
         self.counts
     }
 
-    /// Examines a command frame that was sent at `at_ns`, nanoseconds.
+    /// Examines a command frame that was sent at `at_ns`, ns on the clock of the link or the recording.
     pub fn command(&mut self, at_ns: i64, frame: &Frame) {
         self.counts.commands += 1;
         self.sent_ns = at_ns;
@@ -125,7 +126,8 @@ impl FrameWatch {
         self.counts.gaps += u64::from(is_gap);
     }
 
-    /// Examines a report that was made at `at_ns`, nanoseconds. Calls `on_event` for each event in it.
+    /// Examines a report that the board sent at `at_ns`, ns on the same clock as in [`Self::command`]. Calls `on_event` for
+    /// each event in it.
     pub fn report(&mut self, at_ns: i64, frame: &Frame, on_event: &mut dyn FnMut(FrameEvent)) {
         self.counts.reports += 1;
         self.kinds.response(frame, self.size);
@@ -168,8 +170,8 @@ impl FrameWatch {
                 Some(SlaveKind::Drive | SlaveKind::Step) => drive.error_code,
                 Some(SlaveKind::Hsp) => 0,
                 Some(SlaveKind::Io | SlaveKind::None) => continue,
-                // The frames begin after SET_AXIS, so the kind of the slave is unknown. A slot that answers a command
-                // for axes is treated as that of a drive.
+                // The frames begin after SET_AXIS, so the kind of the slave is unknown. A slot that answers a command for axes
+                // is treated as that of a drive, any other slot is skipped.
                 None if CommandId::from_code(slot.id).is_for_axes() => drive.error_code,
                 None => continue,
             };

@@ -1,10 +1,9 @@
 //! Reports to `ecmsk exec` what happens in a program: writes [`Line`]s to a file that the tool has created. The
 //! environment variable [`FILE_VARIABLE`] has the name of the file.
 //!
-//! The program never waits for the file: facts go into a queue, and if the queue is full they are dropped and counted.
-//! While a board is open, a thread writes the queued facts several times a second. Closing a board also writes them,
-//! since the process may end next. Messages of the log that differ only in their numbers are written once, followed by
-//! their count.
+//! The program never waits for the file: lines go into a queue, and if the queue is full they are dropped and counted. While a
+//! board is open, a thread writes the queued lines several times a second. Closing a board also writes them, since the process
+//! may end next. Messages of the log that differ only in their numbers are written once, followed by their count.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -20,27 +19,28 @@ use super::{Line, TEXTS_MAX};
 use crate::address::config;
 use crate::threads;
 
-/// The environment variable that names the file.
+/// The environment variable with the path of the file for the lines. `ecmsk exec` sets it.
 pub const FILE_VARIABLE: &str = "ECMSK_TOLD";
 
-/// The most facts in the queue. \[OURS]
+/// \[OURS] The maximum number of lines in the queue; further ones are dropped and counted.
 const QUEUE_LEN: usize = 1024;
-/// The interval at which the thread writes the queued facts to the file. \[OURS]
+/// The interval at which the thread writes the queued lines to the file. \[OURS]
 const PERIOD: Duration = Duration::from_millis(100);
-/// Counts are written when the run time has grown by this fraction (1/64) since the last time. So the file of a program
-/// that runs for weeks stays small, and the counts of a killed program are almost up to date. \[OURS]
+/// Counts are written whenever the run time has grown by 1/64 since the last time. So the file of a program that runs for weeks
+/// stays small, and the counts of a killed program are almost up to date. \[OURS]
 const COUNTS_PERIOD_FRACTION: u32 = 64;
 /// The longest interval at which counts are written. \[OURS]
 const COUNTS_PERIOD_MAX: Duration = Duration::from_secs(10);
 
-/// A fact that is queued for the file.
+/// An entry of the queue: a line for the file, or a message of the log, from which [`WriterState`] makes a line only if it is
+/// the first of its kind.
 enum Fact {
     Line(Line),
     /// A message of the log.
     Message(String),
 }
 
-/// Writes what happens in this process to the file that the tool reads.
+/// Writes what happens in this process to the file from which `ecmsk exec` makes its summary.
 pub struct SummaryWriter {
     queue: SyncSender<Fact>,
     dropped: AtomicU64,
@@ -55,7 +55,7 @@ struct WriterState {
     boards: Vec<WatchedBoard>,
     /// The number of boards that the process has opened.
     boards_opened: u32,
-    /// The thread that writes the queued facts; it runs while a board is open.
+    /// The thread that writes the queued lines; it runs while a board is open.
     thread: Option<JoinHandle<()>>,
     began: Instant,
     counts_written: Instant,
@@ -89,7 +89,7 @@ struct WatchedBoard {
     written: BTreeMap<String, u64>,
 }
 
-/// The writer of this process; `None` unless a tool has set [`FILE_VARIABLE`].
+/// The writer of this process; `None` unless `ecmsk exec` has set [`FILE_VARIABLE`] for it.
 pub fn of_process() -> Option<&'static SummaryWriter> {
     static WRITER: OnceLock<Option<SummaryWriter>> = OnceLock::new();
     let summary_writer = WRITER.get_or_init(|| {
@@ -148,7 +148,7 @@ impl SummaryWriter {
         state.boards_opened += 1;
         state.boards.push(WatchedBoard { number, link, written: BTreeMap::new() });
         if state.thread.is_none() {
-            // If the system provides no thread, queued facts are written only when the board is closed.
+            // If the system provides no thread, queued lines are written only when the board is closed.
             state.thread = threads::spawn("ecmsk-summary", || self.run()).ok();
         }
     }
@@ -160,7 +160,7 @@ impl SummaryWriter {
         }
     }
 
-    /// Writes the queued facts, and the counts if they are due. Returns whether a board is open.
+    /// Writes the queued lines, and the counts if they are due. Returns whether a board is open.
     fn write(&self) -> bool {
         let mut state = self.state();
         let counts_period = (state.began.elapsed() / COUNTS_PERIOD_FRACTION).clamp(PERIOD, COUNTS_PERIOD_MAX);
@@ -169,13 +169,13 @@ impl SummaryWriter {
         !state.boards.is_empty()
     }
 
-    /// Writes the queued facts and all counts.
+    /// Writes the queued lines and all counts.
     pub fn write_all(&self) {
         self.state().write(self.dropped.load(Ordering::Relaxed), true);
     }
 
-    /// Called when a board was closed: writes the queued facts and the counts. If no board is open any more, ends the
-    /// thread, since the program may unload the library next.
+    /// Called when a board was closed: writes the queued lines and the counts. If no board is open any more, ends the thread,
+    /// since the program may unload the library next.
     pub(super) fn closed(&self) {
         let thread = {
             let mut state = self.state();
@@ -304,8 +304,8 @@ mod tests {
         assert_eq!(told(&file), expected);
     }
 
-    /// Queueing never waits. Facts for which the queue has no room are counted, and so are messages beyond the maximum
-    /// number of kinds.
+    /// Queueing never waits. Lines for which the queue has no room are counted as dropped, and so are messages of more than
+    /// `TEXTS_MAX` kinds.
     #[test]
     fn a_full_queue_drops_and_counts() {
         let file = Shared::default();

@@ -1,5 +1,5 @@
-//! One connection, as both ends use it: a non-blocking socket, with or without TLS, and a way to end a wait on it from
-//! another thread.
+//! One TCP connection, of a client or of a server: a non-blocking socket, with or without TLS, and a way for another thread to
+//! end a wait for bytes.
 
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::net::{Shutdown, SocketAddr, TcpStream};
@@ -18,15 +18,16 @@ use super::wire::{MESSAGE_MAX, Message};
 /// The approximate size of the system's send buffer. It is small, so that old reports for a slow client are dropped and
 /// counted by this program instead of waiting in the system. \[OURS]
 const SEND_BUFFER_BYTES: usize = 64 * 1024;
-/// How long a call waits for the TLS session while another thread encrypts or decrypts with it: if a thread of a
-/// program was ended by force there, it keeps the session for ever. \[OURS]
+/// How long a call waits for the TLS session while another thread encrypts or decrypts with it; then the call fails with
+/// [`ErrorKind::TimedOut`]. A program on Windows may end a thread by force while the thread uses the session, which then stays
+/// locked for ever. \[OURS]
 const SESSION_WAIT_MAX: Duration = Duration::from_secs(1);
 
 /// One end of a TCP connection: its socket, and the TLS session over it if there is one.
 pub struct Channel {
     socket: TcpStream,
     tls: Option<Mutex<Connection>>,
-    /// Ends waits on this connection from another thread; `None`: no other thread can end them.
+    /// Ends the waits of other threads on this connection; `None`: [`Channel::wake`] has no effect.
     waker: Option<Waker>,
 }
 
@@ -54,8 +55,8 @@ impl Out {
         self.bytes.len() - self.sent
     }
 
-    /// Appends a message to the waiting bytes, unencrypted, for a caller that takes them by [`take`](Self::take)
-    /// instead of sending them.
+    /// Appends a message to the waiting bytes, unencrypted, for a client in the server's own process, which has no socket and
+    /// gets the bytes by [`take`](Self::take).
     pub fn keep(&mut self, message: &Message<'_>) {
         let length = message.encode(&mut self.message);
         self.bytes.extend_from_slice(&self.message[..length]);
@@ -67,7 +68,7 @@ impl Out {
     }
 }
 
-/// How many of the waiting bytes a call of [`Channel::receive`] has taken.
+/// Whether a call of [`Channel::receive`] has taken bytes that had arrived, and whether there may be more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Came {
     /// Some bytes were taken, and more may be waiting.
@@ -91,7 +92,8 @@ impl Channel {
         Ok(channel)
     }
 
-    /// As [`new`](Self::new), for a thread that waits on several connections: [`wake`](Self::wake) has no effect.
+    /// As [`new`](Self::new), for a thread that polls several connections itself instead of calling [`wait`](Self::wait): the
+    /// connection has no waker of its own, so [`wake`](Self::wake) has no effect.
     ///
     /// # Errors
     /// Errors of the operating system.
@@ -122,13 +124,14 @@ impl Channel {
         poll(&mut [self.waits_for(false)], Some(&now)).is_ok_and(|ready| ready > 0)
     }
 
-    /// The descriptor of the socket.
+    /// The descriptor of the socket, which children that the program forks have to close.
     #[cfg(unix)]
     pub fn descriptor(&self) -> std::os::fd::RawFd {
         std::os::fd::AsRawFd::as_raw_fd(&self.socket)
     }
 
-    /// Performs the TLS handshake, until `deadline` at most. Returns the keying material of the session.
+    /// Performs the TLS handshake, until `deadline` at most. Returns the keying material of the session, to which the proofs of
+    /// the secret are bound.
     ///
     /// # Errors
     /// Errors of the operating system, [`ErrorKind::TimedOut`], and [`ErrorKind::InvalidData`] if the other end does
@@ -173,7 +176,7 @@ impl Channel {
         }
     }
 
-    /// Uses a TLS session whose handshake is complete; returns its keying material.
+    /// Encrypts all messages from now on with a TLS session whose handshake is complete. Returns the session's keying material.
     ///
     /// # Errors
     /// Those of [`secure`](Self::secure).
@@ -196,7 +199,7 @@ impl Channel {
         self.socket.peer_addr()
     }
 
-    /// Ends the wait in progress, or the next one.
+    /// Ends the wait in progress. If no thread waits now, the next wait ends at once.
     pub fn wake(&self) {
         if let Some(waker) = &self.waker {
             waker.wake();
@@ -220,7 +223,8 @@ impl Channel {
         Ok(())
     }
 
-    /// As [`wait`](Self::wait), but fails with [`ErrorKind::TimedOut`] if `deadline` has passed.
+    /// As [`wait`](Self::wait), until `deadline` at most. Fails with [`ErrorKind::TimedOut`] if `deadline` has passed before
+    /// the call.
     pub(super) fn wait_until(&self, to_send: bool, deadline: Instant) -> io::Result<()> {
         let left = deadline.saturating_duration_since(Instant::now());
         if left.is_zero() {
@@ -244,8 +248,7 @@ impl Channel {
             Ok(0) => Ok(Came::End),
             Ok(count) => {
                 inbox.came(count);
-                // In a TLS session, bytes of a record may still be buffered in the session, so more bytes may be
-                // waiting.
+                // A TLS session may still buffer bytes of the same record, so the caller has to receive again.
                 Ok(if self.tls.is_none() && count < all { Came::All } else { Came::Bytes })
             }
             Err(error) => match error.kind() {
@@ -277,7 +280,7 @@ impl Channel {
         (&self.socket).read(bytes)
     }
 
-    /// Appends unencrypted bytes to those that are waiting to be sent.
+    /// Appends bytes that are sent unencrypted, such as the greeting before the TLS handshake, to those that are waiting.
     pub fn stage_plain(&self, bytes: &[u8], out: &mut Out) {
         out.bytes.extend_from_slice(bytes);
     }
@@ -332,7 +335,7 @@ impl Channel {
         Ok(())
     }
 
-    /// Shuts down sending; with `both`, receiving as well. The other end notices it.
+    /// Shuts down sending; with `both`, receiving as well. The other end reads the bytes that were sent, then [`Came::End`].
     pub fn end(&self, both: bool) {
         // An error is ignored: it means that the connection has already ended.
         let _ = self.socket.shutdown(if both { Shutdown::Both } else { Shutdown::Write });
@@ -354,7 +357,8 @@ fn waited(done: rustix::io::Result<usize>) -> io::Result<()> {
 /// Receives one message, until `deadline` at most, and calls `look` with it.
 ///
 /// # Errors
-/// Errors of the operating system, [`ErrorKind::TimedOut`], [`ErrorKind::UnexpectedEof`].
+/// Errors of the operating system; [`ErrorKind::TimedOut`] after `deadline`; [`ErrorKind::UnexpectedEof`] if the other end has
+/// ended the connection; [`ErrorKind::InvalidData`] for bytes that are no valid message or no valid TLS.
 pub fn first_message<T>(
     channel: &Channel,
     inbox: &mut Inbox,

@@ -1,4 +1,4 @@
-//! The link `tcp:` itself: opening, closing, and the calls of a [`Link`].
+//! The link `tcp:`: opening, closing, and the calls of a [`Link`].
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -37,8 +37,9 @@ impl TcpLink {
     /// Connects to the server in the URI.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`], with what the server or the operating system has reported; [`LinkError::InUse`], with
-    /// the name of the present writer; [`LinkError::Io`].
+    /// [`LinkError::NoBoard`] if the server cannot be reached, has no board or refuses the client, with the reason;
+    /// [`LinkError::InUse`] if the board has a writer already, with its name; [`LinkError::Io`] if the secret cannot be read,
+    /// or no thread can be started.
     pub fn connect(uri: &LinkUri, options: &TcpOptions, common: &CommonOptions) -> Result<Self, LinkError> {
         let name = uri.to_string();
         let Connected {
@@ -54,8 +55,8 @@ impl TcpLink {
             board,
             network,
         } = connect(&name, options)?;
-        // Virtual time advances by the writer's calls. A reader's calls do not advance it, so a reader treats the time
-        // as real.
+        // Virtual time advances by the writer's calls. A reader's calls do not advance it, so a reader's waits end by the real
+        // clock.
         let virtual_time = virtual_time && options.role == Role::Writer;
         let info = LinkInfo { virtual_time, opened_at: now, ..common.info(name.clone(), common.slot.or(slot)) };
         // `hang_ms=` has nothing to detect on virtual time: no axis moves while the program makes no call.
@@ -127,7 +128,7 @@ impl TcpLink {
         }
         shared.channel.end(true);
         if let Some(background) = self.background.lock().take() {
-            // The background thread ends by itself: it checks the state of the link after it was woken.
+            // The thread was woken and ends, because the link has ended. The result would only say whether it has panicked.
             let _ = background.join();
         }
     }
@@ -160,7 +161,7 @@ impl Link for TcpLink {
         if !self.shared.info.virtual_time {
             return Ok(None);
         }
-        // Only this client advances the board's time, so the time in the last answer is still the present one.
+        // Only this client advances the board's time, so the time in the server's last answer is still the present one.
         if time.is_zero()
             && let Some(now) = self.shared.state().exchange.now
         {
@@ -198,7 +199,7 @@ impl Link for TcpLink {
         let shared = &self.shared;
         let wait = Wait::For(shared.patience());
         let (state, asked) = shared.request(Dir::Read, wait, |request| Message::Count { request });
-        // If the server does not answer now, the counters in its previous answer are returned.
+        // If the server does not answer in time, the counters of its previous answer are returned.
         let counts = match asked {
             Ok(Answer::Counted(counts)) => counts,
             _ => state.exchange.counts,

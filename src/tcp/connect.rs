@@ -39,7 +39,8 @@ enum ConnectError {
     Link(LinkError),
     NoBoard(String),
     InUse(String),
-    /// The server has closed the connection after its greeting, to make room for others when too many connect at once.
+    /// The server has closed the connection after its greeting, to make room for other clients when too many connect at once.
+    /// The client tries again.
     Displaced(String),
 }
 
@@ -99,8 +100,8 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Con
             let reason = "its server wants a secret; give the file it is in with `secret_file=`";
             return Err(ConnectError::NoBoard(reason.to_owned()));
         }
-        // The message must never advise to leave the secret out: it also appears when somebody has redirected the client
-        // to a server that does not know the secret.
+        // This error text must never advise to leave the secret out of the link: it also appears when somebody has redirected
+        // the client to a server that does not know the secret.
         (Some(_), false) => {
             let how = how_to_give(options.secret_file.as_ref());
             return Err(ConnectError::NoBoard(format!(
@@ -179,8 +180,8 @@ fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Resul
             Err(error) => Err(error),
         };
         came.map_err(|error| match error.kind() {
-            // The server may have sent its greeting and then closed the connection to make room for others. A reset can
-            // discard the greeting before it is read.
+            // The server may have sent its greeting and then closed the connection to make room for others. A reset can discard
+            // the greeting before it is read, so the client tries again after a reset.
             ErrorKind::ConnectionReset => ConnectError::Displaced(explain(&error, options)),
             _ => ConnectError::NoBoard(explain(&error, options)),
         })?;
@@ -201,7 +202,7 @@ fn refused(why: Refusal, text: &str, options: &TcpOptions) -> ConnectError {
     })
 }
 
-/// Why a connection has failed, and what the user can do, as text.
+/// The text for an error of a connection attempt: why it has failed, and what the user can do.
 fn explain(error: &io::Error, options: &TcpOptions) -> String {
     match error.kind() {
         ErrorKind::ConnectionRefused => {

@@ -19,13 +19,14 @@ use crate::span::Span;
 use crate::threads::sync::{self, Condvar, MutexGuard};
 use crate::threads::{CallingThread, WaitQueue};
 
-/// Whether a waiting call receives by itself, which saves a thread switch. On Windows programs end their threads by
-/// force (`TerminateThread`), and bytes would be lost with a thread that ends while it receives.
+/// Whether a call that waits for a message receives bytes from the socket itself, instead of waiting for the background thread.
+/// This saves a thread switch. On Windows programs end their threads by force (`TerminateThread`), and bytes would be lost with
+/// a thread that ends while it receives.
 const CALLS_RECEIVE: bool = cfg!(not(windows));
 /// How often the background thread receives while no call waits. \[OURS]
 const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// The part of a link that its threads share.
+/// The part of a link that the program's threads and the background thread share.
 pub(super) struct Shared {
     pub(super) info: LinkInfo,
     /// The URI with which the server has opened the board.
@@ -34,21 +35,22 @@ pub(super) struct Shared {
     pub(super) network: KnownNetwork,
     pub(super) role: Role,
     pub(super) keepalive: Duration,
-    /// The velocities and torques that the program has commanded and that are still in force, for detecting a program
-    /// that has stopped calling (`hang_ms=`); `None`: not detected.
+    /// The slaves with a velocity or torque that the program has commanded and no later command has ended, for detecting a
+    /// program that has stopped calling (`hang_ms=`); `None`: such a program is not detected.
     pub(super) in_force: Option<MotionInForce>,
-    /// Closes the socket in forked children. Declared before the channel, so that it is dropped before the channel
-    /// closes the socket.
+    /// Closes the socket in forked children, by its number. Declared before the channel, so that it is dropped first: when the
+    /// channel has closed the socket, the number may belong to another file.
     #[cfg(unix)]
     pub(super) _let_go: LetGo,
     pub(super) channel: Channel,
-    /// Every wait for this lock has a timeout: a thread that was ended by force while it sent keeps the lock.
+    /// The buffers for sending, and the time of the last message. Every wait for this lock has a timeout, after which the
+    /// connection counts as lost: a thread that was ended by force while it sent keeps the lock.
     pub(super) out: Mutex<Sender>,
     /// Locked for short times only: no thread makes a system call while it holds this lock.
     pub(super) state: sync::Mutex<State>,
-    /// Wakes the threads that wait for a message that another thread receives.
+    /// Wakes the calls that wait for a message while another thread receives it.
     pub(super) changed: WaitQueue,
-    /// Wakes the background thread when the exchange with the server has ended.
+    /// Wakes the background thread, so that it ends, when the exchange with the server has ended.
     pub(super) over: Condvar,
     pub(super) counts: CallCounts,
 }
@@ -56,7 +58,6 @@ pub(super) struct Shared {
 /// The buffers for sending, and the time of the last message that was sent.
 pub(super) struct Sender {
     pub(super) out: Out,
-    /// When a message was last sent.
     pub(super) last: Instant,
 }
 
@@ -65,17 +66,19 @@ pub(super) struct State {
     pub(super) exchange: Exchange,
     /// The thread that receives for all threads; `None`: no thread is receiving.
     pub(super) receiver: Option<CallingThread>,
-    /// `None` while the receiving thread takes bytes from the connection. If it is ended by force there, the next
-    /// message boundary is lost.
+    /// The received bytes; `None` while the receiving thread takes bytes from the connection. If that thread is ended by force
+    /// there, the bytes are lost and with them where the next message begins, so the link ends.
     pub(super) inbox: Option<Inbox>,
     /// The threads that wait for a message while another thread receives for all.
     pub(super) waiting: Vec<CallingThread>,
-    /// How often waiting reads and writes were cancelled so far, one count for each direction.
+    /// How often waiting reads and writes were cancelled so far, one count for each direction. A call that waits has been
+    /// cancelled if the count has changed since the call began.
     pub(super) cancels: [u64; 2],
 }
 
 impl State {
-    /// Returns an error if the exchange has ended, or if calls were cancelled since the count was `cancels`.
+    /// Returns an error if the exchange has ended, or if calls in this direction were cancelled after the caller read the count
+    /// `cancels`.
     fn check(&self, dir: Dir, cancels: u64) -> Result<(), LinkError> {
         self.exchange.check()?;
         if self.cancels[dir as usize] == cancels { Ok(()) } else { Err(LinkError::Cancelled { dir }) }
@@ -92,8 +95,8 @@ impl Shared {
         super::patience(self.keepalive)
     }
 
-    /// The background thread: it receives while no call waits, sends keep-alive messages, and detects that the server
-    /// has gone or that the program has stopped calling.
+    /// The background thread: it receives while no call waits, and sends keep-alive messages. It ends the connection if the
+    /// server has gone, or if the program has stopped calling while axes move.
     pub(super) fn run_background(&self) {
         let look = IDLE_POLL_INTERVAL.min(self.keepalive / 4);
         let mut idle = CallMonitor::new(Instant::now());
@@ -125,7 +128,7 @@ impl Shared {
             }) {
                 let reason = format!("{reason} while axes move by its velocity or torque (hang_ms=); open it again");
                 state.exchange.lose(reason.clone());
-                // The connection ends before the log is written, so that the server stops the axes at once.
+                // The connection ends before the warning is written, so that the server stops the axes at once.
                 self.channel.end(true);
                 log::warn!("`{}`: {reason}", self.info.name);
             }
@@ -146,8 +149,7 @@ impl Shared {
         self.channel.wake();
     }
 
-    /// Counts the calls that the program has made, so that a program that makes no more calls can be detected
-    /// (`hang_ms=`).
+    /// The number of calls that the program has made so far. A program that makes no more calls is detected by it (`hang_ms=`).
     fn calls(&self, state: &State) -> u64 {
         self.counts.ended() + state.exchange.next_request
     }
@@ -157,7 +159,7 @@ impl Shared {
         let Sender { out, last } = &mut *sender;
         if last.elapsed() >= self.keepalive / 2 && out.is_empty() {
             *last = Instant::now();
-            // An error is ignored here: it also occurs when receiving, and is handled there.
+            // An error of the connection also occurs when receiving, where it is handled.
             let _ = self.channel.stage(&Message::Ping, out).and_then(|()| self.channel.push(out));
         }
     }
@@ -172,8 +174,8 @@ impl Shared {
             self.changed.notify_all();
         }
         state.waiting.retain(|caller| !caller.is_gone());
-        // The request of a thread that was ended by force is removed only when its answer has come, since there may be
-        // only one request in progress.
+        // Only one request may be in progress, and that of a thread that was ended by force is in progress until the server has
+        // answered it. Then the request is removed.
         if state.exchange.request.as_ref().is_some_and(|request| request.answer.is_some() && request.caller.is_gone()) {
             state.exchange.request = None;
             self.changed.notify_all();
@@ -207,8 +209,8 @@ impl Shared {
         self.tell_those_who_wait(state)
     }
 
-    /// Wakes the waiting calls. The lock is released first: the program may end this thread by force while it wakes
-    /// them.
+    /// Wakes the waiting calls. The lock is released first: if the program ends this thread by force while it wakes them, no
+    /// lock is left locked.
     fn tell_those_who_wait<'a>(&'a self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
         if state.waiting.is_empty() {
             return state;
@@ -257,8 +259,8 @@ impl Shared {
         (state, came)
     }
 
-    /// Waits until `look` returns a value, or until `until`. If `until` has passed already, messages that have arrived
-    /// are still received once.
+    /// Waits until `look`, which is called after each change of the state, returns a value, or until `until`; then the value is
+    /// `None`. If `until` has passed already, messages that have arrived are still received once.
     fn wait<'a, T>(
         &'a self,
         mut state: MutexGuard<'a, State>,
@@ -292,8 +294,8 @@ impl Shared {
         }
     }
 
-    /// Sends a request and waits for its answer. The server applies the timeout of the request; if it does not answer,
-    /// the wait ends somewhat later.
+    /// Sends a request and waits for its answer. The server applies the timeout `wait`. If it does not answer at all, the wait
+    /// ends [`Self::patience`] after that timeout.
     pub(super) fn request<'a>(
         &'a self,
         dir: Dir,
@@ -316,7 +318,8 @@ impl Shared {
         let sent = self.send(&message(number));
         let mut state = self.state();
         if let Err(error) = sent {
-            // The server did not receive the whole message, so it cannot have executed the request.
+            // The server executes only requests that it has received completely. It did not receive all of this message, so the
+            // request was not executed.
             let error = LinkError::Lost { name: self.info.name.clone(), reason: error.to_string().into() };
             state.exchange.end(error.clone(), false);
             return self.done(state, Err(error));
@@ -361,7 +364,8 @@ impl Shared {
         (!cancel_sent && dir == Dir::Write && state.cancels[dir as usize] != cancels).then_some(Err(None))
     }
 
-    /// The error of a request that was in progress when the exchange with the server ended.
+    /// The error of a request that was in progress when the exchange with the server ended: [`LinkError::Unsure`] for a write
+    /// that the server may have executed, otherwise the error that ended the exchange.
     fn ended(&self, state: &State, dir: Dir) -> LinkError {
         match &state.exchange.ended {
             Some(ended) if ended.unsure && dir == Dir::Write => {

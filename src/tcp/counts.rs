@@ -5,7 +5,8 @@ use super::message::Counts;
 use super::wire_error::WireError;
 use crate::engine::Counters;
 
-/// The number of fields of [`Counters`] that are sent before the counters of rejected commands.
+/// The number of fields of [`Counters`] that are sent one by one. The counters of rejected commands, one for each reason,
+/// follow.
 const BEFORE_REJECTED: usize = 21;
 
 /// All counters of a board, in the order in which they are sent.

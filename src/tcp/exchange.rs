@@ -15,7 +15,7 @@ use crate::threads::CallingThread;
 pub(super) struct Ended {
     /// The error that all further calls of the link return.
     pub(super) error: LinkError,
-    /// Whether the server may have executed the request in progress.
+    /// Whether the server may have executed the request in progress; a write then fails with [`LinkError::Unsure`].
     pub(super) unsure: bool,
 }
 
@@ -34,7 +34,7 @@ pub(super) struct Request {
 #[allow(clippy::large_enum_variant, reason = "there is one at a time, taken as soon as it is there")]
 pub(super) enum Answer {
     Written(Stamp),
-    /// A report was read; its bytes are in [`Exchange::got`].
+    /// The answer to a read request: the data of a report, whose bytes are in [`Exchange::got`].
     Got(ReadMeta),
     Passed(Option<Stamp>),
     Counted(Counts),
@@ -49,7 +49,8 @@ pub(super) struct Exchange {
     queue_max: usize,
     /// Reports dropped from `reports`, because the program did not read them in time.
     pub(super) dropped: u64,
-    /// The server's sequence number of the first report of this link.
+    /// The server's sequence number of the first report of this link. Reports of the link are numbered from it, so the first
+    /// one has the number 0.
     first_sequence: u64,
     /// The number of the next request. Requests are numbered from 1.
     pub(super) next_request: u64,
@@ -164,7 +165,8 @@ impl Exchange {
             Message::Failed { request, now, failure } => {
                 let under_way = self.request.as_ref().ok_or(WireError::OutOfTurn { kind: message.kind() })?;
                 let error = failure.error(&self.name, under_way.dir, under_way.wait);
-                // The board is lost: this ends the exchange at once, without waiting for the Bye with the same reason.
+                // The server's board is lost: the exchange ends at once, without waiting for the server's Bye with the same
+                // reason.
                 let lost = matches!(error, LinkError::Lost { .. }).then(|| error.clone());
                 self.answer(message, request, Err(error))?;
                 self.now = now;
@@ -178,7 +180,8 @@ impl Exchange {
                     End::Lost => text.to_owned(),
                     End::Closed | End::Broken => format!("its server has ended the connection: {text}"),
                 };
-                // The server answers in order, so it has not executed a request that it has not answered by now.
+                // The server answers requests in the order in which it executes them, and Bye is its last message. So it has
+                // not executed the request in progress.
                 self.end(LinkError::Lost { name: self.name.clone(), reason: reason.into() }, false);
             }
             _ => return Err(WireError::OutOfTurn { kind: message.kind() }),

@@ -12,7 +12,7 @@ const CLOSED: u8 = 5;
 const OTHER: u8 = 6;
 
 impl<'a> Failure<'a> {
-    /// Converts a link error to a message; `text` is a buffer for the text in the message.
+    /// The failure to send to the client for an error of the server's link; `text` is a buffer for its text.
     pub fn of(error: &LinkError, text: &'a mut String) -> Self {
         text.clear();
         let (code, numbers) = match error {
@@ -32,7 +32,8 @@ impl<'a> Failure<'a> {
         Self { code, numbers, text }
     }
 
-    /// Converts a received failure to the error of a client's call on the link `name`.
+    /// The error of a client's call on the link `name` for a failure that the server has sent. `dir` and `wait` are those of
+    /// the call; error texts name them.
     pub fn error(&self, name: &str, dir: Dir, wait: Wait) -> LinkError {
         match self.code {
             TIMEOUT => LinkError::timed_out(dir, wait),

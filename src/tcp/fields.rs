@@ -5,7 +5,7 @@ use super::wire_error::{PAYLOAD_MAX, WireError};
 use crate::link::{Stamp, Wait};
 use crate::sk::FRAME_LEN;
 
-/// Encodes "no time limit" or "no value" in a field of 8 bytes.
+/// The value of an 8-byte field that means "no time limit" ([`Wait::Forever`]), or "no time" where a [`Stamp`] is optional.
 const NONE: u64 = u64::MAX;
 /// The maximum length of a text in a message, in bytes. A longer text is cut. \[OURS]
 pub const TEXT_MAX: usize = 256;

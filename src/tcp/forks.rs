@@ -1,11 +1,11 @@
-//! Sockets of links after a fork. The child has a copy of each socket, and the system closes a connection only with the
-//! last copy: while the child keeps one, the server does not notice that the writer has ended. An executed program gets
-//! no copies (`CLOEXEC`).
+//! Sockets of links after a fork. The child has a copy of each socket, and the system closes a connection only with the last
+//! copy: while the child keeps one, the server does not notice that the writer has ended. A child that executes another program
+//! closes its copies then (`CLOEXEC`), so only children that do not are handled here.
 
 use std::os::fd::RawFd;
 use std::sync::atomic::{AtomicI32, Ordering};
 
-/// The number of links that are registered here. \[OURS] If a writer has more links and its children live on, the
+/// The maximum number of links that are registered here. \[OURS] If a writer has more links and its children live on, the
 /// server notices the writer's end only after four keep-alive times.
 const SOCKETS_MAX: usize = 64;
 /// The value of an entry in which no socket is registered.
@@ -13,7 +13,8 @@ const FREE: RawFd = -1;
 
 static SOCKETS: [AtomicI32; SOCKETS_MAX] = [const { AtomicI32::new(FREE) }; SOCKETS_MAX];
 
-/// The registration of a socket that forked children close. It is dropped before the socket is closed.
+/// The registration of a link's socket, so that a forked child closes its copy of the socket. Dropping it unregisters the
+/// socket, before the link closes it.
 pub(super) struct LetGo {
     place: Option<usize>,
 }

@@ -23,7 +23,7 @@ impl MotionInForce {
         Self { limit, size, slaves: AtomicU64::new(0) }
     }
 
-    /// Evaluates a command frame that the board has accepted.
+    /// Notes which slaves have a velocity or torque in force after a command frame that the board has accepted.
     pub(super) fn wrote(&self, frame: &Frame) {
         let mut slaves = self.slaves.load(Ordering::Relaxed);
         for slave in 1..=self.size.max_slaves() {
@@ -46,7 +46,7 @@ impl MotionInForce {
     }
 }
 
-/// Measures for how long the program has made no call on this link.
+/// Measures how long the program has made no call of the library on this connection.
 pub(super) struct CallMonitor {
     calls: u64,
     since: Instant,
@@ -57,8 +57,9 @@ impl CallMonitor {
         Self { calls: 0, since: now }
     }
 
-    /// `calls` is the number of calls so far. Returns how long the program has made none, if that is longer than the
-    /// limit while a motion without an end is in force and no call is in progress.
+    /// Looks at `calls`, the number of calls so far. Begins to measure anew if it has changed, a call is in progress
+    /// (`is_under_way`) or no velocity or torque is in force. Otherwise returns for how long the program has made no call, if
+    /// that is at least `hang_ms=`.
     pub(super) fn look(
         &mut self,
         calls: u64,
@@ -75,18 +76,19 @@ impl CallMonitor {
     }
 }
 
-/// Measures how long a call has not taken bytes that have arrived: a signal handler has interrupted it and does not
-/// return.
+/// Measures for how long a call that receives has left arrived bytes unread. That happens when a signal handler has interrupted
+/// the call and does not return.
 #[derive(Default)]
 pub(super) struct StuckCall {
-    /// When the link's last message was received, and since when the call has been seen to leave arrived bytes unread.
+    /// When the last message of the link was received, and when the call was first seen to leave bytes unread after that
+    /// message.
     since: Option<(Instant, Instant)>,
 }
 
 impl StuckCall {
-    /// `takes_nothing`: a call is receiving, and bytes are waiting that it has not taken; `heard`: when the last
-    /// message was taken. Returns how long that has lasted, if that is longer than the limit while a motion without an
-    /// end is in force.
+    /// Looks whether a call is stuck. `takes_nothing`: the call is receiving, and has not read bytes that have arrived.
+    /// `heard`: when a call has last read a message. Returns for how long the call has read nothing, if that is at least
+    /// `hang_ms=` and a velocity or torque is in force.
     pub(super) fn look(
         &mut self,
         takes_nothing: bool,
@@ -121,8 +123,8 @@ mod tests {
         frame
     }
 
-    /// TCP-22 A silent program is given up only while a velocity or torque other than 0 is in force. A call restarts
-    /// the time, and so does a call in progress.
+    /// TCP-22 The link of a silent program ends only while a velocity or torque other than 0 is in force. A call restarts the
+    /// time, and so does a call in progress.
     #[test]
     fn a_silent_program_is_given_up_only_while_a_velocity_or_torque_is_in_force() {
         let began = Instant::now();
@@ -156,8 +158,8 @@ mod tests {
         assert_eq!(looks(None), None);
     }
 
-    /// TCP-22 A call that does not take arrived bytes is given up after the limit. A call that waits for bytes, or
-    /// takes some now and then, is not.
+    /// TCP-22 A call that does not take arrived bytes makes the link end after the limit. A call that waits for bytes, or takes
+    /// some now and then, does not.
     #[test]
     fn a_call_that_stands_still_is_given_up() {
         let began = Instant::now();

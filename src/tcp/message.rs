@@ -20,26 +20,27 @@ pub enum Role {
 pub struct Hello<'a> {
     /// The role that the client asks for.
     pub role: Role,
-    /// The client sends a message at least this often, in milliseconds; otherwise the server takes it for dead.
+    /// The client sends a message at least this often, in milliseconds. After four such times without any, the server takes it
+    /// for dead.
     pub keepalive_ms: u32,
     /// The process id of the client.
     pub pid: u32,
     /// The name of the client's program.
     pub program: &'a str,
-    /// The proof that the client knows the secret; zeros without a secret.
+    /// The proof that the client knows the secret, made from the keying material of the TLS session; zeros without a secret.
     pub proof: &'a [u8; PROOF_LEN],
 }
 
 /// The server's answer to a client that it accepts, with its information about the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Welcome<'a> {
-    /// The proof that the server knows the secret; zeros without a secret.
+    /// The proof that the server knows the secret, made from the keying material of the TLS session; zeros without a secret.
     pub proof: &'a [u8; PROOF_LEN],
     /// The board's slot size, if the server's link knows it.
     pub slot: Option<SlotSize>,
     /// Whether the board's time advances only by the writer's calls.
     pub virtual_time: bool,
-    /// The board's time when the Welcome was sent.
+    /// The latest known time of the board when the Welcome was sent; on the real clock that of the newest report.
     pub now: Stamp,
     /// The sequence number of the next report that the server sends.
     pub sequence: u64,
@@ -61,7 +62,7 @@ pub enum Refusal {
     NoBoard = 2,
     /// The server has as many clients as it allows.
     Full = 3,
-    /// The client does not know the secret.
+    /// The client's proof is wrong: it has another secret, or none.
     WrongSecret = 4,
     /// The client's first message is invalid.
     NoHello = 5,
@@ -81,10 +82,11 @@ pub enum End {
     Broken = 4,
 }
 
-/// Counters in the server's link to the board.
+/// The counters that the server gives for its link to the board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Reports dropped because a client did not receive them in time, in the server and before it.
+    /// Reports that were dropped because a client did not receive them in time: by the server, and by its link to the board
+    /// before.
     pub reports_dropped: u64,
     /// The counters of the board, if the server's link has them.
     pub board: Option<Counters>,
@@ -98,8 +100,8 @@ pub struct Failure<'a> {
     pub(super) text: &'a str,
 }
 
-/// A message. Clients send the variants up to `Bye`, servers those from `Ping` on. The client numbers its requests, and
-/// each answer repeats the number.
+/// A message. Clients send the variants from `Hello` to `Bye`, servers those from `Ping` to `Failed`, so both send `Ping` and
+/// `Bye`. The client numbers its requests, and each answer repeats the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Message<'a> {
     /// A client's first message.
@@ -113,11 +115,12 @@ pub enum Message<'a> {
         /// The command frame.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// On virtual time only: a request for the oldest unread report.
+    /// A request for the oldest unread report. On virtual time only, where a read advances the board's time; on the real clock
+    /// the server sends every report unasked.
     Read {
         /// The number of the request.
         request: u64,
-        /// The time limit, in the board's time.
+        /// How long the read may wait for a report, in the board's time; then it fails with a timeout.
         wait: Wait,
     },
     /// On virtual time only: a request to advance the board's time.
@@ -143,7 +146,7 @@ pub enum Message<'a> {
     Bye {
         /// Why the connection ends.
         end: End,
-        /// The reason as text.
+        /// The details as text, for example why the board is lost.
         text: &'a str,
     },
     /// The server accepts the client.
@@ -152,13 +155,13 @@ pub enum Message<'a> {
     Refused {
         /// The reason of the refusal.
         why: Refusal,
-        /// The reason as text.
+        /// The details as text, for example the name of the present writer.
         text: &'a str,
     },
     /// A report of the board.
     Report {
-        /// Time and sequence number of the report on the server's link; `dropped` includes the reports that were
-        /// dropped for this client.
+        /// Time and sequence number of the report on the server's link. `dropped` is the number of reports that this client
+        /// lacks so far, because the server or its link has dropped them.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],
@@ -167,18 +170,18 @@ pub enum Message<'a> {
     Written {
         /// The number of the request.
         request: u64,
-        /// The board's time when it accepted the frame.
+        /// The board's time when it accepted the frame, on the clock of the reports' stamps.
         at: Stamp,
-        /// The board's time after the write, on virtual time.
+        /// The board's time after the write; `None` on the real clock, and if it is unknown.
         now: Option<Stamp>,
     },
     /// The answer to a read.
     Got {
         /// The number of the request.
         request: u64,
-        /// The board's time after the read.
+        /// The board's time after the read; `None` on the real clock, and if it is unknown.
         now: Option<Stamp>,
-        /// The time and the sequence number of the report.
+        /// The time and the sequence number of the report on the server's link.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],
@@ -187,7 +190,7 @@ pub enum Message<'a> {
     Passed {
         /// The number of the request.
         request: u64,
-        /// The board's time after the request.
+        /// The board's time after the request; `None` on the real clock, and if it is unknown.
         now: Option<Stamp>,
     },
     /// The answer to a request for the counters.
@@ -197,11 +200,11 @@ pub enum Message<'a> {
         /// The counters of the server's link.
         counts: Counts,
     },
-    /// The answer to a request that has failed. The request has had no effect.
+    /// The answer to a request that has failed and that had no effect on the board.
     Failed {
         /// The number of the request.
         request: u64,
-        /// The board's time after the request, on virtual time.
+        /// The board's time after the request; `None` on the real clock, and if it is unknown.
         now: Option<Stamp>,
         /// The reason of the failure.
         failure: Failure<'a>,

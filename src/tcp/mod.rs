@@ -6,11 +6,10 @@
 //! frame, so it takes a round trip. No frame is ever sent twice: if the connection ends during a write, the call fails
 //! with [`LinkError::Unsure`], or with [`LinkError::Lost`] where it is certain that the board has not taken the frame.
 //!
-//! A thread that waits in a call receives for all calls. A background thread receives only while no call waits, and
-//! sends the keep-alive messages. So a report wakes only the thread that waits for it. Programs may end their threads
-//! by force: a waiting thread holds no lock, and only the end of a thread that is just taking bytes ends the
-//! connection. Once the link is open nothing is allocated, except in a TLS session, where rustls allocates for each
-//! message.
+//! If several threads wait in calls, one of them receives for all. A background thread receives only while no call waits, and
+//! sends the keep-alive messages. So a report wakes only the thread that waits for it. Programs may end their threads by force:
+//! a waiting thread holds no lock, and only if a thread ends while it takes received bytes does the connection end. Once the
+//! link is open nothing is allocated, except in a TLS session, where rustls allocates for each message.
 //!
 //! Files, in the order in which to read them:
 //!

@@ -22,10 +22,11 @@ pub struct TcpOptions {
     pub(crate) role: Role,
     /// The file with the shared secret.
     pub secret_file: Option<PathBuf>,
-    /// The longest time between two messages to the server. If the program makes no call, a keep-alive message is sent.
+    /// The longest time between two messages to the server. If the program's calls send none for that long, the background
+    /// thread sends a keep-alive message.
     pub keepalive: Duration,
-    /// How long the program of a writer may make no call while a velocity or a torque that it has commanded is in
-    /// force; zero: without limit.
+    /// How long the program of a writer may make no call while a velocity or a torque that it has commanded is in force. Then
+    /// the link ends, and the server stops the axes. Zero: without limit.
     pub hang: Duration,
     /// How long connecting to the server may take.
     pub connect_limit: Duration,
@@ -82,7 +83,7 @@ fn address(path: &str) -> Option<(String, u16)> {
     };
     let port = match port {
         None => DEFAULT_PORT,
-        // A second colon, as in an IPv6 address without brackets, is not a digit.
+        // An IPv6 address without brackets is refused: its other colons make this no number.
         Some(port) => decimal(port).and_then(|port| u16::try_from(port).ok()).filter(|port| *port != 0)?,
     };
     (!host.is_empty()).then(|| (host.to_owned(), port))

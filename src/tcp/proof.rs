@@ -14,21 +14,24 @@ use crate::address::config;
 use crate::files;
 use crate::link::LinkError;
 
-/// The environment variable that holds the secret.
+/// The environment variable with the text of the secret that server and clients share, used if no file with the secret is
+/// given.
 pub const SECRET: &str = "ECMSK_TCP_SECRET";
 /// The length of a proof in bytes.
 pub const PROOF_LEN: usize = 32;
-/// Keying material derived from a TLS session, which only its two ends can derive.
+/// Keying material of a TLS session, which only its two ends can derive. A proof signs it, so that the proof is valid in this
+/// session only.
 pub(crate) type Material = [u8; 32];
 /// The label for deriving the keying material from a TLS session (RFC 5705).
 pub(crate) const LABEL: &[u8] = b"EXPORTER-ecmsk-tcp";
-/// \[OURS] The shortest secret in bytes. An attacker who connects to one end gets a proof with which to try out
-/// secrets, so a secret has to be random and not chosen by a person.
+/// \[OURS] The shortest secret in bytes. An attacker who connects to one end gets a proof, an HMAC with the secret as its key,
+/// and can then try any number of secrets on its own computer until one gives the same HMAC. So a secret has to be too long to
+/// guess, and random instead of chosen by a person.
 const SECRET_BYTES_MIN: usize = 32;
 /// \[OURS] The longest secret in bytes, and the largest file that is read as one.
 const SECRET_BYTES_MAX: usize = 4096;
-/// \[OURS] How many different bytes a secret has to contain. People who try out the server write `000...0` or the like,
-/// and attackers try that first. Of secrets of 32 random hexadecimal digits, about one in 25 million has fewer.
+/// \[OURS] The minimum number of different bytes in a secret. People who try out the server write `000...0` or the like, and
+/// attackers try that first. Of secrets of 32 random hexadecimal digits, about one in 25 million has fewer different bytes.
 const DIFFERENT_BYTES_MIN: usize = 8;
 const HOW_TO_MAKE_ONE: &str = "make one: (umask 077; head -c 32 /dev/urandom | base64 > FILE)";
 
@@ -97,7 +100,7 @@ impl Secret {
         Ok(Self(hmac::Key::new(hmac::HMAC_SHA256, text)))
     }
 
-    /// The proof that `side` of a session with this keying material knows the secret.
+    /// The proof that `side` knows the secret, valid for the TLS session with this keying material.
     pub(crate) fn prove(&self, side: Side, material: &Material) -> [u8; PROOF_LEN] {
         let tag = hmac::sign(&self.0, &signed_bytes(side, material));
         std::array::from_fn(|i| tag.as_ref()[i])
@@ -135,8 +138,8 @@ fn check_owner(owner: u32, user: u32, path: &Path) -> Result<(), String> {
     ))
 }
 
-/// The bytes that `side` signs. The two sides sign different bytes, so that neither can return the proof it has
-/// received.
+/// The bytes that `side` signs. The two sides sign different bytes, so that an attacker cannot answer an end with the proof
+/// that this end has just sent.
 fn signed_bytes(side: Side, material: &Material) -> Vec<u8> {
     let side: &[u8] = match side {
         Side::Client => b"ecmsk tcp client ",
@@ -151,7 +154,7 @@ impl fmt::Debug for Secret {
     }
 }
 
-/// Where a client's secret comes from (the key `secret_file=` or the environment variable), for error messages.
+/// The way in which the user gives the secret (the key `secret_file=` or the environment variable), for error messages.
 pub(crate) fn how_to_give(path: Option<&PathBuf>) -> String {
     match path {
         Some(path) => format!("secret_file={}", path.display()),
@@ -224,7 +227,8 @@ mod tests {
 
         const LEN: usize = 48;
         let salt = std::process::id() as usize;
-        // The test itself must not have the text in memory: it makes it byte by byte.
+        // The test searches this process's memory for the text. So the program must not contain it as a constant: each letter
+        // is computed, and the process id makes the text different in each run.
         let letter = |i: usize| b"abcdefghijklmnopqrstuvwxyz0123456789"[(i * i * 7 + i * 13 + salt) % 36];
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("secret");

@@ -26,11 +26,13 @@ pub(super) struct Reconnecting {
     current: Mutex<Arc<TcpLink>>,
     /// Locked by the thread that is reconnecting, so that only one thread does so at a time.
     connecting: Mutex<()>,
-    /// The number of cancelled reads; a change ends the pause between two attempts.
+    /// The number of times that reads were cancelled. A thread that is reconnecting stops when it changes.
     cancels: Mutex<u64>,
     cancelled: Condvar,
     closed: AtomicBool,
-    /// The offset of this link's sequence numbers from those of the current connection, so that numbers never repeat.
+    /// Each connection numbers its reports anew, but the numbers that the program gets must not repeat. `first` is added to
+    /// those of the current connection; `next` is the number after the last report that was read, and becomes `first` of the
+    /// next connection.
     first: AtomicU64,
     next: AtomicU64,
 }
@@ -56,7 +58,9 @@ impl Reconnecting {
         Arc::clone(&self.current.lock())
     }
 
-    /// Replaces the connection `gone`, which has failed with `error`, by a new one; tries until `until`.
+    /// Replaces the connection `gone`, which has failed with `error`, by a new one, unless another thread has replaced it
+    /// already. Fails with `error` after `reconnect_ms=` without a connection, or if the server now has another slot size.
+    /// Fails with a timeout if `until` comes first, and if the link was closed or the read was cancelled.
     fn reconnect(&self, gone: &Arc<TcpLink>, error: LinkError, until: Option<Instant>) -> Result<(), LinkError> {
         let cancels_before = *self.cancels.lock();
         let _connecting = self.connecting.lock();
@@ -149,7 +153,7 @@ impl Link for Reconnecting {
         self.current().close();
     }
 
-    /// A connection that is lost may be replaced by the next read, so only a closed link is an error.
+    /// An error only if the program has closed the link. A lost connection is none, because the next read makes a new one.
     fn check(&self) -> Result<(), LinkError> {
         if self.closed.load(Ordering::Acquire) { Err(LinkError::Closed) } else { Ok(()) }
     }

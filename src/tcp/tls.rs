@@ -1,6 +1,6 @@
 //! TLS 1.3 for both ends. The identity of the other end is proven by the shared secret ([`super::proof`]) and not by a
-//! certificate: the server makes a new self-signed certificate at every start, and the client only checks that the
-//! session belongs to the certificate.
+//! certificate: the server makes a new self-signed certificate at every start, and the client only checks that the server has
+//! the key of that certificate.
 
 use std::io;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use rustls::{
 
 use super::proof::{LABEL, Material};
 
-/// The name in the certificate, which is not checked.
+/// The name in the certificate. TLS demands one; the client does not check it.
 const NAME: &str = "ecmsk";
 
 /// The server's TLS configuration.
@@ -36,7 +36,7 @@ impl ServerTls {
             .with_protocol_versions(&[&TLS13])
             .and_then(|config| config.with_no_client_auth().with_single_cert(vec![made.cert.into()], key.into()))
             .map_err(io::Error::other)?;
-        // No session can be resumed, so that each has keying material of its own.
+        // No session can be resumed: each must have keying material of its own, because a proof is valid for one session only.
         config.send_tls13_tickets = 0;
         Ok(Self(Arc::new(config)))
     }
@@ -44,7 +44,7 @@ impl ServerTls {
     /// The server's end of a new session.
     ///
     /// # Errors
-    /// Those of rustls.
+    /// The session cannot be set up, for example without random numbers of the system.
     pub fn accept(&self) -> io::Result<Connection> {
         ServerConnection::new(Arc::clone(&self.0)).map(Into::into).map_err(io::Error::other)
     }
@@ -66,7 +66,7 @@ pub fn connect() -> io::Result<Connection> {
     ClientConnection::new(Arc::new(config), name).map(Into::into).map_err(io::Error::other)
 }
 
-/// The keying material of a session, which only its two ends know.
+/// Derives the keying material of a session, which only its two ends know. Fails before the handshake is complete.
 pub fn material(tls: &Connection) -> io::Result<Material> {
     tls.export_keying_material(Material::default(), LABEL, None).map_err(io::Error::other)
 }

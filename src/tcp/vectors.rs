@@ -1,4 +1,5 @@
-//! Test: the bytes of every message. They are frozen: a change requires a new version of the protocol.
+//! Test: every message is encoded to the bytes that a table in this file lists. The bytes are frozen: a change requires a new
+//! version of the protocol.
 
 use proptest::prelude::*;
 

@@ -7,7 +7,8 @@ use pair::Pair;
 #[cfg(unix)]
 use std::os::unix::net::UnixStream as Pair;
 
-/// Two connected sockets: writing to one of them ends a wait on the other one.
+/// Ends a wait of another thread. Of two connected sockets, a wait polls `woken`, and a byte that is written to `wakes` ends
+/// it.
 pub struct Waker {
     wakes: Pair,
     woken: Pair,
@@ -25,7 +26,7 @@ impl Waker {
         Ok(Self { wakes, woken })
     }
 
-    /// Ends the wait in progress, or the next one.
+    /// Ends the wait in progress. If no thread waits now, the next wait ends at once.
     pub fn wake(&self) {
         // An error is ignored: if the socket's buffer is full, unread wake-ups end the wait anyway.
         let _ = (&self.wakes).write(&[0]);
@@ -44,16 +45,16 @@ impl Waker {
     }
 }
 
-/// A pair of connected sockets for Windows, which has no socket pairs and can wait only for sockets together with a
-/// socket.
+/// A pair of connected sockets for Windows. Windows has no `socketpair`, and a wait on the connection's socket can include only
+/// other sockets.
 #[cfg(windows)]
 mod pair {
     use std::io::{self, Read, Write};
     use std::net::{Ipv4Addr, UdpSocket};
     use std::os::windows::io::{AsSocket, BorrowedSocket};
 
-    /// A datagram socket on the loopback interface, connected to the other one of the pair. The system discards
-    /// datagrams that other programs send to it.
+    /// A UDP socket on the loopback interface that sends to the other socket of the pair and receives from it only: the system
+    /// discards datagrams of other programs.
     pub struct Pair(UdpSocket);
 
     impl Pair {

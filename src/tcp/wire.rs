@@ -19,7 +19,7 @@ const MAGIC: [u8; 8] = *b"ecmsktcp";
 pub const GREETING_LEN: usize = 16;
 /// The length of a message's header, before the payload, in bytes.
 pub const HEADER_LEN: usize = 4;
-/// The longest text in bytes; a longer one is cut.
+/// The longest text field of a message in bytes; a longer text is cut.
 pub use super::fields::TEXT_MAX;
 /// The longest message in bytes.
 pub const MESSAGE_MAX: usize = HEADER_LEN + PAYLOAD_MAX;
@@ -47,7 +47,8 @@ impl Greeting {
     /// Decodes a greeting.
     ///
     /// # Errors
-    /// [`WireError::NoServer`], [`WireError::Version`].
+    /// [`WireError::NoServer`] if the bytes are not a greeting; [`WireError::Version`] if the server has another version of the
+    /// protocol.
     pub fn decode(bytes: &[u8; GREETING_LEN]) -> Result<Self, WireError> {
         if bytes[..8] != MAGIC {
             return Err(WireError::NoServer);
@@ -193,7 +194,7 @@ impl<'a> Message<'a> {
     /// Decodes the message of that kind with that payload.
     ///
     /// # Errors
-    /// [`WireError`].
+    /// [`WireError`] if the kind is unknown, the payload has another length than its fields, or a field has an invalid value.
     pub fn decode(kind: u8, payload: &'a [u8]) -> Result<Self, WireError> {
         let mut get = Get::new(kind, payload);
         let message = Self::get(kind, &mut get)?;

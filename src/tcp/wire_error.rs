@@ -25,7 +25,7 @@ pub enum WireError {
     #[error("a message of kind 0x{kind:02X} is short: {needed} bytes needed, {found} left")]
     Short {
         kind: u8,
-        /// The length of the field in bytes.
+        /// The length in bytes of the field in which the message ends.
         needed: usize,
         /// How many bytes of the payload are left.
         found: usize,

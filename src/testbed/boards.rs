@@ -12,7 +12,7 @@ use crate::engine::Board;
 use crate::fieldbus::sim::SimHandle;
 use crate::link::LinkError;
 
-/// The key by which a later link finds a parked board.
+/// What a later link must have in common with the link that has parked a board to get this board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Key {
     /// The value of the link's key `name=`.
@@ -34,11 +34,12 @@ fn boards() -> MutexGuard<'static, Vec<Entry>> {
     BOARDS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A parked board, its network, and the time of parking.
+/// A parked board, the handle of its network, and the time of parking.
 pub(crate) type Parked = (Board, SimHandle, Instant);
 
-/// Reserves the board with the key `key` for a link. Returns the parked board, or `None` if there is none yet and the
-/// caller has to make one. `uri` is the name of the link in error messages.
+/// Reserves the board with the key `key` for a link, until [`park`] or [`forget`]. Returns the parked board, or `None` if there
+/// is none yet and the caller has to make one. An error if another link uses the board, or if it has other options. `uri` is
+/// the name of the link in error messages.
 pub(crate) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<Box<Parked>>, LinkError> {
     let mut boards = boards();
     let Some(entry) = boards.iter_mut().find(|entry| entry.key == *key) else {
@@ -60,7 +61,7 @@ pub(crate) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option
     })
 }
 
-/// Parks the board of a link that was closed.
+/// Parks the board of a link that was closed, with the present time, so that the next link can let it catch up.
 pub(crate) fn park(key: &Key, board: Board, network: SimHandle) {
     if let Some(entry) = boards().iter_mut().find(|entry| entry.key == *key) {
         entry.parked = Some(Box::new((board, network, Instant::now())));
@@ -72,8 +73,8 @@ pub(crate) fn forget(key: &Key) {
     boards().retain(|entry| entry.key != *key);
 }
 
-/// Discards all parked boards of this process, so that the next link makes a new one. Returns the number of boards that
-/// links still use.
+/// Discards all parked boards of this process, so that the next link makes a new one. For tests. Returns the number of boards
+/// that links still use and that stay.
 #[doc(hidden)]
 pub fn forget_parked() -> usize {
     let mut boards = boards();

@@ -1,5 +1,5 @@
-//! Builds the simulated slaves of a list: the model of each kind, with the travel and the manufacturer-specific objects
-//! that the list gives.
+//! Builds the simulated slaves that a link names in `slaves=`: the model of each kind, with its manufacturer-specific objects
+//! and with the travel of its axes (switches, end stops and start position).
 
 use super::manufacturer_objects;
 use crate::address::slaves::{SlaveModel, SlaveSpec};
@@ -11,7 +11,7 @@ use crate::slave::{
     Travel,
 };
 
-/// Builds the slaves that a link lists, with their manufacturer-specific objects.
+/// Builds the slaves that a link names in `slaves=`, with their manufacturer-specific objects.
 ///
 /// # Errors
 /// [`ManufacturerObjectsError`] if a file of manufacturer-specific objects cannot be used.
@@ -46,19 +46,19 @@ fn build(model: SlaveModel, travel: &TravelSpec) -> Box<dyn Slave> {
     }
 }
 
-/// A drive with the travel that a link gives.
+/// A drive whose switches, end stops and start position are those that the link gives, or else the defaults.
 fn drive(config: DriveConfig, said: &TravelSpec) -> Box<dyn Slave> {
     let (position, travel) = (said.start.unwrap_or(0), travel(said, config.travel));
     Box::new(Drive::new(DriveConfig { position, travel, ..config }))
 }
 
-/// A DP3CL with the travel that a link gives.
+/// A DP3CL whose switches, end stops and start position are those that the link gives, or else the defaults.
 fn dp3cl(config: Dp3clConfig, said: &TravelSpec) -> Box<dyn Slave> {
     let (position, travel) = (said.start.unwrap_or(0), travel(said, config.travel));
     Box::new(Dp3cl::new(Dp3clConfig { position, travel, ..config }))
 }
 
-/// A pulse module with the travel that a link gives.
+/// A pulse module whose switches, end stops and start position are those that the link gives, or else the defaults.
 fn hsp(channels: Channels, said: &TravelSpec) -> Box<dyn Slave> {
     let config = HspConfig::with(channels);
     let travels = config.travels.map(|usual| travel(said, usual));
@@ -66,7 +66,7 @@ fn hsp(channels: Channels, said: &TravelSpec) -> Box<dyn Slave> {
     Box::new(Hsp::new(HspConfig { positions, travels, ..config }))
 }
 
-/// The default travel of a kind of slave, in which values that the link gives replace the defaults.
+/// The travel that the link gives; a value that it does not give is that of `usual`, the default of the kind of slave.
 fn travel(said: &TravelSpec, usual: Travel) -> Travel {
     let home = |span: PositionRange| match span {
         PositionRange { from: Some(first), to: Some(last) } => Some(HomeSwitch::Cam { first, last }),
@@ -81,8 +81,8 @@ fn travel(said: &TravelSpec, usual: Travel) -> Travel {
         index: said.index.unwrap_or(usual.index),
         stops: said.stops.and_then(|stops| stops.from.zip(stops.to)),
         search_limit: said.search.unwrap_or(usual.search_limit),
-        // [OURS] Limit switches that a link gives stop the axis in every mode. The default ones act only in homing,
-        // because an axis that turns endlessly passes them.
+        // [OURS] Limit switches that a link gives stop the axis in every mode. The default ones act only in homing: an axis may
+        // turn endlessly, and they must not stop it.
         limits_stop_motion: said.limits.flatten().is_some(),
     }
 }

@@ -15,27 +15,29 @@ use crate::slave::handle::SimHandle;
 use crate::xf::chip::{Chip, ChipPort, SimulatedNetwork};
 use crate::xf::host::Wires;
 
-/// The model of an ECM-XF, powered on when it is opened, and the SPI or USB connection to it.
+/// The model of an ECM-XF, which is powered on when the link is opened, and the SPI or USB connection to it.
 pub struct SimChip {
     info: ChipInfo,
     port: ChipPort<SimulatedNetwork>,
     clock: ChipClock,
     /// The transfer time of a byte, picoseconds.
     byte_ps: u64,
-    /// Whether INT0 will still have an edge: the chip was busy in the last exchange, or was reset since.
+    /// Whether INT0 will still show that the chip is ready (by an edge): an exchange or a reset has made it busy, and no wait
+    /// has seen the edge since.
     edge_to_come: bool,
     /// The events of `script=`, in the chip's time.
     script: Option<RunningScript>,
 }
 
-/// The longest step by which the chip's time advances before the script is checked again, ns. \[OURS] It is the
-/// shortest cycle of a board.
+/// \[OURS] The longest step by which the chip's time advances between two checks of the script, ns: the shortest cycle of a
+/// board, so that an event is at most one cycle late.
 const SCRIPT_STEP_NS: Ns = 250_000;
 
-/// The transfer time of a byte to an ECM-XFU, picoseconds: its packets of 1024 bytes take one USB microframe. \[OURS]
+/// The transfer time of a byte to an ECM-XFU, picoseconds. \[OURS] A packet of 1024 bytes takes one USB microframe of 125 us.
 const USB_BYTE_PS: u64 = 125_000_000 / 1024;
 
-/// The clock of the modelled chip. Its time counts from power-on.
+/// The clock of the modelled chip, from its power-on: the present virtual time, which only waits advance, or the real time at
+/// power-on.
 enum ChipClock {
     Virtual(Ns),
     Real(Instant),
@@ -62,7 +64,7 @@ impl SimChip {
     /// Builds the chip that an `xf-sim:` link describes.
     ///
     /// # Errors
-    /// [`ChipError::Uri`], and the errors of [`Self::with_options`].
+    /// [`ChipError::Uri`] for an invalid link, and the errors of [`Self::with_options`].
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         Self::with_options(&uri.to_string(), &SimChipOptions::from_uri(uri)?)
     }
@@ -70,7 +72,8 @@ impl SimChip {
     /// Builds the chip with these options; `name` is the name of the link in messages. The script starts immediately.
     ///
     /// # Errors
-    /// [`ChipError::Script`], [`ChipError::ManufacturerObjects`], [`ChipError::Network`].
+    /// [`ChipError::Script`] or [`ChipError::ManufacturerObjects`] if the file cannot be read or is invalid;
+    /// [`ChipError::Network`] if a slave does not define the content of its EEPROM.
     pub fn with_options(name: &str, options: &SimChipOptions) -> Result<Self, ChipError> {
         let network = options.chip.network.unwrap_or(ChipNetwork::Controllers);
         let script = match &options.script {
@@ -88,7 +91,8 @@ impl SimChip {
         Ok(Self { script, ..Self::over(name, options.chip, options.clock, network) })
     }
 
-    /// Builds the chip with an existing simulated network; `name` is the name of the link in messages.
+    /// Builds the chip on an existing simulated network, without a script. `clock` is the clock of the chip; `name` is the name
+    /// of the link in messages.
     pub fn over(name: &str, chip: ModelledChip, clock: Clock, network: SimulatedNetwork) -> Self {
         let profile = chip.profile();
         let size = profile.size_is_fixed.then_some(profile.size);
@@ -143,8 +147,8 @@ impl Wires for SimChip {
     }
 
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
-        // As in the real chip: the response is prepared at the first byte of an exchange, and the packet is processed
-        // at the last byte.
+        // As in the real chip, the response is prepared at the first byte of an exchange, and the packet is processed at the
+        // last byte. So the last byte is transferred separately, at the end of the exchange.
         let Some(last) = to_chip.len().min(from_chip.len()).checked_sub(1) else { return Ok(()) };
         self.run_script();
         let begin = self.clock.now();

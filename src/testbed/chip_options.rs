@@ -44,7 +44,7 @@ impl ChipNetwork {
         }
     }
 
-    /// Builds the network of these slaves, which `handle` controls.
+    /// Builds the simulated network of these slaves; scripts and tests inject faults into it by `handle`.
     ///
     /// # Errors
     /// [`UndescribedError`]: a slave does not define the content of the EEPROM of its slave controller.
@@ -59,18 +59,19 @@ impl ChipNetwork {
 /// The chip that `xf-sim:` models, and the SPI or USB connection to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ModelledChip {
-    /// The type of the chip.
+    /// The type of the chip and its firmware.
     pub model: ChipModel,
-    /// The data size n of a packet at power-on, bytes; `None`: the default of the chip type.
+    /// The number of data bytes in a packet at power-on (`n=`); `None`: the default of the chip type.
     pub size: Option<DataSize>,
-    /// The part of a packet that the CRC-32 covers, for each direction.
+    /// The bytes of a packet that the CRC-32 covers, for each direction: the whole data segment or only its valid bytes.
     pub coverages: CrcCoverages,
     /// The SPI clock in Hz, at least 1.
     pub speed_hz: u32,
     /// Whether the INT0 line is connected to the host.
     pub int0: bool,
-    /// How the chip reaches its slaves. `None`: by calls to the models under a board, which is faster; through slave
-    /// controllers for a program that uses the chip directly, because it may use any command.
+    /// How the chip reaches its slaves. `None`: by calls to the models if a board uses the chip, because that is faster and a
+    /// board needs only such commands; through slave controllers if a program uses the chip directly, because it may use any
+    /// command.
     pub network: Option<ChipNetwork>,
 }
 
@@ -91,7 +92,7 @@ impl ModelledChip {
         })
     }
 
-    /// The properties of the chip model with these options.
+    /// What distinguishes this chip from others: firmware version, data size and coverage of the CRC-32.
     pub fn profile(&self) -> Profile {
         let profile = match self.model {
             ChipModel::New => Profile::NEW,
@@ -109,7 +110,7 @@ pub struct SimChipOptions {
     pub slaves: Vec<SlaveSpec>,
     /// Real or virtual time.
     pub clock: Clock,
-    /// The chip and the wires to it.
+    /// The chip, and the SPI or USB connection to it.
     pub chip: ModelledChip,
     /// The script file with events that happen to the slaves.
     pub script: Option<PathBuf>,

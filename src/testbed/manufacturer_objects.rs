@@ -19,7 +19,7 @@ pub fn load(file: &Path) -> Result<ManufacturerObjects, ManufacturerObjectsError
 /// Reads a regular file of UTF-8 text of at most `size_max` bytes.
 ///
 /// # Errors
-/// [`ManufacturerObjectsError`].
+/// [`ManufacturerObjectsError`] if the file cannot be read, is too large or is not UTF-8.
 pub fn read_text(file: &Path, size_max: u64) -> Result<String, ManufacturerObjectsError> {
     let bytes = read_bytes(file, size_max)?;
     String::from_utf8(bytes).map_err(|_| wrong(file, "it is no text in UTF-8; save it as UTF-8"))
@@ -28,7 +28,7 @@ pub fn read_text(file: &Path, size_max: u64) -> Result<String, ManufacturerObjec
 /// Reads a regular file of at most `size_max` bytes.
 ///
 /// # Errors
-/// [`ManufacturerObjectsError`].
+/// [`ManufacturerObjectsError`] if the file cannot be read, is too large or is not a regular file.
 pub fn read_bytes(file: &Path, size_max: u64) -> Result<Vec<u8>, ManufacturerObjectsError> {
     Ok(read_small(file, size_max).map_err(|error| wrong(file, error))?.bytes)
 }
@@ -37,8 +37,8 @@ fn wrong(file: &Path, message: impl ToString) -> ManufacturerObjectsError {
     ManufacturerObjectsError { file: file.display().to_string(), message: message.to_string() }
 }
 
-/// The manufacturer-specific objects of each slave in network order; `None` for a slave without any. Each file is read
-/// once. The log lists the simulated slaves that have such objects.
+/// The manufacturer-specific objects of each slave in network order; `None` for a slave without any. A file that several slaves
+/// name is read once. Logs which slaves have such objects, because a real slave may lack them.
 pub(crate) fn of_slaves(slaves: &[SlaveSpec]) -> Result<Vec<Option<ManufacturerObjects>>, ManufacturerObjectsError> {
     let mut read: Vec<(&str, ManufacturerObjects)> = Vec::new();
     let mut of_slaves = Vec::with_capacity(slaves.len());

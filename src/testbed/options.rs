@@ -17,13 +17,14 @@ pub use crate::recording::Clock;
 /// How a modelled board reaches its slaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ModelledBus {
-    /// No chip: in each cycle the board sends a frame through the slaves (`sim:`).
+    /// No chip: in each cycle the board itself sends a simulated frame through the slaves (`sim:`).
     Direct,
     /// A modelled ECM-XF (`xf-sim:`).
     Chip {
         /// The chip, and the SPI or USB connection to it.
         chip: ModelledChip,
-        /// How the board uses the chip: driver settings, outputs sent ahead, local pins.
+        /// How the board uses the chip: settings of its driver, for how many cycles it may send outputs ahead, and which pins
+        /// of the chip are the board's local inputs and outputs.
         used: ChipUse,
     },
 }
@@ -31,17 +32,18 @@ pub enum ModelledBus {
 /// Options of `sim:` and `xf-sim:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SimOptions {
-    /// The options of every board that is modelled in this process.
+    /// The options of the board that do not depend on its slaves, such as slot size and cycle time.
     pub board: BoardOptions,
     /// The slaves in network order: 0..=40, or 0..=30 with 16-byte slots.
     pub slaves: Vec<SlaveSpec>,
     /// Real or virtual time.
     pub clock: Clock,
-    /// The name of the board: links with the same name open the same board.
+    /// The name of the board: links of this process with the same name and the same options open the same board.
     pub name: Option<String>,
-    /// How much time a board catches up at most when it is opened again after its link was closed.
+    /// How much time a board catches up at most when it is opened again after its link was closed. Longer absence does not
+    /// count.
     pub catch_up: Duration,
-    /// The rate of the board's clock relative to the real clock, 0.001..=1.
+    /// The rate of the board's clock relative to the real clock, 0.001..=1; with 0.1 the board is ten times slower.
     pub rate: Fraction,
     /// The script file with events that happen to the board and its slaves.
     pub script: Option<PathBuf>,

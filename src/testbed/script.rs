@@ -72,7 +72,7 @@ pub(crate) use verbs::help;
 /// The maximum size of a script file, bytes \[OURS].
 const FILE_BYTES_MAX: u64 = 1 << 20;
 
-/// A parsed and checked script.
+/// A script whose lines were parsed and checked against the slaves of a network.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Script {
     /// The steps, sorted by time.
@@ -84,7 +84,7 @@ impl Script {
     /// link; a line with another origin is an error.
     ///
     /// # Errors
-    /// [`ScriptError`].
+    /// [`ScriptError`] if the file cannot be read or a line is invalid.
     pub fn load(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let script = Self::load_for_network(path, slaves)?;
         match script.steps.iter().find(|step| step.from != ScriptOrigin::Start) {
@@ -104,7 +104,7 @@ impl Script {
     /// count from an event that the caller reports by [`RunningScript::begin`].
     ///
     /// # Errors
-    /// [`ScriptError`].
+    /// [`ScriptError`] if the file cannot be read or a line is invalid.
     pub(crate) fn load_for_network(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let file = path.display().to_string();
         let unreadable = |message: String| ScriptError::Unreadable { file: file.clone(), message };
@@ -114,11 +114,11 @@ impl Script {
         Self::parse(&file, &text, slaves)
     }
 
-    /// Reads the script file `path` for simulated slaves. Without frames (`has_frames` is false), a line that affects
-    /// frames is an error.
+    /// Reads the script file `path` for simulated slaves. If the slaves are called directly, without EtherCAT frames
+    /// (`has_frames` is false), a line that affects frames is an error.
     ///
     /// # Errors
-    /// [`ScriptError`].
+    /// [`ScriptError`] if the file cannot be read or a line is invalid.
     pub(super) fn load_for(path: &Path, slaves: &[SlaveSpec], has_frames: bool) -> Result<Self, ScriptError> {
         let script = Self::load(path, slaves)?;
         match script.steps.iter().find(|step| !has_frames && step.action.is_of_frames()) {
@@ -133,7 +133,7 @@ impl Script {
     /// Parses the text of a script for a network of these slaves; `file` is the name in error messages.
     ///
     /// # Errors
-    /// [`ScriptError::Line`].
+    /// [`ScriptError::Line`] for the first line that is invalid or names a slave that the network lacks.
     pub fn parse(file: &str, text: &str, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let mut steps = Vec::new();
         let mut from = ScriptOrigin::Start;

@@ -1,5 +1,5 @@
-//! The links `sim:` and `xf-sim:`: the model of an EC01M in this process. Its simulated slaves are connected to it
-//! directly, or through the model of an ECM-XF.
+//! The links `sim:` and `xf-sim:`: the model of an EC01M, the chip of the board, in this process. Its simulated slaves are
+//! connected to it directly, or through the model of an ECM-XF.
 
 use std::time::Duration;
 
@@ -20,11 +20,13 @@ use crate::own_board::engine::{EngineLink, Keeper};
 use crate::recording::Clock;
 use crate::slave::{ManufacturerObjects, Slave};
 
-/// How long a board may take to start up, in its own time. After this it counts as a board that has found no slave.
+/// How long a board may take to start up, in its own time. If its host interface does not answer by then, the board has found
+/// no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
 
-/// Opens the board that the URI describes. `share` decides whether the link gets a board that this process already has.
-/// Otherwise it gets a new board, which is returned after its start-up.
+/// Opens the board that the URI describes. A link with `name=`, or any link if `share` is [`Share::ByUri`], gets the parked
+/// board with the same name or options: this process keeps, or parks, such a board when its link is closed. Otherwise the link
+/// gets a new board, which is returned after its start-up.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     // These files are loaded before a board is reserved or its time is advanced, so that an error in them changes nothing.
@@ -71,7 +73,7 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
     link
 }
 
-/// The board that the URI describes, without a link: just started up. Its time advances only through calls.
+/// The board that the URI describes, without a link: just started up. Its time advances only when the caller advances it.
 pub(crate) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     let script = script_of(&options)?;
@@ -103,7 +105,7 @@ fn start(script: Option<Script>, board: &mut Board, network: &SimHandle) {
 /// Makes a board in its power-on state, with its network. `name` is the name of its link.
 ///
 /// # Errors
-/// As [`bus`].
+/// As [`bus`]: a slave does not define the content of its EEPROM.
 fn switch_on(
     name: &str,
     options: &SimOptions,
@@ -135,15 +137,15 @@ fn bus(
             let slaves = chip.network.unwrap_or(ChipNetwork::Models).with(slaves, network.clone());
             let slaves =
                 slaves.map_err(|error| LinkError::NoBoard { name: name.to_owned(), reason: error.to_string() })?;
-            // The chip has a virtual clock, even if the board runs on the real one: the board's runner waits for the
-            // real time, and the bus gets each call at its time.
+            // The chip has a virtual clock, even if the board runs on the real one: the board's runner waits for the real time
+            // and passes it to each call, and the chip's clock follows.
             let chip = SimChip::over(name, *chip, Clock::Virtual, slaves);
             (Box::new(used.bus(chip)), network)
         }
     })
 }
 
-/// Advances a board by the time in which no link used it.
+/// Advances a board by the time in which no link used it, on the real clock by `catch_up_ms=` at most.
 fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
     let away = rate(options).slowed(away);
     let away = match (options.clock, board.engine().talks()) {

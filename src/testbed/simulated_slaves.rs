@@ -14,7 +14,7 @@ use crate::slave::cable::Cable;
 /// Builds the listed slaves in network order, each in its power-on state.
 ///
 /// # Errors
-/// [`SimulatedSlavesError::Objects`].
+/// [`SimulatedSlavesError::Objects`] if a file of manufacturer-specific objects cannot be used.
 pub fn build(slaves: &[SlaveSpec]) -> Result<Vec<Box<dyn Slave>>, SimulatedSlavesError> {
     Ok(build::slaves(slaves)?)
 }
@@ -22,16 +22,16 @@ pub fn build(slaves: &[SlaveSpec]) -> Result<Vec<Box<dyn Slave>>, SimulatedSlave
 /// Reads the script file `path` for a network of these slaves. A line that affects a board is an error.
 ///
 /// # Errors
-/// [`SimulatedSlavesError`].
+/// [`SimulatedSlavesError`] if the file cannot be read, a line is invalid, or a line affects a board.
 pub fn script(path: &Path, slaves: &[SlaveSpec]) -> Result<Script, SimulatedSlavesError> {
     without_board(path, Script::load_for_network(path, slaves)?)
 }
 
-/// Reads the script file `path` for slaves behind a chip. All times count from the opening of the link. A line that
-/// affects frames is an error if the slaves are called without frames.
+/// Reads the script file `path` for slaves behind a chip. All times count from the opening of the link. If the chip calls the
+/// models of the slaves without EtherCAT frames (`has_frames` is false), a line that affects frames is an error.
 ///
 /// # Errors
-/// [`SimulatedSlavesError`].
+/// [`SimulatedSlavesError`] if the file cannot be read, a line is invalid, or a line affects a board.
 pub(crate) fn script_of_chip(
     path: &Path,
     slaves: &[SlaveSpec],

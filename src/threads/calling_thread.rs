@@ -20,7 +20,7 @@ impl CallingThread {
 
 #[cfg(windows)]
 impl CallingThread {
-    /// The identity as one 64-bit word, which is never 0.
+    /// The identity as one 64-bit word for an atomic. It is never 0, so that 0 can stand for no thread.
     pub const fn packed(self) -> u64 {
         (self.0.number as u64) << 32 | self.0.made as u64
     }
@@ -36,7 +36,8 @@ mod imp {
     use rustix::io::Errno;
     use rustix::thread::Pid;
 
-    /// A thread by its id. Linux gives an id to another thread only after all other ids were used.
+    /// A thread by its id. Linux gives an id to another thread only after all other ids were used, so an id that still exists
+    /// is taken to be the same thread.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Thread(Pid);
 
@@ -71,7 +72,8 @@ mod imp {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Thread {
         pub number: u32,
-        /// The lower 32 bits of the creation time, which repeat after seven minutes.
+        /// The lower 32 bits of the creation time, in units of 100 ns, which repeat after seven minutes. Only a thread with the
+        /// same id that was created a multiple of that time later would be mistaken for this one.
         pub made: u32,
     }
 
@@ -81,7 +83,8 @@ mod imp {
                 static OWN: Cell<Option<Thread>> = const { Cell::new(None) };
             }
             OWN.get().unwrap_or_else(|| {
-                // SAFETY: the functions have no conditions; the handle stands for the calling thread and need not be closed.
+                // SAFETY: the functions have no safety conditions; the handle stands for the calling thread and need not be
+                // closed.
                 let own = unsafe { Self { number: GetCurrentThreadId(), made: made(GetCurrentThread()) } };
                 OWN.set(Some(own));
                 own
@@ -89,7 +92,7 @@ mod imp {
         }
 
         pub fn is_gone(self) -> bool {
-            // SAFETY: the functions have no conditions; the handle is closed once.
+            // SAFETY: the functions have no safety conditions; the handle is closed once.
             unsafe {
                 let handle = OpenThread(ACCESS, 0, self.number);
                 if handle.is_null() {
@@ -111,7 +114,7 @@ mod imp {
     unsafe fn made(thread: Handle) -> u32 {
         let mut times = [0_u64; 4];
         let [made, ended, kernel, user] = &mut times;
-        // SAFETY: each place has room for one FILETIME of 8 bytes.
+        // SAFETY: each element of `times` has room for one FILETIME of 8 bytes.
         unsafe {
             GetThreadTimes(
                 thread,
@@ -135,7 +138,7 @@ mod imp {
     }
 }
 
-/// On other systems nothing shows whether a thread has ended.
+/// On other systems nothing shows whether a thread has ended, so every thread counts as still there.
 #[cfg(not(any(target_os = "linux", windows)))]
 mod imp {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]

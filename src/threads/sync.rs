@@ -1,6 +1,6 @@
-//! Locks and condition variables for the program's threads, which may be ended by force. A waiting thread is in no list
-//! on its own stack (on Windows there is a list on the heap), so that a thread that is ended while it waits does not
-//! keep others from getting the lock.
+//! Locks and condition variables for the program's threads, which may be ended by force. No list of waiting threads is on the
+//! threads' own stacks (on Windows the list is on the heap): the stack of an ended thread goes away, and a list through it
+//! would keep others from getting the lock.
 
 pub(crate) use imp::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 

@@ -4,7 +4,8 @@
 
 use std::time::Duration;
 
-/// Wakes threads that wait for a change of some state. The state itself is protected by a lock of its owner.
+/// Wakes threads that wait for a change of some state, such as an answer that another thread receives. The user of the queue
+/// protects that state by a lock of its own.
 #[derive(Debug, Default)]
 pub struct WaitQueue(imp::WaitQueue);
 
@@ -23,7 +24,8 @@ impl WaitQueue {
         WaitTicket(self.0.ticket())
     }
 
-    /// Waits for a notification since the ticket was taken, for at most `limit`. The wait may end early.
+    /// Waits for at most `limit` until there is a notification; one that came after the ticket was taken counts. The wait may
+    /// end early.
     pub fn wait(&self, ticket: WaitTicket, limit: Option<Duration>) {
         self.0.wait(ticket.0, limit);
     }
@@ -100,9 +102,11 @@ mod imp {
     type Handle = *mut c_void;
 
     const FOREVER: u32 = u32::MAX;
-    /// The number of events that one pass of the loop in `notify_all` sets.
+    /// The number of events that `notify_all` collects under the lock before it sets them without the lock: as many as its
+    /// array holds, so that it need not allocate.
     const AT_ONCE: usize = 8;
-    /// How long a thread waits, ms, if Windows could not create an event for it.
+    /// How long a wait lasts, ms, if Windows could not create an event for it. It then ends without a notification, and its
+    /// caller checks its condition and waits again.
     const WITHOUT_EVENT_MS: u32 = 1;
 
     /// One Windows event per waiting thread, reused by the next thread that waits. The event of a thread that was ended
@@ -113,9 +117,9 @@ mod imp {
     #[derive(Debug)]
     struct Waiter {
         event: Handle,
-        /// Whether a thread uses this event.
+        /// Whether a thread has a ticket for this event.
         taken: bool,
-        /// Whether the thread waits and was not woken yet.
+        /// Whether the thread that has the ticket still waits for a notification.
         waits: bool,
     }
 

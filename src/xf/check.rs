@@ -1,14 +1,15 @@
 //! The check word after the data segment: a fixed word, or a CRC-32 of the header and the data.
 //!
-//! The CRC-32 is that of zlib (XF EN 741). `crc32fast` computes it with the processor's carry-less multiplication, if
-//! available. That matters because both sides check every packet of every cycle. The crate is small, needs no `std`,
-//! and is the usual one for zlib's CRC-32 in Rust.
+//! The CRC-32 is that of zlib (XF EN 741). Host and chip check every packet of every cycle, so `crc32fast` is used, which
+//! computes it with the processor's carry-less multiplication, if available. The crate is small, needs no `std`, and is the
+//! usual one for zlib's CRC-32 in Rust.
 
 pub use super::check_type::CheckType;
 use super::header::CommandHeader;
 use super::{DataSize, FIXED_CHECK, HEADER_LEN, NOT_READY, Status};
 
-/// The bytes that a CRC-32 covers. The wire does not show it, and it is not known which firmware uses which coverage.
+/// The bytes that a CRC-32 covers. A packet does not say which coverage its sender used, and it is not known which firmware
+/// uses which one, so a host has to try them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum CrcCoverage {
     /// The header and all n bytes of the data segment, as the manuals say.
@@ -43,8 +44,8 @@ impl CrcCoverage {
     }
 }
 
-/// The coverage of the CRC-32 in each direction. One client covers more bytes in its commands than it checks in answers
-/// (OBS).
+/// The coverage of the CRC-32 in each direction. They can differ: an observed client program covers more bytes in its commands
+/// than it checks in answers (OBS).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct CrcCoverages {
     /// The coverage in commands.
@@ -60,7 +61,7 @@ impl From<CrcCoverage> for CrcCoverages {
     }
 }
 
-/// How check words are computed.
+/// How the check words of one direction, commands or answers, are computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct CheckRule {
     /// Whether the check word is the fixed word or a CRC-32.
@@ -110,10 +111,10 @@ pub(super) enum CheckResult {
     Undefined(u8),
 }
 
-/// Checks the check word of an answer by the type in the answer's own status bits. A host trusts these more than the
-/// type that it has set.
+/// Checks the check word of an answer by the type in the answer's own status bits. They show how the chip has made the answer,
+/// which may differ from the type that the host has set.
 ///
-/// `[OURS]` A valid CRC that equals the word for "not ready" by chance counts as valid.
+/// `[OURS]` An answer whose valid CRC equals [`NOT_READY`], the check word of a chip that is not ready, counts as valid.
 pub(super) fn check_answer(status: Status, len: u16, covered: &[u8], found: u32, coverage: CrcCoverage) -> CheckResult {
     let kind = status.check_type();
     let expected = kind.map(|kind| CheckRule { kind, coverage }.word(covered, len));

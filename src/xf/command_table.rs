@@ -1,15 +1,15 @@
 //! All command codes and functions, as one table (XF EN 272, tables 3 and 4, and the block of each command).
 //!
-//! Five codes, 31 to 35, have 29 functions, selected by the parameter byte; the other codes are one function each.
-//! Codes that only the vendor's header names are unknown here, as they are to the chip.
+//! Five codes, 31 to 35, have 29 functions, selected by the parameter byte; the other codes are one function each. A
+//! code that only the vendor's header names is [`CommandCode::Unknown`] here, since the chip does not know it either.
 //!
 //! To add a command, add its row here, then its type in [`request`](super::request) and its row in the table there, its
-//! answer in [`response`](super::response), its effect in the model's `chip/commands.rs`, and its entries in the lists of
-//! the tests.
+//! answer in [`response`](super::response), its effect in the model's `chip/commands.rs`, and its entries in the lists
+//! of the tests.
 
 use core::fmt;
 
-/// When a command is complete.
+/// Whether the chip completes a command before the next packet, or needs more time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CommandTiming {
     /// The command is complete at once: its answer has the result.
@@ -17,11 +17,12 @@ pub enum CommandTiming {
     /// The command takes time. Meanwhile [`Status::BUSY`](super::Status::BUSY) is set and the chip accepts no other
     /// non-immediate command.
     NonImmediate,
-    /// `[OURS]` With parameter 0 the command takes time; with any other parameter it is complete at once.
+    /// `[OURS]` RECV_MAILBOX: with parameter 0 the chip fetches a message from a slave's mailbox, which takes time.
+    /// With any other parameter it returns bytes that it has fetched already, and the command is complete at once.
     ByParameter,
 }
 
-/// Where the answer to a command carries the result.
+/// The part of an answer that carries the result of the command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AnswerForm {
     /// The command has no result.
@@ -32,45 +33,47 @@ pub enum AnswerForm {
     Data,
     /// The result is in the return byte and in the data segment.
     ValueAndData,
-    /// Which part of the answer has the result depends on the function, for the codes 31 to 35.
+    /// The codes 31 to 35: the row of the function in [`CommandInfo::functions`] says which part has the result.
     ByFunction,
 }
 
-/// A row of the table of commands.
+/// A command of the chip: its code, its name, its timing and its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandInfo {
-    /// The command code.
+    /// The code in byte 0x0C of the command that this row describes.
     pub code: CommandCode,
-    /// The name as in the manuals.
+    /// The command's name in the manuals, such as `ECM_CMD_ECAT_INIT_OP`.
     pub name: &'static str,
-    /// When the command is complete.
+    /// Whether the chip completes the command before the next packet, or needs more time.
     pub timing: CommandTiming,
-    /// Where the answer carries the result.
+    /// The part of the answer that carries the result.
     pub answer: AnswerForm,
     /// The functions that the parameter byte selects; empty if the command is a single function.
     pub functions: &'static [Function],
 }
 
-/// A function of the codes 31 to 35.
+/// A function of the codes 31 to 35, each of which has several functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Function {
     /// The parameter byte that selects the function.
     pub parameter: u8,
-    /// The name as in the manuals.
+    /// The function's name in the manuals, such as `ECM_GpioSetMode`.
     pub name: &'static str,
-    /// The first firmware that has the function; 0 if the manuals name no version or only "certain versions".
+    /// The first firmware version that has the function, in the numbers that FW_VERSION_GET returns, such as 9 or 0x22.
+    /// 0 if the manuals name no version or only "certain versions".
     pub since: u8,
-    /// Where the answer carries the result.
+    /// The part of the answer that carries the result.
     pub answer: AnswerForm,
 }
 
 macro_rules! commands {
     ($($variant:ident = $code:literal, $name:literal, $timing:ident, $answer:ident;)*) => {
-        /// A command code, byte 0x0C of both headers. Codes that are not in the manuals are kept.
+        /// A command code: byte 0x0C of a command's header, repeated in the header of its answer. A code that is not in
+        /// the manuals becomes [`Self::Unknown`] with its number.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum CommandCode {
             $(#[doc = concat!("Code ", $code, ", `", $name, "`.")] #[doc(alias = $name)] $variant,)*
-            /// A code that is not in the manuals.
+            /// A code that is not in the manuals, with its number; the chip refuses it.
             Unknown(u8),
         }
 
@@ -84,7 +87,7 @@ macro_rules! commands {
         },)*];
 
         impl CommandCode {
-            /// The command with this code.
+            /// The command with this code; [`Self::Unknown`] for a code that is not in the manuals.
             pub const fn from_code(code: u8) -> Self {
                 match code {
                     $($code => Self::$variant,)*
@@ -174,14 +177,14 @@ commands! {
 }
 
 impl Default for CommandCode {
-    /// INFO_UPDATE_OP, which requests nothing.
+    /// The default is INFO_UPDATE_OP, which asks the chip only for a new header.
     fn default() -> Self {
         Self::InfoUpdate
     }
 }
 
 impl CommandCode {
-    /// The command's row; `None` for an unknown code.
+    /// The command's row in [`COMMANDS`]; `None` for an unknown code.
     pub fn command(self) -> Option<&'static CommandInfo> {
         COMMANDS.binary_search_by_key(&self.code(), |row| row.code.code()).ok().map(|row| &COMMANDS[row])
     }
@@ -196,11 +199,11 @@ impl CommandCode {
         self.command()?.functions.iter().find(|function| function.parameter == parameter)
     }
 
-    /// Whether the command with this parameter byte is complete at once. This is true for an unknown code, which the
-    /// chip answers with an error.
+    /// Whether the chip completes the command with this parameter byte at once. This is true for an unknown code, which
+    /// the chip answers with an error.
     ///
-    /// The manuals list 30 of the codes. For the others the value follows the vendor's driver (OBS), and for 139 and
-    /// 143 it is `[OURS]`.
+    /// The manuals say this for 30 of the codes. For the others the value follows the vendor's driver, which waits for
+    /// the end of some commands (OBS). For 139 and 143 it is `[OURS]`.
     pub fn is_immediate(self, parameter: u8) -> bool {
         match self.command().map(|row| row.timing) {
             Some(CommandTiming::NonImmediate) => false,

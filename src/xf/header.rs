@@ -17,9 +17,11 @@ bits! {
         LRW = 1 << 11;
     }
 
-    /// Byte 0x0A of a command: clears errors, and requests what a packet can request besides its command.
+    /// Byte 0x0A of a command: clears error bits, and may request an update of the slaves' states beside the command
+    /// itself.
     Control(u8) {
-        /// Bit 0: "header outputs valid" in the manuals, "update state" in the vendor's header. Always send 0.
+        /// Bit 0: "header outputs valid" in the manuals, "update state" in the vendor's header. Always send 0, since
+        /// the sources disagree.
         BIT_0 = 1 << 0;
         /// Bit 1: the chip reads the states of all slaves, which makes the packet non-immediate (XF EN 211).
         UPDATE_STATE = 1 << 1;
@@ -37,10 +39,11 @@ bits! {
         CLEAR_ALL = 0xF8;
     }
 
-    /// Byte 0x09 of an answer: present levels in bits 0 to 2, errors in bits 3 to 7. An error bit stays set until a
-    /// command clears it.
+    /// Byte 0x09 of an answer. Bits 0 to 2 are levels: each shows a present condition and cannot be cleared. Bits 3 to
+    /// 7 are errors: each stays set until a command clears it.
     Errors(u8) {
-        /// Bit 0: pin 52 reports a network link; depends on the circuit (XF EN 236).
+        /// Bit 0: pin 52 reports a network link. It does so only if the circuit around the chip wires that pin to a
+        /// link signal (XF EN 236).
         LINK_PIN = 1 << 0;
         /// Bit 1: the PHY reported a network link while the network was initialised.
         PHY_LINK = 1 << 1;
@@ -50,13 +53,14 @@ bits! {
         NON_IMMEDIATE = 1 << 3;
         /// Bit 4: a packet had a wrong start or end word.
         SPI = 1 << 4;
-        /// Bit 5: a write found the RxFIFO full, or the FIFOs exceed their memory.
+        /// Bit 5: a write found the RxFIFO full, or FIFO_INIT found that both FIFOs together need more than their
+        /// 0x4000 bytes.
         FIFO = 1 << 5;
         /// Bit 6: a packet had a wrong check word.
         CRC = 1 << 6;
         /// Bit 7: a command had a wrong parameter, or a non-immediate command came while another one was running.
         COMMAND = 1 << 7;
-        /// Bits 3 to 7: all error bits, without the levels.
+        /// Bits 3 to 7: all error bits. Bits 0 to 2 are not among them, since they show present conditions, not errors.
         ALL = 0xF8;
     }
 
@@ -81,21 +85,23 @@ bits! {
     Interrupts(u32) {
         /// Bit 31: the chip received an EtherCAT frame.
         ETHERCAT = 1 << 31;
-        /// Bit 29: encoder interrupt; only in headers.
+        /// Bit 29: encoder interrupt. It is used only in headers: in ECAT_INT_SET_ENABLE, byte 5 of the data enables
+        /// the encoder's interrupts.
         ENCODER = 1 << 29;
-        /// Bit 25: the RxFIFO fell to its low limit (XF EN 1310).
+        /// Bit 25: the RxFIFO fell to the level that ECAT_SET_FIFO_TH sets for it (XF EN 1310).
         RX_FIFO_LOW = 1 << 25;
-        /// Bit 24: the TxFIFO rose to its high limit.
+        /// Bit 24: the TxFIFO rose to the level that ECAT_SET_FIFO_TH sets for it.
         TX_FIFO_HIGH = 1 << 24;
         /// Bit 23: a packet had a wrong check word.
         CRC = 1 << 23;
-        /// Bit 22: a working counter was wrong.
+        /// Bit 22: the working counter of a cycle was wrong.
         WORKING_COUNTER = 1 << 22;
     }
 }
 
 impl Control {
-    /// The control bits that clear these errors. The levels among them cannot be cleared.
+    /// The control bits that clear these errors. Bits 0 to 2 of `errors` are left out, since they show present
+    /// conditions, which cannot be cleared.
     pub const fn clearing(errors: Errors) -> Self {
         Self(errors.0 & Errors::ALL.0)
     }
@@ -122,7 +128,7 @@ impl Status {
         }
     }
 
-    /// The same status with another check type.
+    /// The same status byte, but with another type of the check word.
     #[must_use]
     pub const fn with_check_type(self, kind: CheckType) -> Self {
         Self(self.0 & !Self::CHECK_TYPE | kind.code())
@@ -136,7 +142,8 @@ pub struct NetworkState(pub u8);
 impl NetworkState {
     /// 0: the network is not initialised.
     pub const NONE: Self = Self(0);
-    /// Bit 4: the error flag besides the state (OBS).
+    /// Bit 4, set beside the state: a slave reports an error of its state, as with the error bit of its AL status
+    /// (OBS).
     pub const ERROR: u8 = 0x10;
 
     /// The state; `None` for 0 and for values that are not in the manuals.
@@ -144,7 +151,7 @@ impl NetworkState {
         EtherCatState::from_code(self.0 & 0x0F)
     }
 
-    /// Whether the error bit is set.
+    /// Whether [`Self::ERROR`] is set: a slave refused or left a state.
     pub const fn has_error(self) -> bool {
         self.0 & Self::ERROR != 0
     }
@@ -156,7 +163,7 @@ impl From<EtherCatState> for NetworkState {
     }
 }
 
-/// Declares header types, with the byte offset of each field.
+/// Declares the types of the two headers, with the byte offset of each field.
 macro_rules! headers {
     ($($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty = $at:literal,)* })*) => {$(
         $(#[$doc])*
@@ -232,7 +239,7 @@ headers! {
         info: [u8; 4] = 0x04,
         /// Word at 0x08: the flags that the manuals call reserve.
         reserve: Reserve = 0x08,
-        /// Byte 0x0A: clears errors, and requests an update of the states.
+        /// Byte 0x0A: clears errors, and requests an update of the slaves' states.
         control: Control = 0x0A,
         /// Byte 0x0B: the index, which the answer repeats. A packet with the same index and code as the previous one
         /// counts as INFO_UPDATE_OP.
@@ -255,9 +262,10 @@ headers! {
 
     /// The header of an answer, without the start word.
     AnswerHeader {
-        /// Byte 0x04: number of packets that the chip received with a wrong check word.
+        /// Byte 0x04: number of packets that the chip received with a wrong check word. The driver assumes that the
+        /// count stops at 255. CRC_ERR_CNT_CLR clears it.
         crc_errors: u8 = 0x04,
-        /// Byte 0x05: number of cycles with a wrong working counter.
+        /// Byte 0x05: number of cycles with a wrong working counter. The driver assumes that the count stops at 255.
         wkc_errors: u8 = 0x05,
         /// Byte 0x06: number of TxPDOs in the FIFO that the host has not read yet. The value lags two exchanges behind
         /// (OBS).
@@ -265,11 +273,11 @@ headers! {
         /// Byte 0x07: number of RxPDOs in the FIFO that the chip has not sent yet. The value lags two exchanges behind
         /// (OBS).
         rx_fifo: u8 = 0x07,
-        /// Byte 0x08: the state of the network.
+        /// Byte 0x08: the lowest EtherCAT state of all slaves, as the chip last read their states.
         state: NetworkState = 0x08,
-        /// Byte 0x09: levels and errors.
+        /// Byte 0x09: present conditions in bits 0 to 2, such as a network link, and errors in bits 3 to 7.
         errors: Errors = 0x09,
-        /// Byte 0x0A: the chip's status.
+        /// Byte 0x0A: flags of the chip's state, such as busy, and the type of the check word.
         status: Status = 0x0A,
         /// Byte 0x0B: the index of the answered command.
         index: u8 = 0x0B,

@@ -7,9 +7,9 @@ use core::fmt;
 pub struct Malformed {
     /// The name of the field, as in `SDO_REQ operation`.
     pub field: &'static str,
-    /// The invalid value.
+    /// The value that the field has, a length for a field that is too long or too short.
     pub found: u32,
-    /// The allowed values.
+    /// The values that the field may have.
     pub allowed: Allowed,
 }
 

@@ -15,7 +15,7 @@ use super::{CommandCode, DataSize, END_WORD, HEADER_LEN, Malformed, NOT_READY, S
 /// Why bytes are not a valid packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PacketError {
-    /// The number of bytes is not that of a packet.
+    /// The number of bytes is not the length of a packet.
     Length {
         /// The length of a packet, n + 32.
         expected: usize,
@@ -43,7 +43,7 @@ pub enum PacketError {
     },
     /// The status bits of an answer name check type 1 or 2, which are undefined.
     CheckType {
-        /// The value of the two bits.
+        /// The value of the two bits: 1 or 2.
         bits: u8,
     },
 }
@@ -141,7 +141,7 @@ pub(crate) fn write_around(
     Ok(close_request(packet, size, rule, header, code, arguments))
 }
 
-/// Writes everything in a command packet except the data.
+/// Writes the header, the check word and the end word of a command packet around its data.
 #[inline]
 fn close_request(
     packet: &mut [u8],
@@ -270,10 +270,10 @@ pub(super) enum PacketKind {
     NotReady,
 }
 
-/// A received command packet.
+/// A command packet that a chip has received, with a valid check word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandPacket<'p> {
-    /// The header.
+    /// The header of the command, with the command code and its arguments.
     pub header: CommandHeader,
     /// The whole data segment, n bytes.
     pub data: &'p [u8],
@@ -315,17 +315,17 @@ impl CommandHeader {
 /// A valid packet that a host received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received<'p> {
-    /// An answer.
+    /// An answer to a command, or one with the NOP flag, which belongs to no command.
     Answer(AnswerPacket<'p>),
     /// The chip was not ready for the exchange. This is no error: the host tries again and leaves the chip more idle
     /// time.
     NotReady,
 }
 
-/// A received answer packet.
+/// An answer packet that a host has received, with a valid check word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AnswerPacket<'p> {
-    /// The header.
+    /// The header of the answer, with the index and code of the answered command.
     pub header: AnswerHeader,
     /// The whole data segment, n bytes.
     pub data: &'p [u8],
@@ -393,7 +393,7 @@ impl<'p> AnswerPacket<'p> {
 pub enum AnswerError {
     /// The packet has the NOP flag: it contains no result, even if index and code are those of the command (OBS).
     Nop {
-        /// The packet's index.
+        /// The index in the packet's header.
         index: u8,
     },
     /// The packet answers another command.

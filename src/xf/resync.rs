@@ -14,8 +14,9 @@ const BORDER: usize = 8;
 /// before a border is kept until the next border has come.
 const CAPACITY: usize = 2 * MAX_PACKET + BORDER;
 
-/// \[OURS] How many bytes outside packets disprove a size that the reader has found by itself, perhaps from a damaged
-/// packet.
+/// \[OURS] After this many bytes in a row that belong to no packet, a size that the reader has found by itself counts
+/// as wrong, and the reader searches again. The size may come from a damaged packet. With the right size, at least one
+/// whole packet comes within these bytes.
 const FRUITLESS_MAX: usize = 2 * MAX_PACKET;
 
 /// A reader that takes bytes and returns packets. It holds at most 2888 bytes.
@@ -81,7 +82,7 @@ impl Resync {
         }
     }
 
-    /// A reader for packets of that size.
+    /// A reader for packets whose data segment has that size.
     pub const fn with_size(size: DataSize) -> Self {
         Self { size: Some(size), ..Self::new() }
     }
@@ -99,7 +100,7 @@ impl Resync {
         self.size = size;
     }
 
-    /// The number of bytes that were not part of a packet.
+    /// The number of bytes that were skipped because they were not part of a packet.
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -218,7 +219,9 @@ impl Resync {
         }
         self.compared = places;
         if self.held == CAPACITY {
-            // Borders before this position were compared with everything that can follow them.
+            // Behind a border before this position, as many bytes are held as the longest packet needs. So each such
+            // border was compared with every border that can end a packet behind it, and no packet with a valid check
+            // word begins there.
             let undecided = CAPACITY + 1 - (MAX_PACKET + BORDER);
             // The last bytes may be the beginning of a border.
             let border = (undecided..places).find(|at| self.is_border(*at)).unwrap_or(places);

@@ -4,7 +4,7 @@ use bytemuck::Pod;
 
 use super::Malformed;
 
-/// The name of a data segment that is too short, in errors.
+/// The field name in the error for a data segment that is too short.
 const FIELD: &str = "bytes of the data segment";
 
 /// Reads a layout from the beginning of the data segment.
@@ -27,16 +27,16 @@ pub fn put<T: Pod>(data: &mut [u8], layout: &T) -> Result<u16, Malformed> {
 /// Reads `len` bytes from byte `at` on.
 ///
 /// # Errors
-/// The segment ends before that.
+/// The segment is shorter than `at` and `len` together.
 pub fn get_at(data: &[u8], at: usize, len: usize) -> Result<&[u8], Malformed> {
     Malformed::at_least(FIELD, data.len(), at.saturating_add(len))?;
     Ok(&data[at..at + len])
 }
 
-/// Writes bytes from byte `at` on and returns their end.
+/// Writes bytes from byte `at` on and returns their end, counted from the beginning of the segment.
 ///
 /// # Errors
-/// The segment ends before that.
+/// The segment is shorter than `at` and the number of bytes together.
 pub fn put_at(data: &mut [u8], at: usize, bytes: &[u8]) -> Result<u16, Malformed> {
     let end = at.saturating_add(bytes.len());
     Malformed::at_least(FIELD, data.len(), end)?;

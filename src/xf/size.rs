@@ -40,7 +40,7 @@ impl DataSize {
         super::HEADER_LEN + self.bytes() + super::TRAILER_LEN
     }
 
-    /// The size as in the length field of SPI_RECONFIG_OP.
+    /// The size in bytes as a u16, as in the length field of SPI_RECONFIG_OP.
     pub const fn get(self) -> u16 {
         self.0
     }

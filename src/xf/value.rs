@@ -21,7 +21,7 @@ macro_rules! numbers {
                 if n <= $most { Some(Self(n)) } else { None }
             }
 
-            /// The number as an integer.
+            /// The number, which is at most [`Self::MAX`].
             pub const fn get(self) -> $int {
                 self.0
             }
@@ -83,7 +83,7 @@ pub enum Slaves {
 }
 
 impl Slaves {
-    /// The code of all slaves on the wire.
+    /// The byte on the wire that stands for all slaves.
     const ALL: u8 = 0xFF;
 
     /// The byte on the wire: 0..=127 or 0xFF.
@@ -112,7 +112,8 @@ impl From<SlaveNumber> for Slaves {
     }
 }
 
-/// Defines enums whose codes are all that the manuals allow, except ignored bits.
+/// Defines enums with one variant for each code that the manuals allow; decoding fails for any other code. `but for
+/// MASK` names bits of the code that decoding ignores.
 macro_rules! choices {
     ($($(#[$doc:meta])* $vis:vis $name:ident($int:ty), $field:literal, $allowed:literal $(, but for $ignored:ident)? {
         $($(#[$variant_doc:meta])* $variant:ident = $code:literal,)*

@@ -32,9 +32,9 @@ impl<L: ChipLink> Xf<L> {
     /// `motor`, 0..=127. The axis stays off until [`Self::enable`].
     ///
     /// # Errors
-    /// [`XfError::NotMapped`] if the slave does not map both words, [`XfError::BeyondHelperRange`] if one of them is not among
-    /// its first 256 bytes, [`XfError::AxisOn`], [`XfError::SlaveHasAxis`], [`XfError::NoSuchSlave`],
-    /// [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::NotMapped`] if the slave does not map both words, [`XfError::BeyondHelperRange`] if one of them is
+    /// not among its first 256 bytes, [`XfError::AxisOn`] if axis `motor` may be on, [`XfError::SlaveHasAxis`] if the
+    /// slave has another axis, [`XfError::NoSuchSlave`] if there is no such slave; otherwise as with [`Xf::run`].
     pub fn add_axis(&mut self, motor: u8, slave: u8, data: &ProcessData) -> Result<(), XfError> {
         let controlword = data.output::<u16>(slave, CONTROLWORD)?.offset();
         let statusword = data.input::<u16>(slave, STATUSWORD)?.offset();
@@ -62,7 +62,8 @@ impl<L: ChipLink> Xf<L> {
     /// In CSP the drive follows its target from then on, so the target that is sent has to equal the actual position.
     ///
     /// # Errors
-    /// [`XfError::NoAxis`], [`XfError::AxisStuck`], [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::NoAxis`] if the axis was not added, [`XfError::AxisStuck`] if it is in another state after 5 s;
+    /// otherwise as with [`Xf::run`].
     pub fn enable(&mut self, motor: u8) -> Result<(), XfError> {
         self.request_state(motor, DriveState::OperationEnabled)
     }
@@ -78,7 +79,7 @@ impl<L: ChipLink> Xf<L> {
     /// Resets the fault of an axis and waits until it is in Switch on disabled.
     ///
     /// # Errors
-    /// [`XfError::NoAxis`]; otherwise as with [`Self::enable`].
+    /// As with [`Self::enable`].
     pub fn reset_fault(&mut self, motor: u8) -> Result<(), XfError> {
         let number = number(motor)?;
         let motors = self.axes.len() as u8;
@@ -94,7 +95,7 @@ impl<L: ChipLink> Xf<L> {
     /// The CiA 402 state of an axis that the helper drives; `None` if its statusword stands for no state.
     ///
     /// # Errors
-    /// [`XfError::Chip`], [`XfError::Link`].
+    /// As with [`Xf::run`]; the chip refuses an axis that was not added.
     pub fn axis_state(&mut self, motor: u8) -> Result<Option<DriveState>, XfError> {
         Ok(self.run(&HelperStateGet { motor: number(motor)? })?.state())
     }

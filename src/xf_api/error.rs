@@ -9,7 +9,7 @@ use crate::span::Span;
 use crate::xf::host::{BudgetError, HostError, ProcessOutcome, StepError};
 use crate::xf::{EtherCatState, Malformed};
 
-/// Why a call failed.
+/// Why a function of [`Xf`](super::Xf) or [`ProcessData`](super::ProcessData) failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
@@ -17,7 +17,7 @@ pub enum XfError {
     /// The link cannot be used.
     #[error(transparent)]
     Link(#[from] ChipError),
-    /// The chip or the driver refuses the request.
+    /// The chip refuses a command or does not answer, or the driver has stopped.
     #[error(transparent)]
     Chip(#[from] HostError),
     /// The network has no slave with that number.
@@ -49,7 +49,7 @@ pub enum XfError {
         object: ObjectAddress,
         /// The direction: `outputs` or `inputs`.
         direction: &'static str,
-        /// The objects that the slave does map.
+        /// The objects that the slave does map in this direction, as text.
         mapped: String,
     },
     /// A mapped object has a different size than the Rust type, or does not begin at a byte boundary.
@@ -76,7 +76,7 @@ pub enum XfError {
         Span(*.waited)
     )]
     RxFifoStalled { held: u8, waited: Duration },
-    /// The helper does not drive that axis.
+    /// The program has not added an axis with this motor number.
     #[error("there is no axis {motor}; add it first (add_axis), with the slave it belongs to")]
     NoAxis { motor: u8 },
     /// An axis that may be on cannot be added again.
@@ -91,7 +91,7 @@ pub enum XfError {
         "{object} of slave {slave} is byte {at} of its process data, and the helper reaches the first 256; map it first"
     )]
     BeyondHelperRange { slave: u8, object: ObjectAddress, at: usize },
-    /// An axis did not reach the wanted state in time.
+    /// An axis did not reach the wanted state within its time limit.
     #[error("axis {motor} is in {found} after {} and not in {wanted}; look at its error code, 0x603F", Span(*.waited))]
     AxisStuck { motor: u8, found: &'static str, wanted: &'static str, waited: Duration },
 }

@@ -54,16 +54,16 @@ pub struct SlaveLayout {
     pub at: usize,
     /// Size of the slave's process data in bytes.
     pub bytes: usize,
-    /// The objects, in the order of the mapping.
+    /// The mapped objects of the slave, in the order of its PDO mapping.
     pub fields: Vec<MappedField>,
 }
 
 /// The layout of the chip's process data, with the slaves in network order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Layout {
-    /// The RxPDO, which the host writes.
+    /// The RxPDO, which the host writes: the outputs of each slave.
     pub outputs: Vec<SlaveLayout>,
-    /// The TxPDO, which the host reads.
+    /// The TxPDO, which the host reads: the inputs of each slave.
     pub inputs: Vec<SlaveLayout>,
 }
 
@@ -77,7 +77,8 @@ impl<L: ChipLink> Xf<L> {
     /// process data are. Possible in PreOP after `Reconfig`, in SafeOP and in OP.
     ///
     /// # Errors
-    /// [`XfError::OtherLayout`], [`XfError::SdoAborted`], [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::OtherLayout`] if the mapping of a slave has another length than the chip has laid out for it,
+    /// [`XfError::SdoAborted`] if a slave aborts the reading of its mapping; otherwise as with [`Xf::run`].
     pub fn layout(&mut self) -> Result<Layout, XfError> {
         let mut layout = Layout::default();
         let outputs = (PdoAssignment::Rx, SlaveInfoItem::OutputBytes, "outputs");

@@ -99,7 +99,7 @@ pub struct Xf<L: ChipLink = Box<dyn ChipLink>> {
     slaves: u8,
     /// The cycle time with which the network was started.
     cycle_ns: Option<Ns>,
-    /// Axes that the helper drives.
+    /// Axes that were added, whose state machines the helper drives.
     axes: Vec<HelperAxis>,
     /// Axes that may be on: the helper was asked to take them out of Switch on disabled, and they were not seen in that
     /// state since.
@@ -113,7 +113,8 @@ impl Xf {
     /// data segment) and the beginning of packets, switches CRC-32 on, and reads the firmware's version.
     ///
     /// # Errors
-    /// [`XfError::Link`], [`XfError::Chip`].
+    /// [`XfError::Link`] if the link is wrong or cannot be opened or used. [`XfError::Chip`] if no packets are found,
+    /// if the chip does not answer, or if its start takes too long.
     pub fn open(uri: &str) -> Result<Self, XfError> {
         let (link, config) = open::chip::open(uri)?;
         Self::over(link, config)
@@ -121,10 +122,11 @@ impl Xf {
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// Starts the chip behind an open link.
+    /// Starts the chip behind an open link, as [`Xf::open`] does.
     ///
     /// # Errors
-    /// [`XfError::Link`], [`XfError::Chip`].
+    /// [`XfError::Link`] if the link fails. [`XfError::Chip`] if no packets are found, if the chip does not answer, or
+    /// if its start takes too long.
     pub fn over(link: L, config: HostConfig) -> Result<Self, XfError> {
         let host = Host::new(link.now(), config);
         let mut xf =
@@ -149,12 +151,13 @@ impl<L: ChipLink> Xf<L> {
         &self.host
     }
 
-    /// The driver, to set the GPIO outputs and the interrupt flags to clear that headers carry.
+    /// The driver, with which a program sets what the headers of all packets carry: the GPIO outputs, and the interrupt
+    /// flags to clear.
     pub const fn host_mut(&mut self) -> &mut Host {
         &mut self.host
     }
 
-    /// The link to the chip.
+    /// The link to the chip, for example to read its properties.
     pub const fn link(&self) -> &L {
         &self.link
     }
@@ -174,7 +177,8 @@ impl<L: ChipLink> Xf<L> {
     /// state, may run for the default of [`Timeouts::busy_ns`](crate::xf::host::Timeouts::busy_ns).
     ///
     /// # Errors
-    /// [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::Chip`] if the chip refuses the command, if the command fails or does not end in time, if its answer
+    /// is lost, or if the driver has stopped. [`XfError::Link`] if the link fails.
     pub fn run<'d, C: Call<'d>>(&mut self, call: &C) -> Result<C::Answer<'_>, XfError> {
         self.note_axis(call);
         let ticket = self.host.submit(self.link.now(), call)?;
@@ -211,7 +215,7 @@ impl<L: ChipLink> Xf<L> {
     /// [`poll_ns`](crate::xf::host::HostConfig::poll_ns).
     ///
     /// # Errors
-    /// [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::Chip`] if the driver has stopped. [`XfError::Link`] if the link fails.
     pub fn pass(&mut self, time: Duration) -> Result<(), XfError> {
         let end = self.link.now().saturating_add(ns(time));
         while self.link.now() < end {

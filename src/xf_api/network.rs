@@ -63,7 +63,7 @@ impl<L: ChipLink> Xf<L> {
     /// was running is brought to Init. Axes have to be added again ([`Self::add_axis`]).
     ///
     /// # Errors
-    /// [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::Chip`] if the initialisation fails, as without a slave; otherwise as with [`Xf::run`].
     pub fn start_network(&mut self, config: &NetworkConfig) -> Result<u8, XfError> {
         self.stop_before_init();
         self.run(&FifoEnable { on: false })?;
@@ -81,7 +81,7 @@ impl<L: ChipLink> Xf<L> {
     /// The number of slaves that the chip found when the network was initialised.
     ///
     /// # Errors
-    /// [`XfError::Chip`], [`XfError::Link`].
+    /// As with [`Xf::run`].
     pub fn count_slaves(&mut self) -> Result<u8, XfError> {
         self.slaves = self.run(&SlaveCountGet)?;
         Ok(self.slaves)
@@ -90,7 +90,7 @@ impl<L: ChipLink> Xf<L> {
     /// Brings slaves to a state, and checks that all of them have reached it.
     ///
     /// # Errors
-    /// [`XfError::StateStuck`] names the slaves that have not; [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::StateStuck`] names the slaves that have not reached it; otherwise as with [`Xf::run`].
     pub fn set_state(&mut self, slaves: Slaves, state: EtherCatState) -> Result<(), XfError> {
         // The chip's answer to the change of state does not tell which slave has refused it.
         let changed = self.run(&StateSet { slaves, state });
@@ -118,7 +118,7 @@ impl<L: ChipLink> Xf<L> {
     /// The state of the network: the lowest state of all slaves, read from them now.
     ///
     /// # Errors
-    /// [`XfError::Chip`], [`XfError::Link`].
+    /// As with [`Xf::run`].
     pub fn state(&mut self) -> Result<NetworkState, XfError> {
         self.run(&StateUpdate)?;
         self.run(&StateGet { slaves: Slaves::All })
@@ -127,7 +127,7 @@ impl<L: ChipLink> Xf<L> {
     /// Describes a slave. Its state is that of the last [`Self::state`] or [`Self::set_state`].
     ///
     /// # Errors
-    /// [`XfError::NoSuchSlave`], [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::NoSuchSlave`] if the network has no slave with this number; otherwise as with [`Xf::run`].
     pub fn slave_description(&mut self, slave: u8) -> Result<SlaveDescription, XfError> {
         let number = self.slave(slave)?;
         let name = self.run(&SlaveInfoGet { slave: number, item: SlaveInfoItem::Name })?;

@@ -21,7 +21,9 @@ impl<L: ChipLink> Xf<L> {
     /// bytes.
     ///
     /// # Errors
-    /// [`XfError::SdoAborted`], [`XfError::SdoSize`], [`XfError::NoSuchSlave`], [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::SdoAborted`] if the slave aborts the transfer, [`XfError::SdoSize`] if the chip returns another
+    /// number of bytes than the type has, [`XfError::NoSuchSlave`] if the network has no slave with this number;
+    /// otherwise as with [`Xf::run`].
     pub fn sdo_read<T: FieldType>(&mut self, slave: u8, object: ObjectAddress) -> Result<T, XfError> {
         let bytes = self.upload(slave, object, SdoScope::Entry, T::BYTES as u16)?;
         let (found, wanted) = (bytes.len(), T::BYTES);
@@ -40,7 +42,8 @@ impl<L: ChipLink> Xf<L> {
     /// Writes an object of a slave, in PreOP, SafeOP or OP.
     ///
     /// # Errors
-    /// [`XfError::SdoAborted`], [`XfError::NoSuchSlave`], [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::SdoAborted`] if the slave aborts the transfer, [`XfError::NoSuchSlave`] if the network has no slave
+    /// with this number; otherwise as with [`Xf::run`].
     pub fn sdo_write<T: FieldType>(&mut self, slave: u8, object: ObjectAddress, value: T) -> Result<(), XfError> {
         let mut bytes = [0; 8];
         value.put_le(&mut bytes[..T::BYTES]);

@@ -21,14 +21,14 @@ const POLLS_A_CYCLE: Ns = 2;
 /// How long the RxFIFO's level may stay unchanged before the chip counts as taking nothing out of it. \[OURS]
 const STALL_LIMIT: Duration = Duration::from_secs(2);
 
-/// A typed handle of an output object in process data.
+/// A handle of an output object in the process data, whose value has the type `T`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Output<T> {
     at: usize,
     kind: PhantomData<T>,
 }
 
-/// A typed handle of an input object in process data.
+/// A handle of an input object in the process data, whose value has the type `T`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Input<T> {
     at: usize,
@@ -47,14 +47,14 @@ pub struct ProcessData {
 }
 
 impl<T> Output<T> {
-    /// Offset in bytes from the beginning of the RxPDO.
+    /// Offset of the object in bytes from the beginning of the RxPDO.
     pub const fn offset(&self) -> usize {
         self.at
     }
 }
 
 impl<T> Input<T> {
-    /// Offset in bytes from the beginning of the TxPDO.
+    /// Offset of the object in bytes from the beginning of the TxPDO.
     pub const fn offset(&self) -> usize {
         self.at
     }
@@ -69,7 +69,9 @@ impl ProcessData {
     /// Returns the handle of an object that a slave maps among its outputs. The type must have the object's size.
     ///
     /// # Errors
-    /// [`XfError::NoSuchSlave`], [`XfError::NotMapped`], [`XfError::FieldSize`].
+    /// [`XfError::NoSuchSlave`] if the network has no slave with this number, [`XfError::NotMapped`] if the slave does
+    /// not map the object among its outputs, [`XfError::FieldSize`] if the object has another size than the type or
+    /// does not begin at a whole byte.
     pub fn output<T: FieldType>(&self, slave: u8, object: ObjectAddress) -> Result<Output<T>, XfError> {
         let at = find::<T>(&self.layout.outputs, slave, object, "outputs")?;
         Ok(Output { at, kind: PhantomData })
@@ -162,7 +164,8 @@ impl<L: ChipLink> Xf<L> {
     /// RxFIFO is off and empty afterwards.
     ///
     /// # Errors
-    /// The errors of [`Self::layout`]; [`XfError::Budget`] with the calculation; [`XfError::ProcessData`].
+    /// As with [`Self::layout`] and [`Self::read_inputs`]; [`XfError::Budget`], with the calculation, if the exchanges
+    /// do not fit into the cycle.
     pub fn process_data(&mut self) -> Result<ProcessData, XfError> {
         let layout = self.layout()?;
         let (outputs, inputs) = (layout::total(&layout.outputs), layout::total(&layout.inputs));
@@ -197,7 +200,7 @@ impl<L: ChipLink> Xf<L> {
     /// Reads the current inputs directly, bypassing the TxFIFO.
     ///
     /// # Errors
-    /// [`XfError::ProcessData`], [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::ProcessData`] if the chip refuses the exchange or gives no answer; otherwise as with [`Xf::run`].
     pub fn read_inputs(&mut self, data: &mut ProcessData) -> Result<(), XfError> {
         if !data.inputs.is_empty() {
             self.exchange(data, ProcessRequest::DirectRead)?;
@@ -210,7 +213,8 @@ impl<L: ChipLink> Xf<L> {
     /// network.
     ///
     /// # Errors
-    /// [`XfError::RxFifoStalled`], [`XfError::ProcessData`], [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::RxFifoStalled`] if the chip takes nothing out of the RxFIFO for 2 s, [`XfError::ProcessData`] if the
+    /// chip did not take the outputs, or may not have taken them; otherwise as with [`Xf::run`].
     pub fn cycle(&mut self, data: &mut ProcessData) -> Result<(), XfError> {
         self.wait_held(data.ahead.max(1) - 1)?;
         let outputs = std::mem::take(&mut data.outputs);

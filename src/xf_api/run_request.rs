@@ -7,7 +7,7 @@ use crate::xf::request::{Call, PdoData, PdoDataFifo, PdoOperation, Visit};
 use crate::xf::response::{Answer, PdoExchange, Returned};
 use crate::xf::{Allowed, Malformed, Request};
 
-/// Runs a request and writes its answer into a data segment.
+/// A visitor that runs a request and writes its answer into a data segment.
 struct Run<'x, 'b, L: ChipLink> {
     xf: &'x mut Xf<L>,
     data: &'b mut [u8],
@@ -24,12 +24,12 @@ impl<L: ChipLink> Visit for Run<'_, '_, L> {
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// Runs any request to its end, and writes its answer into `data` in the layout of a data
-    /// segment, at most 1408 bytes. [`FunctionFields`](crate::xf::fields::FunctionFields) reads its fields.
+    /// Runs any request to its end, and writes its answer into `data` in the layout of a data segment, at most 1408
+    /// bytes. [`FunctionFields`](crate::xf::fields::FunctionFields) reads its fields.
     ///
-    /// Process data bypass the FIFO or go through it as with [`Self::cycle`]. Only the operations that the driver has
-    /// are possible: a FIFO write, a FIFO read or both, and a direct write with read, or a direct read. The layout of
-    /// their answers is the manuals'.
+    /// Process data bypass the FIFO or go through it as with [`Self::cycle`]. The driver supports five of these
+    /// operations. Through the FIFO: write, read, or both. Past the FIFO: read, or write and read together. The layout
+    /// of their answers is the manuals'.
     ///
     /// # Errors
     /// As with [`Self::run`]; CRC_TYPE_SET and SPI_RECONFIG_OP are refused, since the driver sends them itself.

@@ -49,7 +49,7 @@ impl Motors {
     }
 }
 
-/// The failures so far while the axes are stopped.
+/// What has failed so far while the axes are stopped.
 struct StopProgress {
     /// Number of failed exchanges since the newest answer. `failing_since` is the time of the first one, `answers` the
     /// number of answers at that time.
@@ -85,8 +85,8 @@ impl<L: ChipLink> Xf<L> {
     /// in CSP an axis stands still, in CSV and CST it keeps moving. The machine itself then has to stop what must stop.
     ///
     /// # Errors
-    /// The first error that occurred: [`XfError::AxisStuck`], [`XfError::Chip`], [`XfError::Link`]. All further steps
-    /// of the stop were tried nevertheless.
+    /// The first error that occurred: [`XfError::AxisStuck`] if an axis did not come to rest or did not switch off in
+    /// time, otherwise as with [`Xf::run`]. All further steps of the stop were tried nevertheless.
     pub fn close(mut self) -> Result<(), XfError> {
         self.stop()
     }
@@ -116,8 +116,8 @@ impl<L: ChipLink> Xf<L> {
         progress.first
     }
 
-    /// Stops the axes that may be on before the network is initialised again. An axis that cannot be stopped loses its
-    /// outputs in Init.
+    /// Stops the axes that may be on before the network is initialised again. An axis that cannot be stopped gets no
+    /// outputs any more once the network is in Init, so its drive itself has to stop the motor.
     pub(super) fn stop_before_init(&mut self) {
         let mut progress = self.progress();
         self.stop_axes(&mut progress);

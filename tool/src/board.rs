@@ -65,7 +65,7 @@ pub struct Args {
     #[arg(long, value_name = "N", global = true, help_heading = HEADING)]
     cycle_us: Option<u32>,
 
-    /// Bytes of a slot, 12 or 16 [default: what the link says, else what the CRCs fit]
+    /// Bytes of a slot, 12 or 16 [default: what the link says, else the size with which the CRCs of reports are right]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, help_heading = HEADING)]
     slot_size: Option<SlotSize>,
 
@@ -110,10 +110,11 @@ pub struct Args {
 }
 
 impl Args {
-    /// The machine file of the option or of the working directory.
+    /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory; `None` if there is
+    /// neither.
     ///
     /// # Errors
-    /// The file is wrong.
+    /// The file cannot be read, or its content is not that of a machine file.
     pub fn machine(&self) -> Result<Option<MachineFile>, MachineFileError> {
         machine_option::load(self.machine.as_deref())
     }
@@ -146,8 +147,8 @@ impl Args {
         }
     }
 
-    /// The configuration of the network, from the options, the machine file or the link; `known` is what the server of the
-    /// link knows. `None` if the network is not known.
+    /// The configuration of the network, from the options, the machine file or the link; `known` is what the server of
+    /// the link has reported about its slaves and units. `None` if the network is not known.
     pub fn network(
         &self,
         uri: &LinkUri,
@@ -168,7 +169,8 @@ impl Args {
         Some(network.config(cycle_us, self.lead_limit, scale))
     }
 
-    /// The units of axes that are named by their numbers: those of the option, else of a server.
+    /// The counts per unit for axes that are named by their slave numbers: from `--counts-per-unit`, otherwise from the
+    /// server of the link; `None` if neither gives any.
     pub fn number_scales(&self, known: Option<&KnownNetwork>) -> Option<Scales> {
         self.counts_per_unit.clone().or_else(|| Scales::parse(&known?.counts_per_unit).ok())
     }

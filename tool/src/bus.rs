@@ -62,13 +62,16 @@ enum Verb {
 /// `bus scan` on a network card, for `ecmsk list --scan`.
 ///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the card does not open, if no slave answers, or if standard output cannot be written to.
 pub fn scan_card(card: &str, json: bool) -> Result<(), BusVerbError> {
     scan::show(Session::open(&format!("nic:{card}"), json)?)
 }
 
+/// Runs a verb of `ecmsk bus` and prints its results; returns the exit code.
+///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the command line is wrong, if the network does not open, if a slave fails, or if a file or
+/// standard output cannot be used.
 pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
     match &args.verb {
         Verb::Scan(args) => scan::run(args).map(|()| ExitCode::SUCCESS),

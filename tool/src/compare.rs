@@ -27,7 +27,7 @@ pub const TROUBLE: u8 = 2;
 /// Compare two recordings of the same program, command by command: do both boards answer the same?
 ///
 /// Commands are compared by their numbers and not by time. Frames with only GET_STATUS, the number of reports and their
-/// times do not count. Of the answers to a command the last one counts, after which the program went on: states,
+/// times do not count. The program goes on after the last answer to a command, and that answer counts: states,
 /// statuswords, error codes, positions, inputs and SDO results of all slaves, and faults that came and went.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -71,7 +71,8 @@ pub struct How {
     ignore_repeats: bool,
 
     /// Answers may come at most so many cycles later in one recording than in the other. With 0, both boards must have
-    /// answered when the program went on [default: any number, and the values shown may be 24 cycles apart]
+    /// answered when the program went on [default: any number, and the same answer may be up to 24 cycles earlier or
+    /// later]
     #[arg(long, value_name = "CYCLES")]
     latency: Option<u32>,
 
@@ -98,7 +99,7 @@ pub struct How {
 }
 
 impl How {
-    /// The options of the comparison.
+    /// The options of the command line that decide what counts as equal.
     pub fn options(&self) -> CompareOptions {
         CompareOptions {
             tolerance_counts: self.tolerance,
@@ -124,22 +125,22 @@ pub struct Names {
 /// Why the recordings were not compared.
 #[derive(Debug, thiserror::Error)]
 pub enum CompareVerbError {
-    /// See [`CompareError`].
+    /// A recording cannot be read, or the two cannot be compared.
     #[error(transparent)]
     Compare(#[from] CompareError),
-    /// See [`PlotError`].
+    /// The picture of `--plot` cannot be drawn or written.
     #[error(transparent)]
     Plot(#[from] PlotError),
     /// Standard input cannot be compared, because a recording is read more than once.
     #[error("standard input cannot be compared, it can be read only once; save it to a file and name that")]
     Stdin,
-    /// More devices are named than captures are compared.
+    /// `--device` names more than two devices, although two captures are compared.
     #[error("--device names {found} devices for two captures; name one for A and one for B, as 1.5,1.6")]
     TooManyDevices {
         /// The number of devices that the command line names.
         found: usize,
     },
-    /// The picture has nothing to show.
+    /// No axis moves in either recording, so that the picture of `--plot` would be empty.
     #[error("no axis moves in either recording: there is nothing to plot; leave --plot out")]
     NothingToPlot,
     /// Standard output cannot be written to.
@@ -194,7 +195,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
 
 /// \[OURS] The largest tolerance that is proposed, in counts. A larger difference is no noise of a measurement.
 const PROPOSED_COUNTS_MAX: u32 = 1000;
-/// \[OURS] Most additional comparisons to find a tolerance.
+/// \[OURS] The maximum number of additional comparisons to find a tolerance.
 const PROPOSALS_MAX: usize = 8;
 
 /// The tolerance with which the recordings are equal; `None` if other values than positions differ, or if positions
@@ -249,7 +250,7 @@ pub fn print(text: String, code: u8) -> Result<ExitCode, CompareVerbError> {
     Ok(ExitCode::from(code))
 }
 
-/// The two recordings of a comparison, opened for reading.
+/// The two recordings of a comparison, opened for reading, and their common slot size.
 struct Runs {
     a: RecordedRun,
     b: RecordedRun,
@@ -276,7 +277,7 @@ impl Runs {
 /// Prints the notes on a recording, once it was read; returns what it lacks to be complete.
 ///
 /// # Errors
-/// The error with which reading has ended.
+/// The recording could not be read to its end.
 pub fn tell(name: &str, source: &RecordedRun) -> Result<Option<String>, CompareError> {
     source.check()?;
     if source.is_size_assumed() {

@@ -98,8 +98,12 @@ impl Paint {
     }
 }
 
+/// Checks this machine, or the folder that the command line names, and prints the findings; the exit code says whether
+/// something is wrong.
+///
 /// # Errors
-/// [`CliError`]
+/// [`CliError`] if the folder cannot be read, if the udev rule cannot be written, or if standard output cannot be
+/// written to.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let findings = match &args.folder {
         Some(folder) => folder::findings(folder)?,
@@ -141,7 +145,7 @@ fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
 /// The output for a program's folder, as text without colours and as JSON.
 ///
 /// # Errors
-/// [`FolderError`]
+/// [`FolderError`] if the folder cannot be read.
 pub fn of_folder(folder: &std::path::Path) -> Result<[String; 2], FolderError> {
     let findings = folder::findings(folder)?;
     Ok([text(&findings, Paint(false)), lines(&findings)])

@@ -239,7 +239,7 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
 /// The board that the following frames are from, and its recording. The text output has a heading where this changes.
 #[derive(PartialEq, Eq)]
 struct Section {
-    /// The bus and device number of the board.
+    /// The bus and the device number of the board on USB.
     board: (u16, u8),
     meta: Option<Rc<RecordMeta>>,
 }

@@ -19,56 +19,56 @@ pub enum CliError {
     /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// See [`RecordError`].
+    /// A recording cannot be read, or only in part.
     #[error(transparent)]
     Recording(#[from] RecordError),
-    /// See [`super::dump::DumpError`].
+    /// `ecmsk dump` stopped.
     #[error(transparent)]
     Dump(#[from] super::dump::DumpError),
-    /// See [`super::plot::PlotError`].
+    /// `ecmsk plot` has made no plot.
     #[error(transparent)]
     Plot(#[from] super::plot::PlotError),
-    /// See [`super::board::BoardError`].
+    /// A verb that talks to a board failed.
     #[error(transparent)]
     Board(#[from] super::board::BoardError),
-    /// See [`super::compare::CompareVerbError`].
+    /// `ecmsk compare` could not compare two recordings.
     #[error(transparent)]
     Compare(#[from] super::compare::CompareVerbError),
-    /// See [`super::replay::ReplayVerbError`].
+    /// `ecmsk replay` could not replay a capture.
     #[error(transparent)]
     Replay(#[from] super::replay::ReplayVerbError),
-    /// See [`super::migrate::MigrateVerbError`].
+    /// `ecmsk migrate` could not evaluate a recording.
     #[error(transparent)]
     Migrate(#[from] super::migrate::MigrateVerbError),
-    /// See [`super::recording_files::RecordingVerbError`].
+    /// A verb of `ecmsk recording` failed.
     #[error(transparent)]
     RecordingVerb(#[from] super::recording_files::RecordingVerbError),
-    /// See [`super::man::ManError`].
+    /// `ecmsk man` could not make a manual page.
     #[error(transparent)]
     Man(#[from] super::man::ManError),
-    /// See [`super::monitor::MonitorError`].
+    /// `ecmsk monitor` cannot show the board or the recording.
     #[error(transparent)]
     Monitor(#[from] super::monitor::MonitorError),
-    /// See [`super::doctor::RuleError`].
+    /// `ecmsk doctor` has not written the udev rule.
     #[cfg(target_os = "linux")]
     #[error(transparent)]
     UdevRule(#[from] super::doctor::RuleError),
-    /// See [`super::doctor::FolderError`].
+    /// `ecmsk doctor` cannot check the folder of a program.
     #[error(transparent)]
     Folder(#[from] super::doctor::FolderError),
-    /// See [`super::objects::ObjectsError`].
+    /// `ecmsk objects` has not made its file of objects.
     #[error(transparent)]
     Objects(#[from] super::objects::ObjectsError),
-    /// See [`super::params::ParamsError`].
+    /// `ecmsk params` has not kept, compared or written parameters.
     #[error(transparent)]
     Params(#[from] super::params::ParamsError),
-    /// See [`super::machine::MachineVerbError`].
+    /// A verb of `ecmsk machine` failed.
     #[error(transparent)]
     Machine(#[from] super::machine::MachineVerbError),
-    /// See [`MachineFileError`].
+    /// The machine file of a verb cannot be used.
     #[error(transparent)]
     MachineFile(#[from] MachineFileError),
-    /// See [`super::exec::ExecError`].
+    /// `ecmsk exec` has not run the program.
     #[error(transparent)]
     Exec(#[from] super::exec::ExecError),
     /// The command line names no board to serve.
@@ -79,36 +79,36 @@ pub enum CliError {
         ecmsk::link::config::FILE_NAME
     )]
     NothingToServe,
-    /// See [`super::slave::SlaveError`].
+    /// `ecmsk slave` has not made its file.
     #[error(transparent)]
     Slave(#[from] super::slave::SlaveError),
-    /// See [`ecmsk::port::tcp::ServeError`].
+    /// The board cannot be served over TCP.
     #[error(transparent)]
     Serve(#[from] ecmsk::port::tcp::ServeError),
-    /// See [`super::serve::web::WebError`].
+    /// The web page of a board or recording cannot be served.
     #[cfg(feature = "web")]
     #[error(transparent)]
     Web(#[from] super::serve::web::WebError),
-    /// See [`super::xf::XfVerbError`].
+    /// A verb of `ecmsk xf` failed.
     #[error(transparent)]
     Xf(#[from] super::xf::XfVerbError),
-    /// See [`super::wireshark::WiresharkError`].
+    /// `ecmsk wireshark` has not written its plugin.
     #[error(transparent)]
     Wireshark(#[from] super::wireshark::WiresharkError),
-    /// See [`super::bus::BusVerbError`].
+    /// A verb of `ecmsk bus` failed.
     #[error(transparent)]
     Bus(#[from] super::bus::BusVerbError),
-    /// See [`ecmsk::port::usbip::ServeError`].
+    /// Boards cannot be served as USB devices over the network (USB/IP).
     #[error(transparent)]
     Usbip(#[from] ecmsk::port::usbip::ServeError),
-    /// See [`ecmsk::port::xf::ServeError`].
+    /// A chip cannot be served.
     #[error(transparent)]
     ServeXf(#[from] ecmsk::port::xf::ServeError),
-    /// See [`ecmsk::port::ethercat::ServeError`].
+    /// Simulated slaves cannot be served on a network card.
     #[cfg(target_os = "linux")]
     #[error(transparent)]
     ServeEthercat(#[from] ecmsk::port::ethercat::ServeError),
-    /// See [`ecmsk::port::gadget::ServeError`].
+    /// A board cannot be served as a USB device of this machine (USB gadget).
     #[cfg(target_os = "linux")]
     #[error(transparent)]
     ServeGadget(#[from] ecmsk::port::gadget::ServeError),
@@ -208,8 +208,8 @@ pub fn wrong_command_line(mut error: clap::Error) -> ! {
     error.exit()
 }
 
-/// The last verb of a command line that exists, such as `ecmsk bus`, with a list of its own verbs for the error. `None` if it
-/// has no verbs.
+/// How far the words of a command line name verbs: the command up to the last known verb, such as `ecmsk bus` for
+/// `ecmsk bus other`, and a list of the verbs that may follow it, for the error. `None` if no verb may follow.
 fn verbs_there(words: impl Iterator<Item = std::ffi::OsString>) -> Option<(String, String)> {
     let tool = <super::Cli as clap::CommandFactory>::command();
     let (mut at, mut name) = (&tool, tool.get_name().to_owned());

@@ -54,7 +54,8 @@ pub struct Args {
     #[arg(long, requires = "record")]
     overwrite: bool,
 
-    /// The library, or its folder [default: beside this tool, then ../lib, then Debian's folder there]
+    /// The library, or its folder [default: beside this tool, then ../lib, then its sub-folder of Debian's libraries,
+    /// e.g. x86_64-linux-gnu]
     #[arg(long, value_name = "DIR|FILE", value_hint = ValueHint::AnyPath)]
     library: Option<PathBuf>,
 
@@ -75,7 +76,7 @@ pub struct Args {
     program: Vec<OsString>,
 }
 
-/// Why the program was not run.
+/// Why `ecmsk exec` has not run the program.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
     /// The library is neither at the path of `--library` nor in one of the usual folders.
@@ -89,12 +90,12 @@ pub enum ExecError {
     /// The file is not a shared library that the dynamic linker accepts.
     #[error("{} is no shared library ({reason}); name the {} of this build with --library", .file.display(), library::FILE_NAME)]
     NotALibrary {
-        /// The path of the file.
+        /// The path of the file that was found or that `--library` names.
         file: PathBuf,
         /// Why the file is not accepted as a library.
         reason: String,
     },
-    /// The private folder could not be created.
+    /// The private folder for the library could not be created.
     #[error("cannot make a folder for the library in {}: {source}; set TMPDIR to a folder that takes files", .place.display())]
     Folder {
         /// The folder in which it was to be created.
@@ -115,7 +116,7 @@ pub enum ExecError {
         /// The library of this build.
         ours: PathBuf,
     },
-    /// The name of the folder contains a character that the search path cannot contain.
+    /// The path of the private folder contains a character that the search path cannot contain.
     #[error("the dynamic linker cannot look into {}: {}", .folder.display(), library::UNLINKABLE)]
     UnlinkableFolder {
         /// The path of the private folder.
@@ -127,7 +128,7 @@ pub enum ExecError {
         /// The link that was to be opened.
         link: LinkUri,
     },
-    /// See [`record_option::RecordError`].
+    /// The recording of `--record` cannot be made.
     #[error(transparent)]
     Record(#[from] record_option::RecordError),
     /// The link that the library would choose is invalid.
@@ -149,10 +150,10 @@ pub enum ExecError {
         program: PathBuf,
         /// The error of the operating system.
         source: io::Error,
-        /// The next step.
+        /// What the user can do next; the error text ends with it.
         hint: String,
     },
-    /// A call of the operating system failed in another operation.
+    /// A call of the operating system failed, other than starting the program or making the private folder.
     #[error("cannot {what}: {source}; free some of the system's processes or files, then run it again")]
     System {
         /// What the failed call was for, such as `catch signals`.

@@ -9,7 +9,7 @@ use clap::Parser;
 use super::board::Interrupt;
 use super::{doctor, exec, objects, plot, script, shell};
 
-/// The operands and options behind a verb.
+/// The operands and options that follow a verb on the command line.
 #[derive(Parser)]
 #[command(no_binary_name = true)]
 struct Words<T: clap::Args> {

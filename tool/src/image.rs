@@ -72,8 +72,8 @@ pub enum Managed {
 /// A PE file: the facts about it, and its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
-    /// The processor for which the file runs on a 64-bit Windows. For a .NET program without a fixed width it is not that of
-    /// the PE header.
+    /// The processor and width (32 or 64 bits) with which a 64-bit Windows runs the file: those of the PE header,
+    /// except for a .NET program without a fixed width.
     pub width: Width,
     /// The request of the CLI header; `None` if the file is not for .NET.
     pub managed: Option<Managed>,

@@ -13,18 +13,18 @@ use super::stderr::say;
 pub struct ChosenLink {
     /// The link to the board.
     pub uri: LinkUri,
-    /// Where a link was searched for without success, for the error, so that `uri` is the default; `None` if the user has named
-    /// a link.
+    /// The configuration files that were searched, as text for the error, if no link was found and `uri` is the
+    /// default; `None` if the user has named a link.
     looked: Option<String>,
 }
 
 /// Why the link of a verb cannot be chosen.
 #[derive(Debug, thiserror::Error)]
 pub enum ChoiceError {
-    /// The configuration is wrong.
+    /// `ECMSK_LINK` is not UTF-8, or a configuration file with the link cannot be used.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The given link is invalid.
+    /// The link of `ECMSK_LINK` or of a configuration file is invalid.
     #[error(transparent)]
     Link(#[from] LinkError),
 }
@@ -100,8 +100,8 @@ fn working_dir() -> Option<PathBuf> {
     belongs_to_user(&file, "name the link with --link").then_some(folder)
 }
 
-/// Whether a file, if it is there, belongs to this user or to root. If not, it says that the file is passed over, and
-/// `next`, what to do.
+/// Whether a file does not exist, or belongs to this user or to root. Otherwise prints a note that the file is ignored,
+/// and `next`: what the user can do instead.
 pub fn belongs_to_user(file: &Path, next: &str) -> bool {
     #[cfg(unix)]
     {

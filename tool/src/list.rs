@@ -60,8 +60,10 @@ impl Row {
     }
 }
 
+/// Prints the list; the exit code says whether any board can be opened.
+///
 /// # Errors
-/// [`CliError::Output`], [`CliError::Bus`]
+/// [`CliError::Output`] if standard output cannot be written to, [`CliError::Bus`] if `--scan` fails.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let rows = system::rows(&args.system);
     output::print(if args.json { lines(&rows) } else { table(&rows) })?;

@@ -55,12 +55,13 @@ pub struct Args {
 enum Verb {
     /// Ask a network which slaves it has, and write a machine file with them
     ///
-    /// Slaves on a network of its own (nic:, xf-spi:) are in Init afterwards; behind a board the network has to be in PreOP.
+    /// The slaves of a network without a board (nic:, xf-spi:) are in Init afterwards; behind a board the network has
+    /// to be in PreOP.
     New {
         /// Network or board to ask, see `ecmsk link help`
         #[arg(value_name = "LINK", value_parser = LinkUri::parse)]
         link: LinkUri,
-        /// The file; - for standard output
+        /// Machine file to write; - for standard output
         #[arg(long, short, value_name = "FILE", default_value = FILE_NAME, value_hint = ValueHint::FilePath)]
         output: PathBuf,
         /// Replace a file that is there
@@ -69,10 +70,11 @@ enum Verb {
     },
     /// Check a machine file; with --link, compare it with the slaves that are there
     Check {
-        /// The file
+        /// Machine file to check
         #[arg(value_name = "FILE", default_value = FILE_NAME, value_hint = ValueHint::FilePath)]
         file: PathBuf,
-        /// Compare with this network or board; without URI with that of the file, or the one that verbs use
+        /// Compare with this network or board [without URI: ECMSK_LINK, else the link of the file, else that of
+        /// ecmsk.toml]
         #[arg(long, value_name = "URI", num_args = 0..=1, value_parser = LinkUri::parse)]
         link: Option<Option<LinkUri>>,
         /// Print JSON, one object a line
@@ -86,60 +88,60 @@ enum Verb {
 /// Why a verb of machine files failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum MachineVerbError {
-    /// See [`crate::CliError::Output`].
+    /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// See [`MachineFileError`].
+    /// The machine file cannot be read or is invalid.
     #[error(transparent)]
     File(#[from] MachineFileError),
-    /// The slaves of the file are none that a board can run.
+    /// No board can run the slaves of the machine file.
     #[error("{file}: {error}")]
     Config {
-        /// The path of the file.
+        /// The path of the machine file.
         file: String,
-        /// What is wrong.
+        /// Why no board can run these slaves.
         error: ConfigError,
     },
-    /// The file is there already.
+    /// The machine file to write exists already.
     #[error("{} is there already; name another file with --output, or replace it with --overwrite", file.display())]
     Exists {
-        /// The path of the file.
+        /// The path of the machine file.
         file: PathBuf,
     },
-    /// The file cannot be written.
+    /// The machine file cannot be written.
     #[error("cannot write {}: {source}; name another place with --output", file.display())]
     Write {
-        /// The path of the file.
+        /// The path of the machine file.
         file: PathBuf,
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The configuration of the link is invalid.
+    /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] link_option::ChoiceError),
-    /// No link is named.
+    /// No link to compare with is named: neither by `--link`, ECMSK_LINK or ecmsk.toml nor by the machine file.
     #[error("no network or board was named: neither --link nor the file names one; give it, e.g. --link nic:eth1")]
     NoLink,
-    /// The network has no slave.
+    /// No slave answers behind the link.
     #[error("no slave answers behind `{link}`; check cables and power, and try again")]
     NoSlave {
-        /// The link.
+        /// The link of the network or board, as the user has named it.
         link: String,
     },
-    /// An error of the network or of a slave.
+    /// The network or a slave reports an error, or does not answer.
     #[error(transparent)]
     // Boxed, because every error is as large as its largest variant.
     Bus(Box<BusError>),
-    /// An error of the board or of a slave.
+    /// The board or a slave behind it reports an error, or does not answer.
     #[error(transparent)]
     Ecm(#[from] EcmError),
-    /// Nothing was compared.
+    /// `ecmsk machine check` has ended without a result, for the reason given here. The exit code is then 2.
     #[error(transparent)]
     NotCompared(Box<MachineVerbError>),
 }
 
 impl MachineVerbError {
-    /// The exit code.
+    /// The exit code: 2 if a check has ended without a result, otherwise 1.
     pub const fn code(&self) -> u8 {
         match self {
             Self::NotCompared(_) => crate::compare::TROUBLE,
@@ -154,8 +156,11 @@ impl From<BusError> for MachineVerbError {
     }
 }
 
+/// Writes a machine file, checks one or prints the schema; the exit code says whether a check found differences.
+///
 /// # Errors
-/// [`MachineVerbError`]
+/// [`MachineVerbError`] if the machine file cannot be used or written, if the network or board does not open or has no
+/// slave, or if standard output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, MachineVerbError> {
     match &args.verb {
         Verb::New { link, output, overwrite } => new(link, output, *overwrite),

@@ -9,17 +9,18 @@ use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError,
 use super::link_option::belongs_to_user;
 use super::stderr::say;
 
-/// The help of the option.
+/// The help text of `--machine`.
 pub const HELP: &str = "Machine file: axes by name, units, limits, slaves, link; none: no such file [default: machine.toml in this \
                         folder, if there is one]";
-/// The word for no machine file.
+/// The value of `--machine` that means: use no machine file.
 const NONE: &str = "none";
 
-/// The machine file that the option names, or else the one in the working directory, which is said on standard error once.
+/// The machine file that the option names, otherwise the one in the working directory, about which a note is printed
+/// once.
 ///
 /// # Errors
-/// The file cannot be read, or is wrong. A wrong file in the working directory is an error, too, as a move by its units may
-/// be meant.
+/// The file cannot be read or is invalid. This also holds for a file in the working directory that the user has not
+/// named: a move may be meant in its units, and would be wrong in counts.
 pub fn load(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileError> {
     static SAID: Once = Once::new();
     match given {
@@ -43,7 +44,8 @@ pub fn number_and_unit(text: &str) -> Option<(f64, Unit)> {
     Unit::ALL.into_iter().find_map(with)
 }
 
-/// A position or speed in the unit of an axis, with as many decimals as a count has: `12.500 mm`.
+/// A position or speed in the unit of an axis, with so many decimals that each count changes the number, at most six:
+/// `12.500 mm`.
 pub fn in_unit(axis: &MachineAxis, counts: f64) -> String {
     /// More decimals than these make no number clearer.
     const DECIMALS_MAX: f64 = 6.0;

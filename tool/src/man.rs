@@ -29,7 +29,7 @@ pub struct Args {
 /// Why no manual page was made.
 #[derive(Debug, thiserror::Error)]
 pub enum ManError {
-    /// There is no such verb.
+    /// The tool has no verb of the name that the user gave.
     #[error("there is no verb `{verb}`; `ecmsk --help` lists the verbs there are")]
     NoVerb {
         /// The requested verb.

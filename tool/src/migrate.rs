@@ -77,16 +77,16 @@ pub struct Args {
 /// Why no result could be given.
 #[derive(Debug, thiserror::Error)]
 pub enum MigrateVerbError {
-    /// See [`CompareError`].
+    /// The recording cannot be read or evaluated.
     #[error(transparent)]
     Recording(#[from] CompareError),
-    /// See [`PlotError`].
+    /// The picture of `--plot` cannot be drawn or written.
     #[error(transparent)]
     Plot(#[from] PlotError),
     /// Standard input is named, but a recording is read more than once.
     #[error("standard input cannot be read twice; save it to a file and name that")]
     Stdin,
-    /// The picture has nothing to show.
+    /// The recorded program never reaches OP, so that the picture of `--plot` would be empty.
     #[error("{} never reaches OP: there is nothing to plot; leave --plot out, or record a program that moves", .file.display())]
     NothingToPlot {
         /// The path of the recording.

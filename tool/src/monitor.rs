@@ -100,19 +100,19 @@ pub struct Args {
 /// Why the monitor cannot show a board or a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum MonitorError {
-    /// The configuration of the link is invalid.
+    /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// See [`MachineFileError`].
+    /// The machine file cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineFileError),
-    /// No link is named, and the default does not open.
+    /// No link is named, and the default link does not open.
     #[error(transparent)]
     Unnamed(#[from] Unnamed),
     /// The board cannot be opened, or was lost.
     #[error(transparent)]
     Board(#[from] EcmError),
-    /// See [`RecordError`].
+    /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordError),
     /// The recording has no report.
@@ -260,7 +260,7 @@ fn feed(args: &Args, machine: Option<&Arc<MachineFile>>) -> Result<Feed, Monitor
 /// Watches a board. `each` is called with each report.
 ///
 /// # Errors
-/// [`MonitorError`]
+/// [`MonitorError`] if the link does not open, if the board sends no report, or if no thread can be started.
 pub fn board(
     chosen: &ChosenLink,
     slaves: Option<&KindList>,
@@ -295,7 +295,7 @@ pub fn known_kinds(
     kinds(slaves, Some(uri), machine).or_else(told)
 }
 
-/// The kinds of the slaves from the options, the machine file or the link; `None` if neither gives them.
+/// The kinds of the slaves from the options, the machine file or the link; `None` if none of these gives them.
 fn kinds(slaves: Option<&KindList>, uri: Option<&LinkUri>, machine: Option<&MachineFile>) -> Option<Vec<SlaveKind>> {
     if let Some(list) = slaves {
         return Some(list.kinds().to_vec());
@@ -307,7 +307,7 @@ fn kinds(slaves: Option<&KindList>, uri: Option<&LinkUri>, machine: Option<&Mach
     Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| slave.model.kind()).collect())
 }
 
-/// The shortest interval between two views, in seconds. Nobody sees shorter changes. \[OURS]
+/// The shortest interval of updates, in seconds. Nobody sees shorter changes. \[OURS]
 const INTERVAL_MIN_S: f64 = 0.01;
 
 fn interval(text: &str) -> Result<Duration, String> {

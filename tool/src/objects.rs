@@ -24,9 +24,9 @@ pub use drive::read_from as read_drive;
 
 /// Make a file of a drive's manufacturer-specific objects, for simulated drives: slaves=drive:objects@FILE
 ///
-/// Many programs write objects as 0x2000 or 0x2101 to their drives first. A simulated drive lacks these objects; with
-/// such a file it has them, and stores written values. A line of the file is INDEX:SUB TYPE ACCESS VALUE NAME, with rx,
-/// tx or rxtx before the value of an object that may be mapped as process data.
+/// Many programs write manufacturer-specific objects, such as 0x2000 or 0x2101, to their drives when they start. A
+/// simulated drive lacks these objects; with such a file it has them, and stores written values. A line of the file is
+/// INDEX:SUB TYPE ACCESS VALUE NAME, with rx, tx or rxtx before the value of an object that may be mapped as process data.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,
@@ -52,12 +52,12 @@ enum Verb {
         #[arg(long, value_name = "DEVICE")]
         device: Option<String>,
     },
-    /// Print the readable objects of a real drive, by SDO; nothing is written to it
+    /// Print the readable objects of a real drive, by SDO; nothing is written to the drive
     ///
-    /// SDO answers show neither types nor access rights, so every object accepts writes of 1, 2 and 4 bytes. An ESI
-    /// file has both.
+    /// SDO answers show neither types nor access rights, so a simulated drive with the printed file accepts writes of 1, 2
+    /// and 4 bytes to every object. An ESI file has both.
     FromDrive {
-        /// The board, see `ecmsk link help`
+        /// Link URI of the board, e.g. usb:; see `ecmsk link help`
         #[arg(value_parser = LinkUri::parse)]
         link: LinkUri,
         /// The slave, from 1
@@ -78,12 +78,12 @@ pub enum ObjectsError {
     /// The ESI file cannot be read.
     #[error(transparent)]
     File(#[from] manufacturer_objects::ManufacturerObjectsError),
-    /// The ESI file has no objects.
+    /// The ESI file has no objects, or they cannot be read, for example because the file is not XML.
     #[error("{}: {error}", .file.display())]
     Esi {
         /// The path of the file.
         file: PathBuf,
-        /// Why the file has no objects.
+        /// Why no objects can be read from the file.
         error: esi::EsiError,
     },
     /// The board or the slave does not answer.
@@ -107,8 +107,11 @@ fn indexes(text: &str) -> Result<RangeInclusive<u16>, String> {
     range.map(|(first, last)| first..=last).ok_or_else(|| "allowed: e.g. 0x2000..0x2FFF, the lower one first".into())
 }
 
+/// Runs `ecmsk objects`: prints a file of objects on standard output.
+///
 /// # Errors
-/// [`CliError`]
+/// [`CliError`] if the ESI file cannot be read or has no objects, if the board or the slave does not answer, or if standard
+/// output cannot be written to.
 pub fn run(args: &Args) -> Result<(), CliError> {
     match &args.verb {
         Verb::FromEsi { file, device } => from_esi(file, device.as_deref())?,
@@ -124,10 +127,11 @@ fn from_esi(file: &Path, device: Option<&str>) -> Result<(), ObjectsError> {
     Ok(out.flush()?)
 }
 
-/// Converts the bytes of an ESI file to the text of a file of objects. `file` is its name in messages.
+/// Converts the bytes of an ESI file to the text of a file of objects. `file` is the name of the ESI file, for messages.
+/// `device` is the type, the name or the product code of the device; `None` if the file has only one.
 ///
 /// # Errors
-/// [`ObjectsError::Esi`]
+/// [`ObjectsError::Esi`] if the bytes are not an ESI file, or have no object dictionary for the device.
 pub fn converted(bytes: &[u8], file: &Path, device: Option<&str>) -> Result<String, ObjectsError> {
     let wrong = |error| ObjectsError::Esi { file: file.to_path_buf(), error };
     let esi = esi::read(bytes, device).map_err(wrong)?;

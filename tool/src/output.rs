@@ -25,8 +25,9 @@ pub fn print(text: impl AsRef<[u8]>) -> io::Result<()> {
     print_bytes(&visible_bytes(text.as_ref()))
 }
 
-/// Writes text with the tool's own colours and waits until it is written. Text from outside in it must have passed
-/// [`visible`](super::visible::visible).
+/// Writes text with the tool's own colours and waits until it is written. What comes from outside the tool, such as names in a
+/// recording or messages of a server, must have passed [`visible`](super::visible::visible) before: its control characters
+/// could control the terminal.
 ///
 /// # Errors
 /// As [`print()`].

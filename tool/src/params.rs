@@ -41,12 +41,14 @@ use show::{answer_shown, object_json, put_answer, show, shown, summarise};
 
 pub use error::ParamsError;
 
-/// Keep the parameters of drives in files, compare them, and write them back, e.g. to a drive that takes the place of a broken one
+/// Keep the parameters of drives in files, compare them, and write them back, e.g. to a drive that takes the place of a
+/// broken one
 ///
-/// A parameter is an object that can be read and written and that does not command the drive at the moment: no controlword, target,
-/// mode or output, nothing that stores or deletes. On a network of its own (nic:, xf-spi:, xf-usb:) the drive itself says which
-/// objects it has. A board (usb:, spi:, tcp:) transfers 4 bytes of an object and knows no list: --objects names a file of the
-/// drive's maker, made by `ecmsk objects from-esi`; without it everything that answers is kept.
+/// A parameter is an object that can be read and written and that does not command the drive at the moment: no controlword,
+/// target, mode or output, nothing that stores or deletes. On a network of its own (nic:, xf-spi:, xf-usb:) the drive itself
+/// says which objects it has. A board (usb:, spi:, tcp:) transfers at most 4 bytes of an object and cannot list the objects of
+/// a drive: --objects names a file that lists them, made by `ecmsk objects from-esi` from the ESI file of the drive's maker;
+/// without it the indexes 0x2000 to 0x67FF are tried, and each object that answers is kept.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,
@@ -79,13 +81,13 @@ enum Verb {
         /// The file, or with `all` the folder, which gets slave1.params, slave2.params .. [default: standard output]
         #[arg(long, short, value_name = "FILE", value_hint = ValueHint::AnyPath, required_if_eq("which", "all"))]
         output: Option<PathBuf>,
-        /// Replace files that are there
+        /// Replace output files that exist
         #[arg(long)]
         overwrite: bool,
     },
     /// Show in which parameters a drive or a file differs from a file
     Diff {
-        /// The file that `params backup` made, or one of `objects`
+        /// A file that `params backup` or `ecmsk objects` made
         #[arg(value_hint = ValueHint::FilePath)]
         file: PathBuf,
         /// The drive to compare with, by its number from 1; or another file
@@ -94,12 +96,13 @@ enum Verb {
         #[command(flatten)]
         place: Place,
     },
-    /// Write the parameters of a file to a drive, those alone that differ, and read them back
+    /// Write the parameters of a file to a drive, only those that differ, and read them back
     ///
-    /// What the drive refuses is tried again behind the others, since one limit may depend on another one. The mapping of process data
-    /// comes last. Some drives take a parameter when they are switched on; their manual says which.
+    /// A parameter that the drive refuses is tried again after the others, since one limit may depend on another one. The
+    /// mapping of process data comes last. Some drives use a new value only after their next power-on; their manual says
+    /// for which parameters.
     Restore {
-        /// The file that `params backup` made, or one of `objects`
+        /// A file that `params backup` or `ecmsk objects` made
         #[arg(value_hint = ValueHint::FilePath)]
         file: PathBuf,
         /// The slave, from 1 in the order of the cable
@@ -107,13 +110,13 @@ enum Verb {
         slave: u8,
         #[command(flatten)]
         place: Place,
-        /// Write; without this option what differs is shown alone
+        /// Write; without this option the differences are only shown
         #[arg(long)]
         yes: bool,
         /// Write although the file is of another product, or does not say of which
         #[arg(long)]
         force: bool,
-        /// Let the drive store its parameters then (0x1010:1, `save`), so that they outlast its power
+        /// After writing, let the drive store its parameters in non-volatile memory (0x1010:1, `save`)
         #[arg(long)]
         store: bool,
     },
@@ -131,7 +134,7 @@ struct Place {
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     objects: Option<PathBuf>,
 
-    /// Print JSON, one object a line
+    /// Print JSON: one JSON object per line
     #[arg(long)]
     json: bool,
 }
@@ -170,8 +173,12 @@ impl Other {
     }
 }
 
+/// Runs `ecmsk params`. The exit code of `diff` is 1 if there are differences; that of `restore` is 1 if a parameter was
+/// refused or reads back with another value.
+///
 /// # Errors
-/// [`ParamsError`]
+/// [`ParamsError`] if no link was named, a file cannot be read or written, the link or the drive does not answer, or
+/// `restore` was not confirmed with `--yes` or is of another product.
 pub fn run(args: &Args) -> Result<ExitCode, ParamsError> {
     match &args.verb {
         Verb::Backup { which, place, output, overwrite } => {
@@ -192,7 +199,8 @@ pub fn run(args: &Args) -> Result<ExitCode, ParamsError> {
 struct Opened {
     link: String,
     reporter: Reporter,
-    /// The numbers of the slaves that a scan has found; `None` behind a board, which does not list its slaves here.
+    /// The numbers of the slaves that a scan has found. `None` behind a board, whose slaves this command does not list: a
+    /// missing slave shows when its object is read.
     slaves: Option<Vec<u8>>,
     drive: Box<dyn Drive>,
 }

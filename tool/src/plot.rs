@@ -95,8 +95,8 @@ pub struct Args {
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
 
-    /// Slaves to show, at most 8; comma list with ranges, or names of the machine file [default: axes that were moved, else all drives; and the IO
-    /// slaves with an input or output that was ever 1]
+    /// Slaves to show, at most 8; comma list with ranges, or names of the machine file [default: axes that were moved, else
+    /// all drives; and the IO slaves with an input or output that was ever 1]
     #[arg(long, visible_alias = "slots", value_name = "LIST", value_delimiter = ',', value_parser = AxesWord::parse)]
     axes: Vec<AxesWord>,
 
@@ -104,11 +104,11 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
     commands: Vec<Command>,
 
-    /// Leave out the time before this, e.g. 1.5, 1.5s or 1500ms
+    /// Leave out what is before this time, which counts from the recording's first frame, e.g. 1.5, 1.5s or 1500ms
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
     from: Option<f64>,
 
-    /// Leave out the time after this
+    /// Leave out what is after this time, which counts from the recording's first frame, e.g. 2.5, 2.5s or 2500ms
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
     to: Option<f64>,
 
@@ -173,13 +173,14 @@ pub fn run(args: &Args) -> Result<(), CliError> {
 /// Draws the picture and returns its bytes instead of writing it.
 ///
 /// # Errors
-/// [`CliError`]
+/// [`CliError`] if the recording cannot be read or has no OP phase, if an option names an axis or a time that the recording
+/// does not have, or if drawing fails.
 pub fn picture(args: &Args) -> Result<Vec<u8>, CliError> {
     let format = Format::of(&args.output(), "-o")?;
     Ok(format.write(&sheet(args)?.0)?)
 }
 
-/// Draws the picture; returns it with the error that has ended a truncated recording.
+/// Draws the picture. Also returns the error that has ended a truncated recording.
 fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let output = args.output();
     let first = first(args, Room::PICTURE, || {
@@ -206,29 +207,31 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     Ok((Sheet { panels, caption }, damage))
 }
 
-/// What the first reading of a recording shows.
+/// The options, and the result of reading the recording once: which slaves and times there are to draw. A second reading
+/// makes the curves.
 struct First {
     survey: Survey,
     asked: Asked,
     chosen: Chosen,
     device: Option<Address>,
-    /// The time in OP.
+    /// The range of times in which the network was in OP.
     op: Window,
-    /// The times that were asked for.
+    /// The times of the options `--from` and `--to`.
     times: Times,
     frames: u64,
     damage: Option<RecordError>,
 }
 
 impl First {
-    /// The part of the time in OP that was asked for.
+    /// The part of the time in OP that `--from` and `--to` select.
     fn window(&self) -> Result<Window, PlotError> {
         let nothing = || PlotError::NothingInRange { asked: self.times.to_string(), op: self.op.to_string() };
         self.op.cut(self.times).ok_or_else(nothing)
     }
 }
 
-/// Reads the recording for the first time, after `check`, and says what is wrong with it.
+/// Calls `check`, which checks the output file, then reads the recording for the first time, and prints notes on what is wrong
+/// with the recording. The file is checked first, because a long recording takes time to read.
 fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>) -> Result<First, CliError> {
     if args.file == Path::new("-") {
         return Err(PlotError::Stdin.into());
@@ -315,8 +318,8 @@ impl Args {
         Ok(Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane, machine: loaded })
     }
 
-    /// How axes and units are named: by the option, else by the machine file. Axes in different units are in `units`
-    /// together.
+    /// How axes and units are named: by the options `--counts-per-unit` and `--unit`, else by the machine file. If the axes
+    /// have different units, the panels that show them together call the unit `units`.
     fn names<'m>(&self, axes: &[u8], machine: Option<&'m MachineFile>) -> layout::Names<'m> {
         let has_own_units = self.counts_per_unit.is_none();
         let unit = match (&self.counts_per_unit, &self.unit) {
@@ -395,8 +398,9 @@ impl Window {
         Self { from_ns: command_place(1), to_ns: command_place(if count == 0 { 1 } else { count }) }
     }
 
-    /// The time up to which a recording is read to draw this range. \[OURS] It is one second later than the range: in state
-    /// 0x18 the slot of a moving slave that is not lost changes within that time.
+    /// The time up to which a recording is read to draw this range. \[OURS] It is one second later than the range. In state
+    /// 0x18 (OP with a lost slave) only a slot that no longer changes shows which slave is lost. The slot of a moving slave
+    /// that is not lost changes within that second.
     const fn read_until_ns(self) -> i64 {
         self.to_ns.saturating_add(1_000_000_000)
     }
@@ -411,7 +415,7 @@ impl Window {
         self.from_ns <= at_ns && at_ns <= self.to_ns
     }
 
-    /// The smallest range that contains both.
+    /// The smallest range that contains both ranges.
     fn with(self, other: Self) -> Self {
         Self { from_ns: self.from_ns.min(other.from_ns), to_ns: self.to_ns.max(other.to_ns) }
     }

@@ -1,4 +1,4 @@
-//! The option `--record`: adds the recording to a link, and checks its file.
+//! The option `--record`: adds the key `record=` to a link, and checks before the start that the recording can be created.
 
 use std::path::{Path, PathBuf};
 

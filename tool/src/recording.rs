@@ -17,8 +17,9 @@ use super::stderr::say;
 /// The most frames that are read ahead to find the slot size, if the recording does not state it.
 const LOOK_AHEAD: usize = 1000;
 
-/// If the first frame comes at least this long after the board was opened, a note says so, ns. \[OURS] A program that begins
-/// at once has its first frame within a few cycles.
+/// If the first frame comes at least this long after the board was opened, a note gives the time between, ns. \[OURS] The
+/// times of frames count from the first frame, those of warnings and scripts from the opening. A program that begins at
+/// once has its first frame within a few cycles, so that the two hardly differ.
 const OPENED_BEFORE_MIN_NS: i64 = 10_000_000;
 
 /// The name that stands for standard input.
@@ -86,7 +87,7 @@ impl Frames<Box<dyn Read>> {
 /// Opens a file, or standard input for `-`. Returns it with its name for messages.
 ///
 /// # Errors
-/// [`RecordError::Io`].
+/// [`RecordError::Io`] if the file cannot be opened.
 pub fn source(file: &Path) -> Result<(Box<dyn Read>, String), RecordError> {
     if file == Path::new(STDIN) {
         return Ok((Box::new(std::io::stdin().lock()), "standard input".to_owned()));
@@ -123,7 +124,7 @@ impl<R: Read> Frames<R> {
         Ok(frames)
     }
 
-    /// Switches notes off, for a second reading of the same file.
+    /// For a second reading of the same file: the note that the slot size is an assumption is not printed again.
     pub fn quiet(self) -> Self {
         Self { noted: true, ..self }
     }
@@ -197,7 +198,8 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// What the recording lacks to be complete; `None` if nothing is known to be missing. To be called after the last frame.
+    /// What is known to be missing or damaged in the recording, such as lost frames or its end; `None` if nothing is. To be
+    /// called after the last frame.
     pub fn lacks(&self) -> Option<Lacks> {
         Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing())
     }
@@ -232,7 +234,8 @@ pub struct InTime {
 }
 
 impl InTime {
-    /// Adds the next frame of the file. Once enough frames are buffered, returns the earliest of them.
+    /// Adds the next frame of the file. Once so many frames are buffered that no earlier one can follow (1,024), returns
+    /// the earliest of them.
     pub fn push(&mut self, framed: Framed) -> Option<Framed> {
         let placed = self.timeline.push(framed.recorded.at_ns, framed)?;
         self.sort(placed)
@@ -271,7 +274,8 @@ pub fn link_name(meta: &RecordMeta) -> String {
     format!("{}:{}{}{keys}", link.scheme(), link.path(), if keys.is_empty() { "" } else { "?" })
 }
 
-/// Prints a note that the slot size is an assumption. `whose` names the recording or line.
+/// Prints a note that the slot size is an assumption. `whose` names the recording, or the line of a list of frames, at the
+/// beginning of the note.
 pub fn note_assumed(whose: &str, size: SlotSize) {
     let size = size.bytes();
     say(
@@ -280,7 +284,8 @@ pub fn note_assumed(whose: &str, size: SlotSize) {
     );
 }
 
-/// Prints a note on ignored traffic of a capture, if there is any that matters.
+/// Prints a note on ignored traffic of a capture: frames that the board did not take, and transfers that do not have the
+/// length of a frame. Nothing is printed if there are none. `whose` is the name of the capture.
 pub fn note_left_out(whose: &str, skipped: &Skipped) {
     if let Some(words) = skipped.words() {
         say("note", &format_args!("{whose}: left out: {words}; look at them in Wireshark"));

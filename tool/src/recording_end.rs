@@ -9,8 +9,8 @@ use ecmsk::recording::{Lacks, lacks_at_end};
 
 use super::stderr::say;
 
-/// The exit code of a program or verb that succeeded but whose recording is incomplete. \[OURS] It is one that `timeout` uses,
-/// and that shells and `env` do not.
+/// The exit code of a program or verb that succeeded but whose recording is incomplete. \[OURS] Shells and `env` give other
+/// meanings to 125 and above. 124 means a timeout only for a program that runs under `timeout`.
 pub const NOT_WHOLE: u8 = 124;
 
 /// The link that a verb of `xf`, `bus` or `params` has opened. It may contain a recording.

@@ -42,8 +42,11 @@ enum Verb {
     Export(export::Args),
 }
 
+/// Runs `ecmsk recording`.
+///
 /// # Errors
-/// [`CliError`]
+/// [`CliError`] if the recording cannot be read, the output file cannot be written, or standard output cannot be written
+/// to.
 pub fn run(args: &Args) -> Result<(), CliError> {
     match &args.verb {
         Verb::Info(args) => info::run(args),

@@ -41,8 +41,8 @@ pub struct Args {
     link: Option<LinkUri>,
 
     /// When the model gets a command: at its time in the capture, or when it has also shown what the board had shown
-    /// before, such as states, SDO answers and axes at standstill [default: answers, if one of both is behind an
-    /// ECM-XF, else times]
+    /// before, such as states, SDO answers and axes at standstill [default: answers, if only one of board and model is
+    /// behind an ECM-XF, else times]
     #[arg(long, value_name = "times|answers", value_enum)]
     pace: Option<Pace>,
 
@@ -70,13 +70,13 @@ enum Pace {
 /// Why a capture was not replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayVerbError {
-    /// See [`ReplayError`].
+    /// The recording cannot be read, or it cannot be replayed on the model.
     #[error(transparent)]
     Replay(#[from] ReplayError),
-    /// See [`CompareVerbError`].
+    /// The two runs cannot be compared, or the result cannot be printed.
     #[error(transparent)]
     Compare(#[from] CompareVerbError),
-    /// See [`plot::PlotError`].
+    /// The plot of the two runs cannot be drawn or written.
     #[error(transparent)]
     Plot(#[from] plot::PlotError),
     /// Standard input is named, but a capture is read more than once.
@@ -84,7 +84,7 @@ pub enum ReplayVerbError {
     Stdin,
 }
 
-/// Replays the capture; returns the exit code.
+/// Replays the capture. Returns the exit code of a comparison: it tells whether the runs differ.
 pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
     if args.capture == Path::new("-") {
         return Err(ReplayVerbError::Stdin);
@@ -130,7 +130,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
     Ok(compare::print(text, names.code(&found, &options))?)
 }
 
-/// The frames of the recorded board or of the model, whichever pace the replay has.
+/// The frames of the recorded board or of the model. Each [`Pace`] has iterators of its own types, so they are boxed.
 type Run = Box<dyn Iterator<Item = TimedFrame>>;
 
 fn boxed(run: impl Iterator<Item = TimedFrame> + 'static) -> Run {

@@ -47,8 +47,11 @@ pub const STDIN: &str = "standard input";
 /// \[OURS] The largest script, in bytes.
 const SCRIPT_BYTES_MAX: u64 = 1 << 20;
 
+/// Runs `ecmsk run`: reads the script, checks all of it, and executes its steps on the board.
+///
 /// # Errors
-/// [`BoardError`]
+/// [`BoardError`] if the script cannot be read or has an invalid line, the board cannot be opened, a step fails, or a
+/// signal stops the script.
 pub fn run(args: &Args) -> Result<(), BoardError> {
     let text = read(&args.script, &args.name())?;
     play(&text, args, Interrupt::watch)
@@ -57,7 +60,8 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 /// Runs the script `text`. `watch` starts watching for signals; fuzz targets pass one that does nothing.
 ///
 /// # Errors
-/// [`BoardError`]
+/// [`BoardError`] if the script has an invalid line, the board cannot be opened, a step fails, or a signal stops the
+/// script.
 pub fn play(text: &str, args: &Args, watch: fn() -> Result<Interrupt, BoardError>) -> Result<(), BoardError> {
     let name = args.name();
     let machine = args.board.machine()?;
@@ -110,7 +114,8 @@ fn parse(text: &str, name: &str, network: Option<&Config>, units: Units<'_>) -> 
     Err(BoardError::Script { last: last.clone() })
 }
 
-/// Adds the script's name and the line to an error, except to a signal or an error of standard output.
+/// Adds the script's name and the line to an error. A signal and an error of standard output have nothing to do with the
+/// line, so they stay as they are.
 pub fn at(name: &str, line: u32, error: BoardError) -> BoardError {
     match error {
         error @ (BoardError::Stopped { .. } | BoardError::Output(_)) => error,

@@ -89,18 +89,18 @@ struct Tcp {
     #[arg(long, value_name = "N", value_parser = units_words, allow_hyphen_values = true)]
     counts_per_unit: Option<String>,
 
-    /// Clients at the same time; one place is kept for a writer
+    /// Largest number of clients at the same time; while there is no writer, the last place is kept for one
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_clients: u16,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Vanish {
-    /// Ramp them to a standstill; they stay enabled
+    /// Ramp the axes to a standstill; they stay enabled
     Ramp,
-    /// Leave them: the board executes the rest of its FIFO, a velocity or torque stays
+    /// Send nothing: the board executes the rest of its FIFO, and a commanded velocity or torque stays in force
     Leave,
-    /// Ramp them to a standstill and switch them off
+    /// Ramp the axes to a standstill and switch them off
     ServoOff,
 }
 
@@ -168,12 +168,13 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     Ok(ended([&recorded]))
 }
 
-/// The exit code of a server that a signal has ended: success, unless a recording is incomplete.
+/// The exit code of a server that a signal has ended: success, unless one of the `links` to the served boards has a
+/// recording that is incomplete.
 fn ended<'a>(links: impl IntoIterator<Item = &'a LinkUri>) -> ExitCode {
     ended_with(links.into_iter().filter_map(|link| recording_end::not_whole(Some(link))).collect())
 }
 
-/// Prints what recordings lack; returns success if they lack nothing.
+/// Prints warnings on incomplete recordings. The exit code is success if there are none.
 fn ended_with(lacking: Vec<String>) -> ExitCode {
     lacking.iter().for_each(|lacks| say("warning", lacks));
     if lacking.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(recording_end::NOT_WHOLE) }
@@ -192,8 +193,8 @@ fn no_thread(error: io::Error) -> ServeError {
     ServeError::System { what: "start a thread for output", message: error.to_string() }
 }
 
-/// Prints the address and the served links, and reports them to systemd if it has started the server. A stalled reader of standard output does not hold the server up: it serves and
-/// reacts to signals in any case.
+/// Prints the address and the served links, and reports them to systemd if it has started the server. If nobody reads
+/// standard output, the server waits at most [`FLUSH_LIMIT`]; the text stays in the queue of the stream.
 ///
 /// # Errors
 /// Standard output cannot be written to.

@@ -21,7 +21,7 @@ use input::Input;
 #[derive(Debug, clap::Args)]
 #[allow(rustdoc::broken_intra_doc_links, reason = "the text is what --help prints, in which [VERB] is no link")]
 pub struct Args {
-    /// Without a terminal, go on after lines that fail; the exit code is 1 if there was one
+    /// Without a terminal, go on after lines that fail; the exit code is 1 if at least one has failed
     #[arg(long)]
     keep_going: bool,
 
@@ -29,8 +29,11 @@ pub struct Args {
     board: board::Args,
 }
 
+/// Runs `ecmsk shell`: opens the board, and executes lines until the input ends or a line ends it.
+///
 /// # Errors
-/// [`BoardError`]
+/// [`BoardError`] if the board cannot be opened, standard input cannot be read, a signal stops the shell, or a line fails
+/// without a terminal and without `--keep-going`.
 pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
     let board = Board::open(&args.board, BoardUse::Moves, StepSource::Lines, Interrupt::watch()?)?;
     let typed = io::stdin().is_terminal();

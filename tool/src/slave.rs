@@ -43,24 +43,25 @@ struct Of {
     #[arg(value_parser = kind)]
     kind: SlaveSpec,
 
-    /// File to write it to [default: standard output]
+    /// File to write to [default: standard output]
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
 }
 
-/// Why the file was not made. Every text ends with the next step.
+/// Why the EEPROM or the ESI file was not made. Every error text ends with what the user can do next.
 #[derive(Debug, thiserror::Error)]
 pub enum SlaveError {
-    /// See [`SimulatedSlavesError`].
+    /// The slave cannot be simulated, for example because one of its files cannot be read.
     #[error(transparent)]
     Slaves(#[from] SimulatedSlavesError),
-    /// See [`DescriptionError`].
+    /// The simulated slave cannot be described: it refuses PreOP, it lacks one of the objects 0x1018, 0x1C12 and 0x1C13, or its
+    /// description does not fit into an EEPROM.
     #[error(transparent)]
     Description(#[from] DescriptionError),
     /// An EEPROM cannot be shown on a terminal, because it is binary.
     #[error("an EEPROM is bytes, not for a terminal; name a file with --output")]
     Terminal,
-    /// The file cannot be written.
+    /// The output file cannot be written.
     #[error("cannot write {}: {source}; name another file with --output", file.display())]
     Write {
         /// The path of the file.

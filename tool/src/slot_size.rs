@@ -25,7 +25,8 @@ pub fn given(size: Option<SlotSize>, slot: Option<SlotSize>) -> Option<SlotSize>
     size.or(slot)
 }
 
-/// Prints a note on the present name of an option, once per process.
+/// Prints a note that the former option name `old` is accepted and that `new` is its present name. Only the first call in a
+/// process prints it.
 pub fn hint(old: &str, new: &str) {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| say("note", &format_args!("{old} is understood here as {new}; write it so, in all verbs alike")));

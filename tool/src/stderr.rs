@@ -16,8 +16,9 @@ pub fn say(kind: &str, what: &dyn std::fmt::Display) {
     line(&format!("{kind}: {what}"));
 }
 
-/// Writes text that may include the tool's own control sequences. Text from outside in it must have passed
-/// [`visible`](super::visible::visible).
+/// Writes text that may include the tool's own control sequences. What comes from outside the tool, such as names in a
+/// recording or messages of a server, must have passed [`visible`](super::visible::visible) before: its control characters
+/// could control the terminal.
 pub fn raw(text: &str) {
     put(text.as_bytes());
 }
@@ -33,7 +34,7 @@ fn put(bytes: &[u8]) {
     }
 }
 
-/// The writer for log records, each of which arrives in one piece.
+/// The writer for log records. Each record is queued as a whole, so that no other line comes in between.
 pub struct Log;
 
 impl Write for Log {

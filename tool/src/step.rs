@@ -53,10 +53,7 @@ impl Step {
         }
     }
 
-    /// Checks the step before anything is sent. `units`: the meaning of its axes and positions.
-    ///
-    /// # Errors
-    /// The network cannot carry out the step, or a unit is missing.
+    /// Checks the step before anything is sent. `units` are the scales and names of the axes.
     pub fn check(&self, network: Option<&Config>, units: Units<'_>) -> Result<(), BoardError> {
         if let Self::Move(args) = self {
             args.check_units(units)?;
@@ -73,10 +70,10 @@ impl Step {
         }
     }
 
-    /// Runs the step.
+    /// Checks the step and runs it on the board.
     ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if the step is invalid on this network, fails, or is stopped by a signal.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         board.check_stop()?;
         self.check(board.config.as_ref(), board.units())?;
@@ -138,7 +135,7 @@ verbs! {
 /// Opens the board, runs the step, and closes the board.
 ///
 /// # Errors
-/// [`BoardError`]
+/// [`BoardError`] if the board cannot be opened, the step is invalid on this network or fails, or a signal stops it.
 pub fn run(verb: Verb) -> Result<(), BoardError> {
     let (step, args) = verb.split();
     if let Step::Move(step) = &step {

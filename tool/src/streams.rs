@@ -17,7 +17,7 @@ const ORDER_WAIT_MAX: Duration = Duration::from_millis(50);
 /// The longest time that the tool, after a signal, waits at its end for queued lines to be written. Without a signal it is
 /// [`FLUSH_LIMIT`]. \[OURS]
 const END_WAIT_AFTER_SIGNAL: Duration = Duration::from_millis(200);
-/// Interval at which a wait checks whether it is over. \[OURS]
+/// Interval at which a waiting thread checks whether it may go on: its lines were written, or a signal has arrived. \[OURS]
 const LOOK_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Standard output or standard error.
@@ -34,7 +34,7 @@ struct Entry {
     others_before: u64,
 }
 
-/// The queues of both streams, and what their threads share.
+/// The queues of both streams, and what the two threads that write them share.
 #[derive(Default)]
 struct Shared {
     /// The number of queued entries, for each stream.
@@ -54,9 +54,10 @@ struct Streams {
     note_threads: [NoteThread<Entry>; 2],
 }
 
-/// The queues and their threads; empty until [`queue`] is called.
+/// The queues of standard output and standard error, and the threads that write them; empty until [`queue`] is called.
 static STREAMS: OnceLock<Streams> = OnceLock::new();
-/// The variable that holds the number of an arrived signal, or 0. A signal ends waits for standard output to be read.
+/// Holds the number of the signal that has arrived, or 0. The signal handler stores it. A signal ends [`wait_for_output`]
+/// and shortens the wait of [`finish`].
 static SIGNAL: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
 
 /// From now on both streams are written by threads of their own, through queues.
@@ -73,14 +74,15 @@ pub fn queue() -> io::Result<()> {
         NoteThread::start(&shared.notes[stream as usize], move |note| of.write(stream, note))
     };
     let note_threads = [note_thread(Stream::Output)?, note_thread(Stream::Error)?];
-    // If another thread has done the same meanwhile, its queues stay.
+    // If another thread has called this function meanwhile, its queues are kept and these are dropped.
     let _ = STREAMS.set(Streams { shared, note_threads });
     Ok(())
 }
 
-/// Sets the variable that a signal handler stores signal numbers in. A signal then ends waits for standard output to be read.
+/// Gives this module the integer in which a signal handler stores the number of a signal. From then on a signal ends
+/// [`wait_for_output`] with an error, and shortens the wait of [`finish`].
 pub fn end_waits_on(signal: &Arc<AtomicUsize>) {
-    // Setting it fails only the second time, and a process has only one such variable.
+    // Setting it fails only the second time, and a process has only one such integer.
     let _ = SIGNAL.set(Arc::clone(signal));
 }
 
@@ -97,10 +99,10 @@ pub fn queue_bytes(stream: Stream, bytes: &[u8]) -> bool {
     true
 }
 
-/// Checks that standard output has not failed.
+/// Checks that no write to standard output has failed so far.
 ///
 /// # Errors
-/// The error of the failed write.
+/// The error of the write that failed.
 pub fn check_output() -> io::Result<()> {
     STREAMS.get().map_or(Ok(()), |streams| streams.shared.check())
 }
@@ -139,7 +141,7 @@ pub fn flush_error() {
     }
 }
 
-/// Ends the output of the tool: waits for a limited time until everything is written.
+/// Ends the output of the tool: waits until everything is written, at most [`FLUSH_LIMIT`], or 200 ms after a signal.
 ///
 /// # Errors
 /// Standard output cannot be written to.

@@ -64,19 +64,22 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// End with exit code 1 if something went wrong, or the recording is not whole
+    /// End with exit code 1 if the summary reports anything that went wrong, or if the recording is incomplete
     #[arg(long)]
     exit_code: bool,
 
-    /// End with exit code 1 if one of these happened, and print which: any (as --exit-code), alarm, state, gap, or an axis went beyond a limit:
-    /// following-error>COUNTS, target-step>COUNTS, velocity>COUNTS_PER_S, torque>PERCENT; with a machine file also in units, as
-    /// following-error>0.5mm
+    /// End with exit code 1 if one of these happened, and print which: any (as --exit-code), alarm, state, gap, or an axis
+    /// went beyond a limit: following-error>COUNTS, target-step>COUNTS, velocity>COUNTS_PER_S, torque>PERCENT. With a
+    /// machine file, limits may be in units, as in following-error>0.5mm
     #[arg(long, value_name = "REASON,..", value_delimiter = ',', value_parser = FailOn::parse)]
     fail_on: Vec<FailOn>,
 }
 
+/// Runs `ecmsk summary`: reads the recording to its end and prints what went wrong in it. The exit code is 1 if
+/// `--exit-code` or `--fail-on` asks for it.
+///
 /// # Errors
-/// [`CliError`]
+/// [`CliError`] if the recording or the machine file cannot be read, or standard output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let machine = machine_option::load(args.machine.as_deref())?;
     let is_file = args.file.as_os_str() != "-";
@@ -135,7 +138,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(if failed || args.exit_code && !is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// The lines with what the machine file says of alarms.
+/// For each alarm in the summary that has a text in the machine file, a line with that text.
 fn alarm_texts(summary: &Summary, machine: Option<&MachineFile>) -> String {
     let alarms = summary.alarms().filter_map(|(alarm, _)| {
         let text = machine?.alarm_text(alarm.slave, alarm.code)?;
@@ -144,7 +147,7 @@ fn alarm_texts(summary: &Summary, machine: Option<&MachineFile>) -> String {
     alarms.collect()
 }
 
-/// A summary as JSON.
+/// The summary as a JSON object: counts, alarms with their meanings, failed states, and messages of the board.
 pub fn json(summary: &Summary, machine: Option<&MachineFile>) -> Value {
     let alarms: Vec<_> = summary
         .alarms()

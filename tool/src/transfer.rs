@@ -6,17 +6,17 @@ use serde_json::{Value as Json, json};
 use crate::hex::{hex, parse_hex, spaced};
 use crate::step::object::{Object, Type, Value};
 
-/// Which object, and how.
+/// The object that a verb reads or writes by SDO, and the form of its value.
 #[derive(Clone, clap::Args)]
 #[group(skip)]
 pub struct Transfer {
-    /// 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
+    /// The object: 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
     #[arg(value_name = "OBJECT[:SUB]", value_parser = Object::parse)]
     pub object: Object,
-    /// u8, i8, u16, i16, u32, i32 [default: the object's type, where it is known]
+    /// The type of the value: u8, i8, u16, i16, u32 or i32 [default: the object's type, where it is known]
     #[arg(long = "type", value_name = "TYPE", value_parser = Type::parse)]
     pub of: Option<Type>,
-    /// All sub-indices at once (complete access), as bytes
+    /// All sub-indices of the object at once, as bytes (complete access, which not every drive has)
     #[arg(long, conflicts_with = "of")]
     pub complete: bool,
 }
@@ -48,7 +48,7 @@ impl Written {
 pub struct WrongValue {
     /// What is wrong with the value.
     pub why: String,
-    /// The next step.
+    /// What the user can do next.
     pub next: String,
 }
 
@@ -81,7 +81,7 @@ impl Transfer {
     /// The value read, as text and as JSON.
     ///
     /// # Errors
-    /// [`SizeMismatch`]
+    /// [`SizeMismatch`] if `bytes` does not have the length of the object's type.
     pub fn read(&self, verb: &str, slave: u8, bytes: &[u8]) -> Result<(String, Json), SizeMismatch> {
         let mut json = self.json(verb, slave, bytes);
         let Some(of) = self.of() else { return Ok((self.untyped(bytes), json)) };
@@ -132,7 +132,8 @@ impl Transfer {
     /// Encodes the value to the bytes to write. `verb` is the verb whose help the error names.
     ///
     /// # Errors
-    /// [`WrongValue`]
+    /// [`WrongValue`] if a number is written to an object of unknown type, does not fit the type, or is written with
+    /// complete access.
     pub fn encoded(&self, verb: &str, value: &Written) -> Result<Vec<u8>, WrongValue> {
         let value = match value {
             Written::Bytes(bytes) => return Ok(bytes.clone()),

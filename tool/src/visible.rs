@@ -7,7 +7,8 @@
 
 use std::io::{self, Write};
 
-/// The most bytes that can be the beginning of a UTF-8 character.
+/// The largest number of bytes of an incomplete UTF-8 character, which has 4 bytes at most. They are kept until the rest is
+/// written.
 const PART_MAX: usize = 3;
 
 /// Whether a character is shown as it is, and not as its code.

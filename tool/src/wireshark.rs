@@ -24,10 +24,10 @@ use super::error::CliError;
 use super::output;
 use super::stderr::say;
 
-/// The name of the plugin's file.
+/// The file name of the plugin in Wireshark's folder.
 const FILE: &str = "ecmsk.lua";
 
-/// Have Wireshark and tshark show frames of boards and packets of chips
+/// Install a plugin with which Wireshark and tshark show frames of boards and packets of chips
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -49,7 +49,7 @@ Examples:
   ecmsk wireshark install
   tshark -r run.pcapng -Y 'ecmsk.slot.cmd == \"SET_STATE\"'")]
 struct InstallArgs {
-    /// Another folder, which is created if it does not exist
+    /// Write the plugin into this folder instead, which is created if it does not exist
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     dir: Option<PathBuf>,
 }
@@ -57,26 +57,29 @@ struct InstallArgs {
 /// Why no plugin was written.
 #[derive(Debug, thiserror::Error)]
 pub enum WiresharkError {
-    /// The environment does not name the folder of the user.
+    /// The environment variable from which the folder for the user's plugins follows is not set.
     #[error(
         "{variable} is not set, so that Wireshark's folder for plugins is not known; name it with --dir, Wireshark \
          lists it in Help, About Wireshark, Folders"
     )]
     NoFolder {
-        /// The variable of the environment.
+        /// The name of the environment variable.
         variable: &'static str,
     },
     /// The folder cannot be written to.
     #[error("cannot write {}: {source}; name another folder with --dir", .file.display())]
     Write {
-        /// The file or folder.
+        /// The folder that cannot be created, or the file that cannot be written.
         file: PathBuf,
         /// The error of the operating system.
         source: io::Error,
     },
 }
 
-/// Runs a verb of `wireshark`.
+/// Runs `ecmsk wireshark`: writes the plugin and prints its path.
+///
+/// # Errors
+/// [`CliError`] if the folder is not known, or if the plugin or standard output cannot be written to.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let Verb::Install(InstallArgs { dir }) = &args.verb;
     let folder = match dir {

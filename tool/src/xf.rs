@@ -72,8 +72,11 @@ enum Verb {
 /// The result of a verb: lines of text without the last line feed, and a JSON object.
 type Shown = (String, Value);
 
+/// Runs `ecmsk xf`.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the command line is invalid, the chip cannot be opened or refuses a command, a slave does not answer,
+/// or standard output cannot be written to.
 pub fn run(args: &Args) -> Result<(), XfVerbError> {
     match &args.verb {
         Verb::Commands(args) => commands::run(args),

@@ -15,14 +15,15 @@ use crate::needs::{DEBOOTSTRAP, Need, ROOT};
 use crate::project::Project;
 use crate::{command, dist, windows};
 
-/// What is made in the background: its name on the command line, its needs, and how.
+/// A build that is made in the background: its name on the command line, the programs and rights that it needs, and the
+/// function that makes it.
 struct Step {
     name: &'static str,
     needs: &'static [Need],
     run: fn(&Project) -> Result<(), Error>,
 }
 
-/// In the order in which the parts need them.
+/// The steps, in the order in which the parts of `cargo xtask test --all` use their results.
 const STEPS: [Step; 4] = [
     Step {
         name: "windows",
@@ -36,7 +37,7 @@ const STEPS: [Step; 4] = [
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The steps, in this order
+    /// Steps to run; they run in this order
     #[arg(required = true, value_parser = clap::builder::PossibleValuesParser::new(STEPS.map(|step| step.name)))]
     steps: Vec<String>,
 }
@@ -69,8 +70,8 @@ pub struct Ahead {
 }
 
 impl Ahead {
-    /// Starts the process with those steps whose needs are not among `missing`. `None`: it does not start, and the parts build
-    /// everything themselves.
+    /// Starts the process with those steps for which no program or right is `missing` on this machine. `None`: it does not
+    /// start, and the parts build everything themselves.
     pub fn start(project: &Project, missing: &[Need]) -> Option<Self> {
         let note = |error| println!("note: nothing is built in the background ({error})");
         Self::try_start(project, missing).map_err(note).ok()
@@ -102,11 +103,12 @@ impl Ahead {
         command::succeeds(Command::new("renice").args(["-n", niceness, "-g", &group]));
     }
 
-    /// Waits until everything is made, as far as it succeeds. Nothing else is to be done meanwhile, so that the process gets
-    /// the usual priority, if this user may do that.
+    /// Waits until all steps have succeeded or failed. The caller has nothing else to do meanwhile, so the process gets the
+    /// usual priority, if this user may raise it.
     pub fn wait(mut self) -> Result<(), Error> {
         self.set_niceness("0");
-        // `Child::wait` would close the pipe first, at whose end the process ends.
+        // `Child::wait` would first close the pipe to the process. The process ends as soon as the pipe is closed, so the
+        // pipe is taken out and kept open here.
         let stdin = self.child.stdin.take();
         let status: ExitStatus = self.child.wait().map_err(Error::file("wait for what writes", &self.log))?;
         drop(stdin);
@@ -145,7 +147,7 @@ mod tests {
         assert_eq!(fs::read_to_string(folder.path().join("below/ahead.log")).unwrap(), "out\nerr\nlast\n");
     }
 
-    /// Its niceness is that of all that it starts.
+    /// The niceness that is set for the background process is also that of all that it starts.
     #[test]
     fn what_it_starts_is_as_nice() {
         let (folder, ahead) = shell("read go; nice; cat");
@@ -155,7 +157,7 @@ mod tests {
         assert_eq!(fs::read_to_string(folder.path().join("below/ahead.log")).unwrap(), "19\n");
     }
 
-    /// It has a process group of its own, and ends when the pipe to it is closed.
+    /// The background process has a process group of its own, and ends when the pipe to it is closed.
     #[test]
     fn it_ends_with_its_parent() {
         let (folder, ahead) = shell("cut -d' ' -f5 /proc/$$/stat; echo $$; cat; echo end");

@@ -13,7 +13,7 @@ use crate::needs::{self, IP, MCS, MONO, NETWORK_NAMESPACE, Need, PIP, SOEM_SOURC
 use crate::project::Project;
 use crate::{rig, windows};
 
-/// The programs and rights that the benches need. A bench without one of them is skipped and says so.
+/// The programs and rights that some of the benches need. A bench for which one is missing is skipped and says so.
 const NEEDS: &[Need] = &[MCS, MONO, IP, NETWORK_NAMESPACE, PIP, SOEM_SOURCES];
 
 #[derive(clap::Args)]
@@ -40,9 +40,10 @@ struct Figure {
     ours_ns: Option<f64>,
     /// The median time of the baseline, in nanoseconds.
     baseline_ns: Option<f64>,
-    /// The median of this project's time divided by the baseline's, over the blocks of the measurement.
+    /// The median of the ratios of this project's time to the baseline's. A measurement times both by turns in short blocks,
+    /// and each pair of blocks gives one ratio.
     ratio: Option<f64>,
-    /// The largest ratio, or the largest value, with which the bench passes.
+    /// The largest ratio, or the largest value, with which the bench passes: of all figures a smaller one is better.
     target: Option<f64>,
     /// A comparison also passes, whatever its ratio, if this project takes at most this many nanoseconds longer than the
     /// baseline: between two very short times a large ratio means little.
@@ -58,7 +59,7 @@ struct Figure {
 }
 
 impl Figure {
-    /// Whether the result meets its target, or has none.
+    /// Whether the result is not above its target. A result without a target always passes.
     fn holds(&self) -> bool {
         if let (Some(value), Some(most)) = (self.value, self.target) {
             return value <= most;

@@ -10,8 +10,8 @@ use crate::test::{self, GATES, PARTS, PARTS_OF_ALL, Part, Site, part};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Quick checks: format, lints, rules, unit tests and the quick groups; nothing is installed, and skipped checks
-    /// are listed at the end
+    /// Quick checks: format, lints, rules, unit tests and the groups of tests that take little time; nothing is installed,
+    /// and skipped checks are listed at the end
     #[arg(long)]
     fast: bool,
 }
@@ -60,7 +60,8 @@ mod tests {
 
     use clap::Parser;
 
-    /// Every `cargo xtask` command in the GitHub workflow and in `.ci/run` exists, with options that exist.
+    /// Each `cargo xtask` command that the GitHub workflow or the script `.ci/run` calls exists, with the options that it
+    /// is given.
     #[test]
     fn what_a_ci_runs_is_there() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

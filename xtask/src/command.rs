@@ -6,7 +6,8 @@ use std::process::{Command, Stdio};
 
 use crate::error::Error;
 
-/// Runs a command. It writes to the same standard output and standard error as this program.
+/// Runs a command, which writes to the same standard output and standard error as this program. It is an error if the
+/// command does not start, or ends with another exit code than 0.
 pub fn run(command: &mut Command) -> Result<(), Error> {
     let status = command.status().map_err(|source| Error::Start { command: shown(command), source })?;
     if status.success() {

@@ -8,14 +8,15 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 
-/// The Debian release. The tests were written with its version of Wine, and the packages are for it.
+/// The Debian release. The tests were written with its version of Wine, and the Debian packages of this project are made
+/// for it.
 const RELEASE: &str = "bookworm";
-/// The file in the system's root that lists its packages, so that a system of other packages is made anew.
+/// The file in the system's root that lists its packages. If the list differs, the system is made anew.
 const MADE_OF: &str = "made-of";
 
 /// What a Debian system consists of: the minimal system, further packages, and changes.
 pub struct System {
-    /// The name of its folder.
+    /// The name of the system's folder below the folder for all systems.
     pub name: &'static str,
     /// Its purpose, and the download, disk space and time that it takes, for the user.
     pub why: &'static str,
@@ -24,7 +25,7 @@ pub struct System {
     pub packages: &'static [&'static str],
     /// The files that are not installed, as patterns of paths.
     pub left_out: &'static [&'static str],
-    /// The last change to the files of a new system, before it counts as complete.
+    /// Changes the files of a new system, before the system counts as complete. Gets the root of the system.
     pub finish: fn(&Path) -> Result<(), Error>,
 }
 
@@ -50,7 +51,8 @@ pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     write(&new.join("etc/apt/apt.conf.d/90ecmsk"), "APT::Install-Recommends \"0\";\n")?;
     let left_out: String = system.left_out.iter().map(|files| format!("path-exclude={files}\n")).collect();
     write(&new.join("etc/dpkg/dpkg.cfg.d/90ecmsk"), &left_out)?;
-    // The configuration above holds only from now on: debootstrap has unpacked these files already.
+    // The list of left-out files in dpkg.cfg.d applies only from now on. debootstrap has already unpacked such files, so
+    // they are removed.
     let remove = format!("rm -rf {}", system.left_out.join(" "));
     command::output(&mut inside(&new, &["sh", "-c", &remove]))?;
     if let Some(architecture) = system.also {
@@ -73,7 +75,7 @@ fn write(path: &Path, text: &str) -> Result<(), Error> {
     fs::write(path, text).map_err(Error::file("write", path))
 }
 
-/// A command that runs in the system, with /proc mounted while it runs.
+/// The command `words`, which runs in the Debian system at `root` (chroot), with /proc mounted while it runs.
 pub fn inside(root: &Path, words: &[&str]) -> Command {
     let mut unshare = Command::new("unshare");
     unshare.env("DEBIAN_FRONTEND", "noninteractive").env("PATH", "/usr/sbin:/usr/bin:/sbin:/bin");
@@ -94,7 +96,8 @@ fn mirror() -> Result<String, Error> {
         .ok_or(Error::Rig("no mirror of Debian 12 in /etc/apt/sources.list or sources.list.d; run it on Debian 12"))
 }
 
-/// The URL of the first source that is the release itself (not its updates), in either format of an apt source file.
+/// The URL of the first apt source that has the packages of the release itself (not its updates), in either format of an
+/// apt source file.
 fn mirror_in(text: &str) -> Option<String> {
     let in_a_line = text.lines().filter(|line| line.starts_with("deb ")).find_map(|line| {
         let words: Vec<&str> = line.split_whitespace().filter(|word| !word.starts_with('[')).collect();

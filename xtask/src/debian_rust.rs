@@ -6,7 +6,7 @@ use std::process::Command;
 
 use crate::project::Project;
 
-/// Debian's programs, and not those that rustup has put before them on the path.
+/// Debian's cargo and rustc by their full paths, because rustup puts its own programs before them in PATH.
 const CARGO: &str = "/usr/bin/cargo";
 pub const RUSTC: &str = "/usr/bin/rustc";
 

@@ -39,7 +39,8 @@ until grep -q answering $4 || [ $tries = 100 ]; do sleep 0.05; tries=$((tries + 
 $1 exec --link 'nic:veth0?priority=20' --record $2 -- $3
 ";
 
-/// The cost of building the optimised library and tool. When it is printed, `cargo xtask` itself was built already.
+/// The cost of building the optimised library and tool, printed before the build. The build of `cargo xtask` itself is done
+/// when this is printed, so it is not included.
 const SPEND: Spend =
     Spend { disk_mb: 1_700, time: "on two free cores, two minutes beside the build of `cargo xtask` itself, now done" };
 
@@ -148,7 +149,7 @@ fn with_script(link: &str) -> String {
     }
 }
 
-/// The last lines of output: the files that were made, and commands to go on with.
+/// The last lines of the demo's output: the files that were made, and commands to go on with.
 fn end(folder: &Path, has_both: bool) -> String {
     let folder = folder.display();
     let both =
@@ -186,7 +187,8 @@ fn show_and_run(step: &mut Command) -> Result<(), Error> {
 mod tests {
     use super::*;
 
-    /// The last lines name the files that were made and commands to go on with; the pages that they name exist.
+    /// The last lines of the demo's output name the files that were made and commands to go on with. The pages of docs/
+    /// that they name exist.
     #[test]
     fn a_next_step() {
         let text = end(Path::new("target/demo"), true);

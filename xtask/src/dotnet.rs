@@ -53,7 +53,8 @@ const PROGRAMS: [Program; 4] = [
     Program { name: "TwoAxes16B", with: &["Ecm"], assembly: "NEXTWUSB_dotNET_16B", define: Some("SLOTS_OF_16_BYTES") },
 ];
 
-/// The C# version of Visual Studio 2010, with which the vendor's guide works.
+/// The C# version of Visual Studio 2010, the development environment in the vendor's guide. So the assemblies and the
+/// examples compile there, too.
 const LANGUAGE: &str = "-langversion:4";
 
 /// The runtime configuration for programs that were compiled without one: they run on any .NET Core from 2.1 on.
@@ -91,7 +92,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Compiles everything into folders of `out`.
+/// Compiles the assemblies and the C# programs into folders of `out`.
 pub fn compile_into(project: &Project, out: &Path) -> Result<Compiled, Error> {
     let [assemblies, assemblies_x64, programs] =
         ["assemblies", "assemblies-x64", "programs"].map(|folder| out.join(folder));

@@ -1,9 +1,9 @@
-//! The errors of the chores. Every message ends with the next step.
+//! The errors of the verbs of `cargo xtask` (chores). Most messages end with what the user can do next.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a chore stopped.
+/// Why a verb of `cargo xtask` stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     #[error("cannot start `{command}`: {source}; is it installed and on PATH?")]

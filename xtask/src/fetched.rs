@@ -11,7 +11,7 @@ use crate::needs::{NPM, Need, PIP};
 use crate::project::Project;
 use crate::{npm, wheel};
 
-/// A fixed version of a package, and the program that is used of it.
+/// A fixed version of a package of a registry, and the program in it that `cargo xtask` or a test runs.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Fetched {
     pub index: Index,
@@ -39,7 +39,7 @@ pub enum Index {
 }
 
 impl Index {
-    /// The program that fetches from this registry.
+    /// The program that fetches packages from this registry: pip or npm.
     pub const fn need(self) -> Need {
         match self {
             Self::Pip | Self::PipSources => PIP,
@@ -51,7 +51,8 @@ impl Index {
 impl Fetched {
     /// The folder into which the package is unpacked.
     pub fn folder(&self, project: &Project) -> PathBuf {
-        // The ending `.d` is replaced below for temporary folders; without it a part of the version would be.
+        // [`Self::fetch`] derives the names of temporary folders by replacing the extension. Without the extension `.d` it
+        // would replace the last part of the version.
         let what = if self.index == Index::PipSources { "-sources" } else { "" };
         project.target.join("xtask").join(format!("{}-{}{what}.d", self.name, self.version))
     }
@@ -93,7 +94,10 @@ impl Fetched {
     }
 }
 
-/// The only file in `folder`, if it has the expected checksum.
+/// The only file in `folder`.
+///
+/// # Errors
+/// The file does not have the expected checksum.
 fn checked(folder: &Path, expected: &'static str) -> Result<PathBuf, Error> {
     let entry = fs::read_dir(folder).and_then(|mut entries| entries.next().transpose());
     let file = entry.map_err(Error::file("list", folder))?.map(|entry| entry.path()).unwrap_or_default();

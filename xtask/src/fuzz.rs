@@ -15,10 +15,10 @@ use crate::{command, needs};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// How long each target runs
+    /// How many seconds each target runs
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
     seconds: u32,
-    /// Run this target only
+    /// Run only this target, a file of fuzz/fuzz_targets/ without its extension
     target: Option<String>,
 }
 
@@ -71,7 +71,8 @@ fn choose(targets: Vec<String>, wanted: Option<&str>) -> Result<Vec<String>, Err
 
 /// Builds the fuzz targets; returns the folder with their programs.
 fn build(project: &Project, folder: &Path, targets: &[String]) -> Result<PathBuf, Error> {
-    // With an explicit `--target` cargo does not apply the flags to build scripts, which could not be linked with them.
+    // cargo builds the build scripts, too. With an explicit `--target` it does not apply these flags to them: without the
+    // runtime of libFuzzer they could not be linked.
     let triple = host_triple()?;
     let built = folder.join("target");
     let mut cargo = project.cargo();
@@ -122,7 +123,8 @@ fn fuzz(folder: &Path, target: &str, program: &Path, seconds: u32) -> Result<Str
     rate.map(|rate| rate.trim().to_owned()).ok_or_else(|| Error::FuzzSilent { target: target.to_owned(), log })
 }
 
-/// The error of a run that failed, with the input that caused it.
+/// The error of a target that failed, with a command that repeats the failure: the program with the newest input that
+/// libFuzzer has stored since `before`.
 fn failure(target: &str, program: &Path, artifacts: &Path, before: SystemTime) -> Error {
     let mut inputs: Vec<(SystemTime, PathBuf)> = Vec::new();
     for entry in fs::read_dir(artifacts).into_iter().flatten().flatten() {

@@ -10,17 +10,17 @@ use crate::error::Error;
 use crate::side_by_side::{self, Named};
 use crate::test::Site;
 
-/// Groups that take seconds and need no other program. `cargo xtask ci --fast` runs them.
+/// Groups that take seconds and need no program besides the test program. `cargo xtask ci --fast` runs them.
 const QUICK: &[&str] =
     &["engine", "ethercat", "fieldbus", "link", "link_log", "recordings", "rooms", "sk", "slave", "xf"];
 
-/// Groups that need a compiler or another program, or take longer.
+/// Groups that take longer, or need a compiler or other programs.
 const OTHERS: &[&str] =
     &["bus", "capi", "counters", "ecm", "ecmsk_header", "esi", "invariants", "master", "migration", "python", "xf_api"];
 
-/// Groups that depend on the machine's clock: runners, processes, sockets, network cards, masters of other projects. Two groups
-/// run at a time and nothing else beside them, since they mostly wait; the tests of a group run one after the other. Their
-/// assertions also hold on a machine that is late. The longest groups come first.
+/// Groups that depend on the machine's clock: runners, processes, sockets, network cards, masters of other projects. Two
+/// groups run at a time, since they mostly wait. Nothing else runs beside them, because they depend on the clock; the tests
+/// of a group run one after the other. Their assertions also hold on a machine that is late. The longest groups come first.
 const REAL_CLOCK: &[&str] = &[
     "bus_on_card",
     "failing_calls",
@@ -45,11 +45,13 @@ const TOOL: &str = "tool";
 const TOOL_ON_REAL_CLOCK: &[&str] =
     &["card_picture::", "monitor_tcp::", "page::", "serve_", "stalled::", "stop::", "tcp_", "terminal::"];
 
-/// The group on the machine's clock that `ci --fast` runs too, since it takes only seconds: the runners of the board.
+/// The group on the machine's clock that `ci --fast` runs too, since it takes only seconds. It tests the runners of the board:
+/// the thread, or the calls, that let its time pass.
 const QUICK_ON_REAL_CLOCK: &str = "runners";
 
-/// Parts of the names of tests and modules that only `--all` runs. They repeat other tests with other hardware, languages or
-/// references, or try hundreds of moments one by one. No part may occur in the name of any other test.
+/// Parts of the names of tests and modules that only `--all` runs. They repeat other tests with other hardware, other
+/// languages or another implementation to compare with, or cause an event at hundreds of times, one after the other. No
+/// part may occur in the name of any other test.
 const LONG: &[&str] = &[
     "a_crowd_locks_nobody_out",
     "all_that_a_program_sees_is_the_same",
@@ -70,7 +72,7 @@ const LONG: &[&str] = &[
     "xf_doubts::",
 ];
 
-/// Whether only `--all` runs the tests in modules of that name.
+/// Whether only `--all` runs the tests in modules that are named `module`.
 pub fn is_left_to_all(module: &str) -> bool {
     LONG.iter().any(|name| name.strip_suffix("::") == Some(module))
 }
@@ -136,7 +138,8 @@ fn tests(site: &Site, groups: &[&str], targets: &[&str]) -> Command {
     cargo
 }
 
-/// Adds the arguments after `--`, by which the test programs select their tests.
+/// Adds the arguments after `--` with which the test programs select tests: `options`, and `--skip` for tests whose
+/// programs are missing and, without `--all`, for those in [`LONG`].
 fn choose(cargo: &mut Command, site: &Site, options: &[&str]) {
     cargo.args(["--", "--quiet"]).args(options).args(site.skipped_modules());
     if !site.all {
@@ -145,7 +148,7 @@ fn choose(cargo: &mut Command, site: &Site, options: &[&str]) {
 }
 
 /// Runs the groups on the machine's clock `times` times. With `is_busy`, a busy loop runs on each processor in every second
-/// run.
+/// run, so that both a free and a busy machine are tried.
 pub fn repeat_real_clock(site: &Site, times: u32, is_busy: bool) -> Result<(), Error> {
     for n in 1..=times {
         let is_busy = is_busy && n.is_multiple_of(2);
@@ -178,13 +181,14 @@ mod tests {
 
     use super::*;
 
-    /// The folders that contain groups.
+    /// The folders that contain groups of tests.
     const FOLDERS: [&str; 5] = ["tests", "capi/tests", "python/tests", "tests/masters/tests", "tool/tests"];
-    /// Groups that are not run here, because other chores start them in a guest system or under Wine.
+    /// Groups that `cargo test` does not run here: `cargo xtask` starts them in a guest system or under Wine.
     const ELSEWHERE: [&str; 2] = ["rig", "windows"];
-    /// Texts in a source that show that a test uses the machine's clock.
+    /// Texts in a source from which a test of this file concludes that the source uses the machine's clock.
     const SIGNS: [&str; 4] = ["clock=real", "virtual_time: false", "Instant::now", "thread::sleep"];
-    /// Files of other groups that contain such a text nevertheless. Their tests also pass on a machine that is late.
+    /// Files of groups outside [`REAL_CLOCK`] that contain one of [`SIGNS`] nevertheless. Their tests also pass on a
+    /// machine that is late.
     const WITH_A_SIGN: [&str; 16] = [
         "tests/capi/behaviour.rs",
         "tests/capi/cpp_examples.rs",
@@ -240,7 +244,8 @@ mod tests {
         assert!(REAL_CLOCK.contains(&QUICK_ON_REAL_CLOCK));
     }
 
-    /// A group whose sources use the machine's clock is in [`REAL_CLOCK`], or the file that uses it is listed above.
+    /// A group whose sources use the machine's clock is in [`REAL_CLOCK`], or the file that uses it is listed in
+    /// [`WITH_A_SIGN`] because its tests also pass on a machine that is late.
     #[test]
     fn what_looks_at_the_clock_runs_alone() {
         let mut found = Vec::new();

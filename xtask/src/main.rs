@@ -9,8 +9,8 @@
 //! - `rig/`, `windows/`, `dotnet.rs`: tests in a guest system, on Windows under Wine, and of .NET
 //! - `stage.rs`, `dist/`, `semver.rs`: installing into a folder, making packages, comparing the API with the last release
 //! - `bench.rs`, `fuzz.rs`, `soak.rs`, `mutants.rs`, `demo.rs`: one chore each
-//! - `needs.rs`, `fetched.rs`, `wheel.rs`, `npm.rs`, `tools.rs`, `debian.rs`, `debian_rust.rs`: the programs that a chore needs, and where they
-//!   are fetched from
+//! - `needs.rs`, `fetched.rs`, `wheel.rs`, `npm.rs`, `tools.rs`, `debian.rs`, `debian_rust.rs`: the programs that a chore
+//!   needs, and where they are fetched from
 //! - `project.rs`, `command.rs`, `side_by_side.rs`, `spend.rs`, `system.rs`, `error.rs`: the project's folders, running
 //!   commands, the cost of a chore, operations of Unix, errors
 
@@ -63,7 +63,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Verb {
-    /// The tests; with --all everything that a change has to pass
+    /// Run the unit tests and the groups of tests; with --all everything that a change has to pass
     Test(test::Arguments),
     /// The checks for each commit (--fast), or for each change to be merged
     Ci(ci::Arguments),
@@ -77,22 +77,23 @@ enum Verb {
     Dotnet(dotnet::Arguments),
     /// Build the DLLs for Windows, x86 and x64, and their import libraries
     Windows(windows::Arguments),
-    /// Make the release: packages for Windows and Linux, with checksums and lists of their parts
+    /// Make the release: packages for Windows and Linux, with checksums and bills of materials (SBOM)
     Dist(dist::Arguments),
     /// Write docs/FEATURES.md from docs/rules/ and the tests that name its rules, or print the tests of a rule
     Features(features::Arguments),
     /// Compare the library's interface with the last release, and list changes that break programs
     Semver,
-    /// Feed the decoders random bytes
+    /// Feed random bytes to everything that decodes input from outside: frames, files, links (fuzzing)
     Fuzz(fuzz::Arguments),
-    /// Run random programs on random machines with random faults, and a virtual day, and look for a broken invariant
+    /// Run random programs on random simulated networks with random faults, and a program for a virtual day, and look for a
+    /// broken invariant
     Soak(soak::Arguments),
     /// Test mutants: break the model line by line, and list changes that no test finds; takes hours, and continues
     /// where it was stopped
     Mutants(mutants::Arguments),
-    /// Measure against the baselines; figures go to target/bench.json
+    /// Run the benches, which compare the project with other implementations; figures go to target/bench.json
     Bench(bench::Arguments),
-    /// Build in the background for `test --all`
+    /// Build what later parts of `test --all` need, in the background
     #[command(hide = true)]
     Ahead(ahead::Arguments),
 }

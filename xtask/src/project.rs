@@ -11,18 +11,18 @@ use serde::de::DeserializeOwned;
 use crate::command;
 use crate::error::Error;
 
-/// The checkout that a chore works on.
+/// The checkout of the project on which `cargo xtask` works.
 #[derive(Clone)]
 pub struct Project {
     /// The root of the workspace.
     pub root: PathBuf,
     /// The target folder of cargo.
     pub target: PathBuf,
-    /// Whether cargo builds for a run of the whole test, which takes longer than its builds: a little optimised, not
-    /// incrementally, which doubles the space on the disk, and without the line numbers of backtraces.
+    /// Whether cargo builds for a run of all tests. The tests take longer than the builds, so code is a little optimised.
+    /// Builds are not incremental, because that would double their disk space, and backtraces have no line numbers.
     pub for_tests: bool,
-    /// Whether packages and the files for Windows are built for tests alone: little or not optimised, which takes
-    /// half of the time.
+    /// Whether packages and the files for Windows are built only for tests: little or not optimised, which takes half of
+    /// the time of a release build.
     pub quick: bool,
 }
 
@@ -32,7 +32,7 @@ struct Metadata {
     target_directory: PathBuf,
 }
 
-/// The answer of `cargo metadata` with one more `option`, as far as `T` has fields for it.
+/// The output of `cargo metadata`, called with one more `option`. Fields that `T` does not have are ignored.
 pub fn metadata<T: DeserializeOwned>(mut cargo: Command, option: &str) -> Result<T, Error> {
     let answer = command::output(cargo.args(["metadata", "--format-version=1", option]))?;
     serde_json::from_slice(&answer).map_err(|source| Error::Output { command: command::shown(&cargo), source })
@@ -60,8 +60,9 @@ impl Project {
         self.program(cargo_program())
     }
 
-    /// cargo with a command for parts of the workspace that `arguments` name, and for a group of tests besides. Everything
-    /// has the features that it has in `cargo test --workspace`, so that it is compiled once for all parts of the test.
+    /// cargo with `command` for the parts of the workspace that `arguments` name, and for one group of tests. The group is
+    /// there so that everything has the features that it has in `cargo test --workspace`, and is compiled once for all
+    /// parts of the test.
     pub fn cargo_as_in_tests(&self, command: &str, group: &str, arguments: &[&str]) -> Command {
         let mut cargo = self.cargo();
         cargo.args([command, "--workspace", "--test", group]).args(arguments);

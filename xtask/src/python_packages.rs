@@ -4,7 +4,7 @@
 
 use crate::fetched::{Fetched, Index};
 
-/// A wheel, of which `file` is a part.
+/// A wheel. `file` is one of its files, which is there if the wheel was unpacked.
 const fn wheel(
     name: &'static str,
     version: &'static str,
@@ -23,7 +23,7 @@ pub const MATURIN: Fetched = wheel(
     "11 MB to fetch, 30 MB in the target folder",
     "837db2f4d93d4899c3ac393fb3cc9eebf35b6002336e5d574f4a4fb6c49fe283",
 );
-/// NumPy.
+/// NumPy, for the tests that read recordings as arrays.
 pub const NUMPY: Fetched = wheel(
     "numpy",
     "2.4.6",
@@ -39,7 +39,7 @@ pub const MYPY: Fetched = wheel(
     "15 MB to fetch, 60 MB in the target folder",
     "b69a15fc2e75858d6b15e91ed3a0dcff1a533265183b64734138791fe0f49aa5",
 );
-/// A part of mypy.
+/// A package that mypy depends on.
 pub const AST_SERIALIZE: Fetched = wheel(
     "ast_serialize",
     "0.13.1",
@@ -47,7 +47,7 @@ pub const AST_SERIALIZE: Fetched = wheel(
     "1 MB to fetch, 3 MB in the target folder",
     "9f99786e0d62082a5b121b3437f3167562133711df22128de1e9886f57f0b226",
 );
-/// A part of mypy.
+/// A package that mypy depends on.
 pub const LIBRT: Fetched = wheel(
     "librt",
     "0.17.0",
@@ -55,7 +55,7 @@ pub const LIBRT: Fetched = wheel(
     "600 kB to fetch, 2 MB in the target folder",
     "598c5455f07fc182a926b88e63776c49dc4cf47465c998cbc6ba1f010b875b51",
 );
-/// A part of mypy.
+/// A package that mypy depends on: types for its own plugins.
 pub const MYPY_EXTENSIONS: Fetched = wheel(
     "mypy_extensions",
     "1.2.0",
@@ -63,7 +63,7 @@ pub const MYPY_EXTENSIONS: Fetched = wheel(
     "some kB",
     "993e7a20aa5671eb41a7132cf555af30062da99729601601b9a8382b11cae768",
 );
-/// A part of mypy.
+/// A package that mypy depends on: patterns of file names.
 pub const PATHSPEC: Fetched = wheel(
     "pathspec",
     "1.1.1",
@@ -71,7 +71,7 @@ pub const PATHSPEC: Fetched = wheel(
     "some kB",
     "a00ce642f577bf7f473932318056212bc4f8bfdf53128c78bbd5af0b9b20b189",
 );
-/// A part of mypy.
+/// A package that mypy depends on: features of newer versions of `typing`.
 pub const TYPING_EXTENSIONS: Fetched = wheel(
     "typing_extensions",
     "4.16.0",
@@ -79,7 +79,7 @@ pub const TYPING_EXTENSIONS: Fetched = wheel(
     "some kB",
     "481caa481374e813c1b176ada14e97f1f67a4539ce9cfeb3f350d78d6370c2e8",
 );
-/// pytest.
+/// pytest, which runs the Python tests.
 pub const PYTEST: Fetched = wheel(
     "pytest",
     "9.2.0",
@@ -87,7 +87,7 @@ pub const PYTEST: Fetched = wheel(
     "400 kB to fetch, 2 MB in the target folder",
     "07acdcf88ec174f907dc01af70bf52d49b014bbab03faeeade31c96b18c2e588",
 );
-/// A part of pytest.
+/// A package that pytest depends on: a parser of INI files.
 pub const INICONFIG: Fetched = wheel(
     "iniconfig",
     "2.3.1",
@@ -95,7 +95,7 @@ pub const INICONFIG: Fetched = wheel(
     "some kB",
     "9121e2c1fdb355232495be3194c8dfe87ccc2d5dee45947b78e68f499790d7a7",
 );
-/// A part of pytest.
+/// A package that pytest depends on: versions of packages.
 pub const PACKAGING: Fetched = wheel(
     "packaging",
     "26.4",
@@ -103,7 +103,7 @@ pub const PACKAGING: Fetched = wheel(
     "some kB",
     "81383611a09c1bc0b08b76e0fd5829d7c6824c65b27a6aee339da133f4233ea2",
 );
-/// A part of pytest.
+/// A package that pytest depends on: its system of plugins.
 pub const PLUGGY: Fetched = wheel(
     "pluggy",
     "1.7.0",
@@ -111,7 +111,7 @@ pub const PLUGGY: Fetched = wheel(
     "some kB",
     "7dd7b0d8832ba3cb632c306926ded123429211b83641b35dc5c41ad2d34f9bec",
 );
-/// A part of pytest.
+/// A package that pytest depends on: syntax highlighting.
 pub const PYGMENTS: Fetched = wheel(
     "pygments",
     "2.21.0",

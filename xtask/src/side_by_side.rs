@@ -66,7 +66,7 @@ mod tests {
         Named { name: name.to_owned(), command }
     }
 
-    /// Two commands run at the same time: each waits for what the other one writes.
+    /// Two commands run at the same time: each ends only after the other one has written a file.
     #[test]
     fn two_run_at_a_time_each_with_its_log() {
         let folder = tempfile::tempdir().unwrap();
@@ -84,7 +84,7 @@ mod tests {
         }
     }
 
-    /// After a failure nothing further begins.
+    /// After a failure no further command is started.
     #[test]
     fn a_failure_is_the_end() {
         let folder = tempfile::tempdir().unwrap();

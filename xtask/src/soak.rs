@@ -1,7 +1,7 @@
 //! `cargo xtask soak`: runs randomised tests many more times than `cargo xtask test` does:
 //!
-//! - the random schedules of tests/invariants, on a bus in time and on late buses, with writers that vanish; and its long
-//!   simulated day
+//! - the random schedules of tests/invariants, on networks that answer within the cycle and on such as answer cycles later,
+//! with writers that end without closing their board; and its long simulated day
 //! - random frames against every network of tests/engine, and against slaves in every state in tests/ethercat
 //! - networks whose slaves another master has left in any state, in tests/master
 //! - all tests of tests/engine on a bus that queues outputs
@@ -17,24 +17,25 @@ use crate::needs;
 use crate::project::Project;
 use crate::test::GATES;
 
-/// One program of tests/migration is run for this many schedules of the other tests: it runs twice and takes seconds of
-/// simulated time each.
+/// One program of tests/migration is run per this many schedules of the other tests: a program is run twice and takes seconds
+/// of simulated time each time.
 const PER_MIGRATION: u64 = 25;
-/// One motion on a network card is run for this many schedules of the other tests, since it takes seconds of real time.
+/// One motion on a network card is run per this many schedules of the other tests, because it takes seconds of real time.
 const PER_CARD: u64 = 25;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// How many random schedules of each kind
+    /// How many random schedules are run of each kind of test: invariants, faults of the chip's link, failing system calls
+    /// and others
     #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..))]
     schedules: u64,
     /// Seed of the first schedule, and of the frames against the first network
     #[arg(long, default_value_t = 0)]
     first: u64,
-    /// Virtual hours of the long day
+    /// Virtual hours of the test that moves two axes for a long day
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     hours: u64,
-    /// Random frames in a row against each network, and against slaves in each state
+    /// How many random command frames are sent one after the other, to each network of a board and to slaves in each state
     #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     frames: u64,
 }
@@ -63,8 +64,8 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// The tests with failing system calls that this machine can run, each with the number of failures to try: `count`, or all that
-/// are possible.
+/// The tests with failing system calls that this machine can run, each with the number of failing calls to try: `count`, or
+/// all calls if they are fewer.
 fn failing_calls(project: &Project, count: u64) -> Vec<(Command, u64)> {
     let mut on_boards = test(project, "failing_calls", &[]);
     // These tests use the machine's clock, so no other test may run at the same time.

@@ -1,11 +1,11 @@
-//! The cost of a chore in disk space and time, which is printed before it begins.
+//! The cost of a verb of `cargo xtask` in disk space and time, which is printed before it begins.
 
 use std::path::Path;
 use std::process::Command;
 
 use crate::project::Project;
 
-/// The cost of the first run of a chore. Later runs reuse what was built.
+/// The cost of the first run of a verb. Later runs reuse what was built.
 pub struct Spend {
     /// The space on the disk of the target folder, in MB.
     pub disk_mb: u64,

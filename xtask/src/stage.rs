@@ -32,7 +32,8 @@ pub const LINK_NAME: &str = "libNEXTWUSBLib.so";
 /// The udev rule that lets users open a board.
 pub const UDEV_RULE: &str = "60-ecmsk.rules";
 pub const ARCHIVE: &str = "libNEXTWUSBLib.a";
-/// A small group of tests. Building it together with the library gives the library the features that it has in the tests.
+/// A small group of tests. cargo compiles the library with all features that the packages of one command need. With a group
+/// of tests among them these are the features that the library has in the tests.
 const GROUP: &str = "rooms";
 /// The system libraries that a program needs when it links the static library, because Rust's standard library uses them.
 pub const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
@@ -64,9 +65,9 @@ pub fn build_for_tests(project: &Project) -> Result<PathBuf, Error> {
     Ok(prefix)
 }
 
-/// Moves the debug information of a library to the file `.debug/NAME.debug` beside it, where debuggers look for it. The library
-/// then has a tenth of its size. Paths of the build machine are in the debug file; in the library they are only in panic
-/// messages.
+/// Moves the debug information of a library to the file `.debug/NAME.debug` beside it, where debuggers look for it. The
+/// library then has a tenth of its size. Paths of the build machine are in the debug information, and in the library only
+/// in panic messages.
 fn split_debug(library: &Path) -> Result<(), Error> {
     let name = library.file_name().unwrap_or_default().to_string_lossy();
     let folder = library.with_file_name(".debug");
@@ -118,10 +119,11 @@ pub fn install_into(project: &Project, built: &Path, tool: Option<&Path>, prefix
     share(tool.unwrap_or(&bin.join("ecmsk")), &prefix.join("share"))
 }
 
-/// The plugin of Wireshark.
+/// The file name of the plugin for Wireshark, below `share`.
 const PLUGIN: &str = "ecmsk.lua";
 
-/// The folders in `share` with the headers that sources for Visual Studio include.
+/// The folders in `share` with headers that stand in for those of Windows: with them console programs of Visual Studio
+/// compile on Linux. `Windows.h` has a folder of its own, because some file systems do not distinguish it from `windows.h`.
 const MSVC_FOLDERS: [&str; 2] = ["msvc", "msvc/capital"];
 
 /// Installs the headers into `include`.

@@ -16,20 +16,20 @@ use crate::{command, dist, features, groups, needs, python_packages, rig, stage,
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Everything: add lints, combinations of features, documentation and the other checks of the tree, long tests, the wire
-    /// tests in a guest system, Windows programs under Wine, and packages
+    /// Run everything: also lints, combinations of features, documentation and the other checks of the tree, long tests,
+    /// the wire tests in a guest system, Windows programs under Wine, and packages
     #[arg(long)]
     all: bool,
-    /// Begin with the part of this number, after those before it have passed
+    /// Begin with the part of this number, if an earlier run has passed the parts before it
     #[arg(long, value_name = "PART", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
     from: u8,
     /// Run only the groups of tests on the machine's clock
     #[arg(long, conflicts_with_all = ["all", "alone"])]
     real_clock: bool,
-    /// How often the groups are run
+    /// How often the groups of tests on the machine's clock are run
     #[arg(long, requires = "real_clock", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     times: u32,
-    /// Run a busy loop on each processor beside every second run
+    /// In every second run of the groups, run a busy loop on each processor, too, so that tests are late
     #[arg(long, requires = "real_clock")]
     busy: bool,
     /// Run only the wire tests: the tool and a real kernel's USB, SPI and GPIO code, in a guest system (QEMU)
@@ -57,13 +57,13 @@ impl Arguments {
     };
 }
 
-/// A part of the test.
+/// A part of `cargo xtask test`, such as lints or the packages.
 #[derive(Clone, Copy)]
 pub struct Part {
     pub name: &'static str,
     /// The programs without which the part is skipped.
     pub needs: &'static [Need],
-    /// Whether the part has tests whose names contain this text.
+    /// Whether the part may have tests whose names contain this text.
     takes: fn(&str) -> bool,
     run: fn(&Site) -> Result<(), Error>,
 }
@@ -74,17 +74,17 @@ pub const fn part(name: &'static str, needs: &'static [Need], run: fn(&Site) -> 
 }
 
 impl Part {
-    /// The names among `names` that belong to this part; `None` if names were given and none belongs to it.
+    /// Those of `names` that select tests of this part; `None` if names were given and none selects one.
     fn asked_for(&self, names: &[String]) -> Option<Vec<String>> {
         let own: Vec<String> = names.iter().filter(|name| (self.takes)(name)).cloned().collect();
         (names.is_empty() || !own.is_empty()).then_some(own)
     }
 }
 
-/// The environment of a part.
+/// What a part needs to know: the project, which programs are missing, and which tests to run.
 pub struct Site<'a> {
     pub project: &'a Project,
-    /// The programs needed by any part that are missing.
+    /// The programs and rights that some part needs and this machine does not have.
     missing: &'a [Need],
     /// The names of the tests to run, for a part that can choose; all if empty.
     names: Vec<String>,
@@ -92,7 +92,7 @@ pub struct Site<'a> {
     pub all: bool,
 }
 
-/// The parts that run while a person waits.
+/// The parts that `cargo xtask test` runs without options, short enough for a person to wait for them.
 pub const PARTS: &[Part] = &[
     part("rules and features", &[], rules),
     part("tests of units and groups", &[], groups::units_and_groups),
@@ -100,7 +100,7 @@ pub const PARTS: &[Part] = &[
     part("tests on the machine's clock, two groups at a time", &[], groups::real_clock),
 ];
 
-/// The parts that `--all` adds.
+/// The parts that `--all` runs besides [`PARTS`].
 pub const PARTS_OF_ALL: &[Part] = &[
     part("format", &[RUSTFMT], format),
     part("lints", &[CLIPPY], lints),
@@ -122,10 +122,10 @@ pub const PARTS_OF_ALL: &[Part] = &[
     part("packages", dist::TEST_NEEDS, |site| dist::test(site.project)),
 ];
 
-/// The cost of `--all`.
+/// The disk space and the time that `--all` takes, for the user.
 const ALL: Spend = Spend { disk_mb: 7_000, time: "much time: each part says how long it took" };
 
-/// The parts that `--all` leaves out.
+/// What `--all` leaves out because it takes long, each with the command that runs it.
 const LEFT_OUT_OF_ALL: &[&str] = &[
     "the packages as they are shipped, made twice, to the same bytes, since everything is compiled twice for that, \
      lintian's view of the static library, and the packages for arm64 and armhf: cargo xtask dist --check",
@@ -166,7 +166,8 @@ const WINDOWS: [Part; 5] = [
     },
 ];
 
-/// A module name for tests that need more than Rust, so that they can be left out by name.
+/// The name of a module for tests that need other programs. If one of them is missing, the test programs are told to skip
+/// the module (`--skip`).
 #[derive(Clone, Copy)]
 pub struct Gate {
     pub module: &'static str,
@@ -207,13 +208,13 @@ pub const GATES: &[Gate] = &[
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
 
-/// The gates of the tests that run. Without `all` these exclude the gates of modules that only `--all` runs, so that their
-/// programs are not needed.
+/// The gates of the tests that run. Without `all` they do not have the modules that only `--all` runs, so that programs for
+/// these are not needed.
 fn gates(all: bool) -> Vec<Gate> {
     GATES.iter().filter(|gate| all || !groups::is_left_to_all(gate.module)).copied().collect()
 }
 
-/// Counts the parts without any of the tests that were asked for by name. It is an error if all parts are such.
+/// Counts the parts that have none of the tests that were asked for by name. It is an error if no part has one.
 #[derive(Default)]
 struct Without {
     error: Option<Error>,
@@ -238,7 +239,7 @@ impl Without {
 }
 
 impl<'a> Site<'a> {
-    /// An environment in which every test runs, the long ones only if `all`.
+    /// For a part of which all tests are run, the long ones only if `all`.
     pub fn new(project: &'a Project, missing: &'a [Need], all: bool) -> Self {
         Self { project, missing, names: Vec::new(), all }
     }
@@ -251,7 +252,7 @@ impl<'a> Site<'a> {
         GATES.iter().filter(|gate| !self.lacks(gate.needs).is_empty())
     }
 
-    /// The arguments with which a test program leaves out what this machine cannot run.
+    /// The arguments with which a test program skips the modules whose programs this machine does not have.
     pub fn skipped_modules(&self) -> impl Iterator<Item = String> {
         self.closed_gates().map(|gate| format!("--skip={}::", gate.module))
     }
@@ -285,13 +286,15 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     run_parts(&Site::new(project, &missing, arguments.all), parts, arguments.from, &gates, left_out, ahead)
 }
 
-/// Whether a part needs what is built in the background.
+/// Whether a part uses results of the builds in the background. The first results that a part uses are those for Windows, which
+/// only a part that needs MinGW uses; by waiting for them, it waits for all builds.
 fn needs_ahead(part: &Part) -> bool {
     part.needs.contains(&MINGW_X64)
 }
 
-/// Runs the parts in order from number `from` (1 or more) on, each with its names. At the end lists the parts that were skipped because programs are missing,
-/// and those that were `left_out` by choice. The first part that needs what `ahead` builds waits for it.
+/// Runs the parts in order from number `from` (1 or more) on, each with the names of tests that select its tests. At the
+/// end lists the parts that were skipped because programs are missing, and those that were `left_out` by choice. The first
+/// part that needs what `ahead` builds waits for it.
 pub fn run_parts(
     site: &Site,
     parts: Vec<(&Part, Vec<String>)>,
@@ -357,7 +360,8 @@ pub fn format(site: &Site) -> Result<(), Error> {
 
 pub fn lints(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["clippy", "--workspace", "--all-targets", "--", "-Dwarnings"]))?;
-    // `--all-targets` leaves out the tests that run in the guest.
+    // `--all-targets` leaves out the tests that run in a guest system or under Wine: Cargo.toml sets `test = false` for
+    // them. So they are checked here by their names.
     let others = ["--test=windows", "--test=windows_usb", "--", "-Dwarnings"];
     command::run(&mut site.project.cargo_as_in_tests("clippy", "rig", &others))
 }
@@ -368,7 +372,8 @@ fn documentation(site: &Site) -> Result<(), Error> {
         command::run(cargo.env("RUSTDOCFLAGS", flags).args(["doc", "--no-deps"]).args(packages))
     };
     doc("-Dwarnings", &["--package=ecmsk", "--all-features"])?;
-    // The other packages have no public Rust API, so their documentation is for developers.
+    // The packages other than `ecmsk` have no public Rust API, so their documentation is for developers and covers private
+    // items.
     doc(
         "-Dwarnings -Arustdoc::private-intra-doc-links",
         &["--workspace", "--exclude=ecmsk", "--document-private-items"],
@@ -432,7 +437,7 @@ mod tests {
         assert!(matches!(hear(vec![none(), Err(Error::NoFigures), Ok(())]), Err(Error::NoFigures)));
     }
 
-    /// The programs that only `--all` needs are not fetched while a person waits.
+    /// Programs that only the tests of `--all` need are not fetched for `cargo xtask test`, for which a person waits.
     #[test]
     fn what_is_left_to_all_needs_nothing_before() {
         let modules = |all| gates(all).iter().map(|gate| gate.module).collect::<Vec<_>>();

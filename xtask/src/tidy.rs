@@ -1,5 +1,5 @@
-//! `cargo xtask tidy`: checks that rustfmt and clippy do not make: spelling, dependencies, types of the page's modules, and
-//! combinations of features.
+//! `cargo xtask tidy`: checks that rustfmt and clippy do not make: spelling, dependencies, types in the JavaScript of the
+//! tool's page, and combinations of features.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
@@ -71,7 +71,7 @@ fn unused(project: &Project) -> Result<(), Error> {
     command::run(tool(project, &CARGO_MACHETE).arg("--with-metadata"))
 }
 
-/// Checks the types of the page's modules, which stand in their comments.
+/// Checks the types in the JavaScript modules of the tool's page. They are written in the comments of the modules.
 fn page_types(project: &Project) -> Result<(), Error> {
     let mut node = project.program("node");
     command::run(node.arg(TYPESCRIPT.program(project)).args(["--project", "tool/web"]))
@@ -117,8 +117,9 @@ struct Package {
 /// For each feature the features that it switches on.
 type Features = BTreeMap<String, Vec<String>>;
 
-/// The sets of features to check: none, each alone, all. Of sets that switch on the same features only the first is kept. Code
-/// that uses a feature without naming it fails where that feature is off, so sets of all but one would hardly find more.
+/// The sets of features to check: none, each alone, all. Of sets that switch on the same features only the first is kept.
+/// Code that uses a feature without naming it fails already in a set without that feature. So sets of all features but one
+/// would hardly find more.
 fn sets(features: &Features) -> Vec<Vec<String>> {
     let names: Vec<&str> = features.keys().map(String::as_str).filter(|name| *name != "default").collect();
     let alone = names.iter().map(|&name| vec![name]);

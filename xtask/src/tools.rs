@@ -8,7 +8,7 @@ use crate::error::Error;
 use crate::fetched;
 use crate::project::Project;
 
-/// A crate with a program of its name.
+/// A crate with a program that has the name of the crate.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Tool {
     pub name: &'static str,
@@ -49,7 +49,8 @@ impl Tool {
     }
 
     fn folder(&self, project: &Project) -> PathBuf {
-        // The version contains dots, so no extension of the name may be replaced.
+        // The version contains dots. With the extension `.d` the folder for building can be named by replacing the
+        // extension; without it the last part of the version would be replaced.
         project.target.join("xtask/tools").join(format!("{}-{}.d", self.name, self.version))
     }
 }

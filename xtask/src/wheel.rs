@@ -29,8 +29,8 @@ pub const TYPOS: Fetched = Fetched {
     cost: "8 MB to fetch, 25 MB in the target folder",
 };
 
-/// pysoem, the Python package of the EtherCAT master SOEM, for CPython 3.11 on Linux on x86-64 (Debian 12). `tests/masters`
-/// contains the same version number.
+/// pysoem, the Python package of the EtherCAT master SOEM, for CPython 3.11 on Linux on x86-64 (Debian 12). Its version
+/// also stands in `tests/masters`, and both have to be changed together.
 pub const PYSOEM: Fetched = Fetched {
     index: Index::Pip,
     name: "pysoem",
@@ -50,8 +50,8 @@ pub const SOEM_SOURCES: Fetched = Fetched {
     cost: "500 kB to fetch, 4 MB in the target folder",
 };
 
-/// Downloads the sources of a package into the empty folder `into`. Pip compares the checksum and then runs the package's setup
-/// script, to read its name.
+/// Downloads the sources of a package into the empty folder `into`. Pip compares the checksum and then runs the setup
+/// script of the package, from which it reads the package's name. So no code runs before its checksum was compared.
 pub fn download_sources(sources: &Fetched, into: &Path) -> Result<(), Error> {
     let wanted = into.with_extension("txt");
     let line = format!("{}=={} --hash=sha256:{}\n", sources.name, sources.version, sources.sha256);

@@ -17,15 +17,15 @@ struct State {
     readers: u32,
     lost: bool,
     closed: bool,
-    /// Close does not return while this is set.
+    /// The link's `close` does not return while this is set.
     stays_in_close: bool,
-    /// The thread that calls Close ends during the call.
+    /// Whether the link's `close` ends the calling thread, as if it was ended by force during the call.
     ends_closer: bool,
     read_waits: [Option<Wait>; 2],
     write_waits: [Option<Wait>; 2],
 }
 
-/// A link whose reads block until there is a report, it is lost, or closed.
+/// A link whose reads block until a report arrives, the link is lost, or the link is closed.
 struct FakeLink {
     state: Mutex<State>,
     changed: Condvar,
@@ -136,7 +136,7 @@ fn read(board: &VendorBoard) -> Result<Frame, Box<CallError>> {
     board.read(&mut report).map(|()| report)
 }
 
-/// LIB-41 Nothing is open before Open and after Close.
+/// LIB-41 No board is open before Open and after Close, and calls fail.
 #[test]
 fn calls_without_an_open_board_fail() {
     let link = FakeLink::new();
@@ -182,7 +182,7 @@ fn closing_twice_is_harmless() {
     assert!(link.state().closed);
 }
 
-/// LIB-35, LIB-38 A read has no limit and a write the link's, unless the link sets others.
+/// LIB-35, LIB-38 A read waits without a limit and a write for 5 s, unless the link's URI sets other timeouts.
 #[test]
 fn waits_are_those_of_the_link() {
     let limits = (Wait::For(Duration::from_millis(7)), Wait::For(Duration::from_millis(9)));
@@ -197,7 +197,7 @@ fn waits_are_those_of_the_link() {
     }
 }
 
-/// LIB-44 Open while a read waits returns true, and the read goes on and returns true.
+/// LIB-44 Open while a read waits returns true, and the waiting read is not ended: it returns true with the next report.
 #[test]
 fn a_read_goes_on_while_the_board_is_opened_again() {
     let link = FakeLink::new();
@@ -211,7 +211,7 @@ fn a_read_goes_on_while_the_board_is_opened_again() {
     });
 }
 
-/// LIB-48 Close ends a blocked read; LIB-26 a write does not wait for it.
+/// LIB-48 Close ends a blocked read. LIB-26 A write does not wait for a blocked read.
 #[test]
 fn close_ends_a_blocked_read_and_a_write_passes_by() {
     let link = FakeLink::new();
@@ -248,7 +248,8 @@ fn a_lost_board_is_dead_until_it_is_opened_again() {
     assert!(again.state().write_waits[0].is_some(), "the write went to the new link");
 }
 
-/// LIB-49 Open detects a loss that no call has noticed yet: a program may write SW_RESET and then call only Open.
+/// LIB-49 Open detects a loss of the board that no read or write has noticed yet. SW_RESET restarts the board, so its link is
+/// lost, and a program may write it and then call only Open.
 #[test]
 fn open_sees_a_loss_that_no_call_has_met() {
     let link = FakeLink::new();
@@ -302,8 +303,8 @@ fn calls_do_not_wait_for_an_open_under_way() {
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
-/// LIB-71 While an Open is pending, Close does not wait for it, however often it is called; the board is open afterwards.
-/// LIB-47
+/// LIB-71, LIB-47 While an Open is pending, Close does not wait for it, however often it is called; the board is open
+/// afterwards.
 #[test]
 fn close_does_not_wait_for_an_open_under_way() {
     let (board, link) = (VendorBoard::new(), FakeLink::new());
@@ -326,7 +327,7 @@ fn close_does_not_wait_for_an_open_under_way() {
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
-/// LIB-71 An Open during a pending Close waits for it, so that the link being closed is not in use any more.
+/// LIB-71 An Open waits for a Close that is pending in another thread, so that the old link is free when Open opens a new one.
 #[test]
 fn open_waits_for_a_close_under_way() {
     let link = FakeLink::new();
@@ -342,7 +343,8 @@ fn open_waits_for_a_close_under_way() {
                 Ok(FakeLink::new())
             })
         });
-        // Usually time enough for the other thread to wait in Open. If it calls Open later, the assertion holds as well.
+        // Usually 20 ms are enough for the other thread to begin its wait in Open. If it calls Open later, it has not
+        // finished either.
         thread::sleep(Duration::from_millis(20));
         assert!(!opener.is_finished());
         link.change(|state| state.stays_in_close = false);
@@ -351,19 +353,19 @@ fn open_waits_for_a_close_under_way() {
     });
 }
 
-/// A thread that ends during a call.
+/// Threads that are ended by force during a call.
 #[cfg(target_os = "linux")]
 mod gone {
     use super::*;
 
-    /// Ends the calling thread, without freeing anything of it.
+    /// Ends the calling thread as if by force: nothing that the thread holds is released.
     fn end_this_thread() -> ! {
         // SAFETY: the call ends this thread and nothing else.
         unsafe { libc::syscall(libc::SYS_exit, 0) };
         unreachable!("the thread has ended");
     }
 
-    /// LIB-70 If a thread is ended while it opens or closes the board, the next one opens it.
+    /// LIB-70 If a thread is ended while it opens or closes the board, the next call of Open opens the board.
     #[test]
     fn in_open_and_in_close() {
         let board: &'static VendorBoard = Box::leak(Box::new(VendorBoard::new()));

@@ -26,7 +26,9 @@ pub const ECMSK_ERROR_ARGUMENT: i32 = -1;
 pub const ECMSK_ERROR_HANDLE: i32 = -2;
 /// The call has reached its timeout.
 pub const ECMSK_ERROR_TIMEOUT: i32 = -3;
-/// The link has virtual time, and no report will come however long the program waits.
+/// The link has virtual time, which advances only inside calls, and the board sends no reports, for example because the cable
+/// to its first slave is unplugged. No report would come however long the call waits. Connect the first slave again, then read
+/// again.
 pub const ECMSK_ERROR_SILENT: i32 = -4;
 /// The board was unplugged or does not answer any more. Close it and open it again.
 pub const ECMSK_ERROR_LOST: i32 = -5;
@@ -53,7 +55,8 @@ pub const ECMSK_WAIT_FOREVER: i64 = -1;
 /// As a timeout: the timeout of the link's URI, `read_timeout_ms` or `write_timeout_ms`.
 pub const ECMSK_WAIT_LINK: i64 = -2;
 
-/// The handle that `ecmsk_vendor_board` returns.
+/// The handle that `ecmsk_vendor_board` returns, for the board of OpenECMUSB. It is constant, since there is one such
+/// board.
 const VENDOR: usize = 1;
 const _: () = assert!(VENDOR < crate::handles::FIRST);
 
@@ -66,7 +69,8 @@ const _: () = assert!(VENDOR < crate::handles::FIRST);
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBoard) -> EcmskResult {
     if !board.is_null() {
-        // NULL is written first: without memory the call returns before the code below.
+        // NULL is written before anything else: if there is no memory for the call, the block of `entry!` below does not
+        // run.
         // SAFETY: not NULL, and the caller vouches for room; nothing is read from it.
         unsafe { board.write(std::ptr::null_mut()) };
     }
@@ -79,7 +83,7 @@ pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBo
         memory::check(memory::OPEN_BYTES)?;
         shutdown::end_at_exit();
         let handle = HANDLES.insert(OpenBoard::new(connect::named(uri)?));
-        // SAFETY: as above.
+        // SAFETY: `board` is not NULL, and the caller vouches for room for a pointer.
         unsafe { board.write(std::ptr::without_provenance_mut(handle)) };
         Ok(handle)
     }))
@@ -171,7 +175,8 @@ pub unsafe extern "C" fn ecmsk_read(
 /// The board of a handle.
 ///
 /// # Errors
-/// [`CallError::Handle`], [`CallError::NotOpen`].
+/// [`CallError::Handle`]: no open board has this handle. [`CallError::NotOpen`]: it is the handle of the vendor's board,
+/// which is not open.
 pub fn find(handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
     match handle {
         VENDOR => VENDOR_BOARD.get(),
@@ -191,7 +196,8 @@ fn wait(timeout_ms: i64, link: Wait) -> Result<Wait, Box<CallError>> {
     }
 }
 
-/// The result code of a call. Its error is already kept for `ecmsk_last_error`.
+/// Converts the result of a call of [`entry!`] to its result code. An error is dropped here: `entry!` has kept its text
+/// for `ecmsk_last_error`.
 pub fn code<T>(result: Result<T, Box<CallError>>) -> EcmskResult {
     match result {
         Ok(_) => ECMSK_OK,

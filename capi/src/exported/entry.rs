@@ -29,7 +29,8 @@ macro_rules! entry {
 }
 pub(crate) use entry;
 
-/// The function behind [`entry!`].
+/// The function behind [`entry!`]: `call` is the exported function's name with its arguments, for the trace, and `body` is the
+/// block of the macro.
 pub fn enter<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
@@ -38,14 +39,15 @@ pub fn enter<T: Debug>(
     guard(call, body)
 }
 
-/// The same as [`entry!`], for a call that [`module::close`](crate::module::close) counts itself.
+/// Runs `body` as [`entry!`] does, but does not count the call as under way. [`module::close`](crate::module::close) counts the
+/// calls that close a board, since it has to know whether another call is under way.
 pub fn guard<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
 ) -> Result<T, Box<CallError>> {
     if forked::is_forked() {
-        // No lock may be taken here, not even that of the log: a thread of the parent may hold it, and the child has no such
-        // thread.
+        // This process is a child of fork. No lock may be taken here, not even that of the log: a thread of the parent may have
+        // held it at the fork, and no thread of the child would release it.
         let error = Box::new(CallError::Forked);
         error::remember(&error);
         return Err(error);
@@ -71,7 +73,8 @@ pub fn guard<T: Debug>(
             if !forked::any_open()
                 && let Some(summary_writer) = writer::of_process()
             {
-                // No thread writes the summary lines now, because that thread runs only while a board is open.
+                // No board is open, so the thread that writes the summary for `ecmsk exec` is not running. This thread
+                // writes the lines.
                 summary_writer.write_all();
             }
         }
@@ -88,7 +91,7 @@ fn set_up() -> Result<(), Box<CallError>> {
     memory::check(memory::FIRST_CALL_BYTES)?;
     ONCE.call_once(|| {
         logger::set_up();
-        // The tests of this crate print their panics.
+        // Unit tests keep the default hook, which prints the panic of a test that fails.
         #[cfg(not(test))]
         std::panic::set_hook(Box::new(|panic| log::error!("{panic}")));
     });
@@ -107,11 +110,12 @@ mod tests {
     use super::*;
 
     fn last_error() -> String {
-        // SAFETY: this thread fails no call before the text is copied.
+        // SAFETY: the text ends with 0. Only a failing call of this thread changes it, and there is none before the text
+        // is copied.
         unsafe { CStr::from_ptr(error::last()) }.to_string_lossy().into_owned()
     }
 
-    /// A panic ends at the boundary, as an error with its message.
+    /// A panic in an exported function does not reach its caller in C. It becomes an error with the message of the panic.
     #[test]
     fn a_panic_is_an_error() {
         let length = 3;

@@ -40,7 +40,7 @@ impl From<FaultCounts> for EcmskFaults {
 pub struct EcmskStats {
     /// The size of this structure in bytes.
     pub size: u32,
-    /// Always 0.
+    /// Always 0. It aligns the counters to 8 bytes.
     pub reserved: u32,
     /// Command frames written.
     pub written: u64,
@@ -68,7 +68,7 @@ pub struct EcmskStats {
 pub struct EcmskCounters {
     /// The size of this structure in bytes.
     pub size: u32,
-    /// Always 0.
+    /// Always 0. It aligns the counters to 8 bytes.
     pub reserved: u32,
     /// Command frames received.
     pub frames: u64,
@@ -116,15 +116,16 @@ pub struct EcmskCounters {
     pub inputs_stale: u64,
 }
 
-/// A structure that begins with its own size.
+/// A structure that begins with its own size. A later version of the library may append counters; the size tells how many
+/// of them the caller's structure has.
 ///
 /// # Safety
-/// The type is `repr(C)` and consists of integers without padding. Its first four bytes are `size`, which holds the size of
-/// the type.
+/// The type is `repr(C)` and consists of integers without padding. Its first four bytes are `size`, which holds the size
+/// of the type.
 unsafe trait Versioned: Copy {}
-// SAFETY: both are declared as u32, u32, then only u64 and structures of u64. `size` is set where a value is made.
+// SAFETY: declared as u32, u32, then only u64 and structures of u64. `size` is set where a value is made.
 unsafe impl Versioned for EcmskStats {}
-// SAFETY: as above.
+// SAFETY: declared like `EcmskStats`: u32, u32, then only u64.
 unsafe impl Versioned for EcmskCounters {}
 
 /// The bytes of `size` and `reserved`: the smallest structure that a caller may pass.
@@ -276,7 +277,11 @@ pub unsafe extern "C" fn ecmsk_get_link_name(
     }))
 }
 
-/// Copies as much of `value` as the caller has room for, in whole counters.
+/// Copies as many fields of `value` as the caller's structure has room for, and sets its `size` to the bytes that were
+/// copied. A field that does not fit completely is left out.
+///
+/// # Errors
+/// [`CallError::Null`]: `target` is NULL. [`CallError::StructSize`]: the caller has set `size` to less than 8.
 ///
 /// # Safety
 /// `target` is NULL or points to a `u32` that holds the number of writable bytes there.

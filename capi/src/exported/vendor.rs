@@ -50,7 +50,7 @@ pub extern "system" fn CloseECMUSB() {
 
 extern "C" fn close_board() -> CloseResult {
     module::close(|| {
-        // Closing cannot fail, and the function returns nothing.
+        // CloseECMUSB returns nothing, so an error is dropped here. Its text is kept for `ecmsk_last_error`.
         let _ = guard(format_args!("CloseECMUSB()"), || {
             VENDOR_BOARD.close();
             Ok(())
@@ -109,7 +109,7 @@ pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) 
         })
     });
     if result.is_err()
-        // SAFETY: as above.
+        // SAFETY: the caller's promise for `data`.
         && let Ok(buffer) = unsafe { ReportBuffer::new(data, length(dwlength)) }
     {
         buffer.fill(&LAST_FRAME.get());
@@ -132,7 +132,7 @@ fn with_frame<T>(work: impl FnOnce(&mut Frame) -> Result<T, Box<CallError>>) -> 
         }
     };
     let result = work(&mut frame);
-    // This fails in a thread that is ending, which needs the frame no more.
+    // In a thread that is ending, its thread-local variables are gone and this fails: the frame is dropped.
     let _ = FRAME.try_with(|kept| kept.set(Some(frame)));
     result
 }

@@ -17,7 +17,8 @@ use permanent as imp;
 #[cfg(windows)]
 use unloadable as imp;
 
-/// The folder that this library was loaded from, as the loader names it; for the static library the program's.
+/// The folder that this library was loaded from, as the loader names it. In a program that links the static library it is
+/// the folder of the program.
 #[cfg(unix)]
 pub fn folder() -> Option<PathBuf> {
     use std::ffi::{CStr, OsStr};
@@ -38,7 +39,8 @@ pub fn folder() -> Option<PathBuf> {
     Some(file.parent()?.to_path_buf())
 }
 
-/// The folder that this library was loaded from; for the static library the program's.
+/// The folder that this library was loaded from. In a program that links the static library it is the folder of the
+/// program.
 #[cfg(windows)]
 pub fn folder() -> Option<PathBuf> {
     use std::ffi::OsString;
@@ -50,13 +52,13 @@ pub fn folder() -> Option<PathBuf> {
     const PATH_LEN_MAX: usize = 0x8000;
 
     let mut path = vec![0_u16; PATH_LEN_MAX];
-    // SAFETY: the buffer has room for as many characters as it says.
+    // SAFETY: the buffer has room for `PATH_LEN_MAX` characters.
     let length = unsafe { GetModuleFileNameW(imp::this_module()?, path.as_mut_ptr(), PATH_LEN_MAX as u32) };
     path.truncate(length as usize);
     Some(PathBuf::from(OsString::from_wide(&path)).parent()?.to_path_buf())
 }
 
-/// There is no function for the folder on other systems.
+/// Other systems have no function that returns the folder of a library, so it is not known.
 #[cfg(not(any(unix, windows)))]
 pub fn folder() -> Option<PathBuf> {
     None

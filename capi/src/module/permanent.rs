@@ -1,5 +1,5 @@
-//! For systems where this library is never unloaded, because it is linked with `nodelete`: the same items as in
-//! `unloadable.rs`, without effect.
+//! For systems where this library is never unloaded, because it is linked with `nodelete`: the items of `unloadable.rs`,
+//! which count calls and references to the module there and do nothing here.
 
 /// Without effect here. On Windows it is a reference to this library's module.
 pub struct ModuleReference;
@@ -10,7 +10,8 @@ impl ModuleReference {
     }
 }
 
-/// Without effect here. On Windows it counts a call of this library that is under way.
+/// Without effect here. On Windows it counts a call of this library that is under way, so that the library is not
+/// unloaded during the call.
 pub struct Call;
 
 impl Call {
@@ -38,7 +39,8 @@ pub fn close(close: impl FnOnce() -> i32) -> CloseResult {
     close()
 }
 
-/// The body of an exported function that closes a board by calling `$close`.
+/// The body of an exported function that closes a board: calls `$close` and nothing else. On Windows it also unloads the
+/// library if the closed board held the last reference to it.
 macro_rules! close_and_unload {
     ($close:path) => {{
         $close();

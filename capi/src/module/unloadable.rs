@@ -18,22 +18,22 @@ use windows_sys::Win32::System::LibraryLoader::{
 };
 use windows_sys::Win32::System::Threading::{CreateThread, Sleep};
 
-/// How long a call that is no longer counted may take to execute its last instructions in this module, however busy the
-/// machine is. \[OURS]
+/// How long a call takes at most, on a busy machine, to execute its last instructions in this module after it was counted
+/// as ended. The module must not be unloaded before. \[OURS]
 const RETURN_MS: u32 = 500;
 /// The interval at which a waiting thread checks whether all calls have returned.
 const CHECK_INTERVAL_MS: u32 = 1;
-/// After this many checks a waiting thread gives up, and the module stays loaded: a call whose thread was ended by force never
-/// returns. \[OURS]
+/// The maximum number of checks, one per ms, of a thread that waits until all calls have returned. After 10 s it gives up, and
+/// the module stays loaded: a call whose thread was ended by force never returns. \[OURS]
 const CHECKS_MAX: u32 = 10_000;
 
-/// How many calls are under way in this module.
+/// How many calls are under way in this module, which must not be unloaded meanwhile.
 static CALLS: AtomicUsize = AtomicUsize::new(0);
 /// How many references of closed boards are still to be released.
 static REFERENCES_TO_RELEASE: AtomicUsize = AtomicUsize::new(0);
 
-/// A reference to this module, which keeps it in memory. When this is dropped the reference is released at the end of the
-/// call.
+/// A reference to this module, which keeps it in memory. After this is dropped, the reference is released at the end of
+/// the call that closes the board.
 pub struct ModuleReference {
     taken: bool,
 }
@@ -90,7 +90,7 @@ fn pin_winsock() {
 pub struct Call;
 
 impl Call {
-    /// Counts the call until this is dropped.
+    /// Counts a call as under way until the returned value is dropped.
     pub fn begin() -> Self {
         CALLS.fetch_add(1, Ordering::SeqCst);
         Self
@@ -109,7 +109,7 @@ impl Drop for Call {
 pub struct LastError(u32);
 
 impl LastError {
-    /// Keeps the present last error.
+    /// Remembers the last error at the beginning of a call.
     pub fn keep() -> Self {
         // SAFETY: the function has no conditions.
         Self(unsafe { GetLastError() })
@@ -123,17 +123,19 @@ impl Drop for LastError {
     }
 }
 
-/// Sets what GetLastError returns to the caller. To be called at the very end of a call.
+/// Sets what GetLastError returns to the caller. This must be the last step of a call, because functions of Windows that are
+/// called after it may change the code.
 pub fn set_last_error(code: u32) {
     // SAFETY: the function has no conditions.
     unsafe { SetLastError(code) };
 }
 
-/// Runs `close` as a call. Returns its result code, or instead of `ECMSK_OK` the module if the caller is to release a
-/// reference to it with its last instruction.
+/// Runs `close`, the body of an exported function that closes a board, and counts it as a call under way. Returns its result
+/// code or, instead of `ECMSK_OK`, the address of the module if the exported function has to release a reference to the module
+/// with its last instruction.
 ///
-/// That is allowed only if no other call was under way at the beginning and at the end of this one: another call might still
-/// have instructions in this module to execute.
+/// That is allowed only if no other call was under way at the beginning and at the end of this one: another call might
+/// still have instructions in this module to execute.
 pub fn close(close: impl FnOnce() -> i32) -> CloseResult {
     let alone = CALLS.fetch_add(1, Ordering::SeqCst) == 0;
     let code = close();
@@ -146,7 +148,7 @@ pub fn close(close: impl FnOnce() -> i32) -> CloseResult {
     module.map_or(code as usize, |module| module.addr())
 }
 
-/// Starts a thread for each reference that is to be released, which does so when all calls have returned.
+/// Starts a thread for each reference that is to be released. The thread releases it when all calls have returned.
 fn release_references_by_threads() {
     if REFERENCES_TO_RELEASE.load(Ordering::SeqCst) == 0 {
         return;
@@ -185,11 +187,13 @@ unsafe extern "system" fn release_when_calls_ended(_: *mut c_void) -> u32 {
 #[cfg_attr(not(target_arch = "x86"), link(name = "ntdll", kind = "raw-dylib"))]
 #[cfg_attr(target_arch = "x86", link(name = "ntdll", kind = "raw-dylib", import_name_type = "undecorated"))]
 unsafe extern "system" {
-    /// The function behind FreeLibrary. It returns 0 for success, as this library's functions do.
+    /// The function of Windows' loader that FreeLibrary calls. It returns 0 for success, as the functions of this library
+    /// do, so that a closing function can jump to it instead of returning.
     fn LdrUnloadDll(module: *mut c_void) -> i32;
 }
 
-/// The address of `LdrUnloadDll`. It is set before it is needed, since the address of an import is not known at compile time.
+/// The address of `LdrUnloadDll`, for the assembly code of `close_and_unload!`. [`close`] sets it before that code reads
+/// it, since the address of an import is known only at run time.
 pub static UNLOAD: AtomicUsize = AtomicUsize::new(0);
 
 /// The body of an exported function that closes a board. It calls `$close`, which returns what [`close`] returns, and jumps
@@ -215,7 +219,8 @@ macro_rules! close_and_unload {
     };
 }
 
-/// The same for 32 bits, where an argument is a word on the caller's stack that is passed on.
+/// `close_and_unload!` for 32-bit x86. An argument of the exported function is a word on the caller's stack, which is
+/// pushed again for `$close`.
 #[cfg(target_arch = "x86")]
 macro_rules! close_and_unload {
     ($close:path) => {

@@ -50,7 +50,8 @@ pub fn writable_by_others(file: &Path) -> Option<String> {
     const WRITABLE_BY_OTHERS: u32 = 0o022;
     const STICKY: u32 = 0o1000;
 
-    // Only root can change these folders, so the result of this check still holds when the file is read later.
+    // The check covers the file and every folder above it. If only root can change all of them, nobody can exchange the
+    // file between this check and its reading.
     let folder = match file.parent().map(Path::canonicalize) {
         Some(Ok(folder)) => folder,
         _ => return Some("its folder cannot be looked at".to_owned()),
@@ -76,7 +77,7 @@ pub fn writable_by_others(file: &Path) -> Option<String> {
     None
 }
 
-/// Always `None`: on this system programs do not have more rights than their user.
+/// Always `None`: [`is_privileged`] is false on this system, so every file is trusted.
 #[cfg(not(unix))]
 pub fn writable_by_others(_: &Path) -> Option<String> {
     None

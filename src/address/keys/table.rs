@@ -5,7 +5,7 @@ use super::{Fraction, Key, Scheme, Syntax};
 use crate::fieldbus::xf::{LocalPins, XfBusOptions};
 use crate::xf::DataSize;
 
-/// The largest values of keys in milliseconds: one hour, one day. \[OURS]
+/// The largest value of keys for short times, in milliseconds: one hour. \[OURS]
 const HOUR_MS: u64 = 3_600_000;
 const DAY_MS: u64 = 24 * HOUR_MS;
 
@@ -29,18 +29,18 @@ const NIC: &[Scheme] = &[Scheme::Nic];
 const XF: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip with a selectable packet size; an ECM-XFU has a fixed one.
 const XF_ON_SPI: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi];
-/// A USB endpoint number.
+/// The number of a USB endpoint for packets; endpoint 0 is the control endpoint (USB 2.0 9.6.6).
 const ENDPOINT: Syntax = Syntax::Number(1, 15);
 /// The number of data bytes in a packet of an ECM-XF.
 const DATA_SIZE: Syntax = Syntax::Number(DataSize::MIN.bytes() as u64, DataSize::MAX.bytes() as u64);
 
 const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 
-/// All keys, in the order of a URI's normal form.
+/// The table of all keys, in the order in which a URI's normal form writes them.
 ///
-/// These values have no source and are \[OURS]: the defaults of `slaves`, `host_us` (one USB microframe),
-/// `state_timeout_ms` (SK-4), `sdo_timeout_ms` (SK-6), `catch_up_ms`, `transfers`, `prefill`, `fault.seed`,
-/// `fault.delay_ms` and of the keys of `tcp:`; the lower limit of `speed`; and the limits of all ranges.
+/// The following values are in no manual; this project chose them \[OURS]: the defaults of `slaves`, `host_us` (one USB
+/// microframe), `state_timeout_ms` (rules SK-4), `sdo_timeout_ms` (rules SK-6), `catch_up_ms`, `transfers`, `prefill`,
+/// `fault.seed`, `fault.delay_ms` and of the keys of `tcp:`; the lower limit of `speed`; and the limits of all ranges.
 #[rustfmt::skip]
 pub const KEYS: &[Key] = &[
     Key {
@@ -375,13 +375,14 @@ pub const KEYS: &[Key] = &[
     },
 ];
 
-/// A fault key: the fraction of frames, in both directions, that the fault affects.
+/// A key that sets how many frames of both directions a fault hits, as a fraction of all frames: 0 none, 1 every frame.
 const fn fault_rate(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
     Key { name, schemes: &Scheme::ALL, syntax, default: Some("0"), example: "0.01", meaning }
 }
 
-/// A fault key like [`fault_rate`], for one direction. Its value replaces the value for both directions.
+/// A key like that of [`fault_rate`], for one direction only. For this direction it replaces the fraction of the key for
+/// both.
 const fn fault_rate_one_direction(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
     Key { name, schemes: &Scheme::ALL, syntax, default: None, example: "0.01", meaning }

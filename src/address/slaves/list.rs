@@ -72,7 +72,7 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// Splits the text at its next separator.
+/// Returns the text before the next `:` or `*`, and the rest, which begins with this separator.
 fn next_piece(text: &str) -> (&str, &str) {
     text.split_at(text.find(SIGNS).unwrap_or(text.len()))
 }
@@ -116,7 +116,7 @@ pub(super) fn read<T: Clone>(
     Ok(slaves)
 }
 
-/// Joins words to a list in which equal neighbours are counted: `drive*2,io`.
+/// Joins the texts of slaves with commas. Equal neighbours are written once with their count: `drive*2,io`.
 pub(crate) fn list(words: impl Iterator<Item = String>) -> String {
     let words: Vec<String> = words.collect();
     let runs = words.chunk_by(|a, b| a == b).map(|run| match run.len() {

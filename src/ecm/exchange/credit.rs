@@ -11,14 +11,14 @@ use crate::sk::FIFO_ENTRIES;
 
 #[derive(Debug)]
 pub struct Credit {
-    /// Write times of the frames that the newest free count may not include yet, oldest first; at most as many as the
-    /// FIFO has entries.
+    /// Write times of the frames that may have arrived only after the newest report was made, so that its free count may
+    /// not include them; oldest first, and at most as many as the FIFO has entries.
     uncounted: VecDeque<Stamp>,
     /// The number of free entries in the newest report.
     free: u16,
     /// The number of frames written since OP was reached.
     written: i64,
-    /// The number of cycles since OP was reached.
+    /// The number of cycles of the board since OP was reached, counted by the reports, including those that were lost.
     cycles: i64,
     /// Whether empty cycles are counted as underruns now; `None` while no stream is open.
     counting: Option<Counting>,
@@ -46,13 +46,13 @@ impl Credit {
         }
     }
 
-    /// Forgets all frames: the network has left OP, so that the FIFO is empty.
+    /// Forgets all written frames, because the network has left OP, which empties the FIFO.
     pub fn reset(&mut self) {
         self.uncounted.clear();
         (self.free, self.written, self.cycles, self.counting) = (FIFO_ENTRIES, 0, 0, None);
     }
 
-    /// Counts a written frame and returns its number, from 1.
+    /// Counts a written frame and returns its number, counted from 1 since OP was reached.
     pub fn wrote(&mut self, at: Stamp) -> i64 {
         if self.uncounted.len() == usize::from(FIFO_ENTRIES) {
             self.uncounted.pop_front();
@@ -62,8 +62,8 @@ impl Credit {
         self.written
     }
 
-    /// Updates the model from a report in OP, made `cycles` cycles after the previous one. A frame counts as arrived
-    /// `margin_ns` after it was written.
+    /// Updates the model from a report in OP, made `cycles` cycles after the previous one. A frame that was written less
+    /// than `margin_ns` before the report may have arrived too late to be in its free count.
     pub fn report(&mut self, at: Stamp, free: u16, cycles: u64, margin_ns: u64) {
         while self.uncounted.front().is_some_and(|sent| sent.0.saturating_add(margin_ns) <= at.0) {
             self.uncounted.pop_front();
@@ -73,19 +73,21 @@ impl Credit {
         self.cycles += cycles as i64;
         let later = self.uncounted.iter().rev().take_while(|sent| **sent >= at).count() as i64;
         let arrived = self.written - later;
-        // The board executes one entry in each cycle, unless the FIFO is empty.
+        // The board executes one entry in each cycle, unless the FIFO is empty. So the cycles without an entry are all
+        // cycles minus the executed entries, which are the arrived frames minus those still in the FIFO.
         let idle = self.cycles - (arrived - i64::from(self.used()));
         match self.counting {
             Some(Counting::After(frames)) if arrived - i64::from(self.used()) > frames => {
                 self.counting = Some(Counting::Since(idle))
             }
             Some(Counting::Since(before)) => {
-                // The number of empty cycles may fall, because a frame may have been counted as arrived a little early.
-                // Underruns are never taken back.
+                // The number of idle cycles may be smaller than at the report before: a frame written just before a report
+                // counts as arrived and executed, although it may not have been. Underruns that were counted are never taken
+                // back.
                 let new = (idle - before).max(0);
                 if new > 0 {
-                    // The FIFO had entries before and after this one cycle, so the cycle found an entry: a frame was
-                    // counted as arrived too early.
+                    // The FIFO had entries before and after this one cycle, so the cycle executed one and is no underrun. The
+                    // number of idle cycles is larger now only because a frame had counted as arrived too early.
                     if !(cycles == 1 && had_entries && self.used() > 0) {
                         self.underruns += new as u64;
                     }
@@ -110,7 +112,8 @@ impl Credit {
         FIFO_ENTRIES - self.free
     }
 
-    /// The number of frames that the board certainly has room for.
+    /// The number of frames for which the board has room in any case. It may have room for more: frames that the newest
+    /// free count may not include are taken off.
     pub fn credit(&self) -> u16 {
         self.free.saturating_sub(self.uncounted.len() as u16)
     }
@@ -120,7 +123,8 @@ impl Credit {
         FIFO_ENTRIES - self.credit()
     }
 
-    /// Whether the board has certainly executed the frame with the number `number`.
+    /// Whether the board has executed the frame with the number `number`, even if all frames that the newest free count
+    /// may not include still wait.
     pub fn has_executed(&self, number: i64) -> bool {
         self.written - self.uncounted.len() as i64 - i64::from(self.used()) >= number
     }
@@ -141,7 +145,8 @@ mod tests {
             credit.wrote(Stamp(10 * MS + n));
         });
         assert_eq!((credit.credit(), credit.ahead()), (147, 13));
-        // A report that was made before these frames were written, and read late from a queue.
+        // This report was made before the three frames were written, and was read late from a queue. They are taken off
+        // its free count.
         credit.report(Stamp(9 * MS), 155, 0, MS);
         assert_eq!(credit.credit(), 152);
         credit.report(Stamp(12 * MS), 149, 2, MS);

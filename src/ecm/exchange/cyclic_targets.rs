@@ -16,9 +16,9 @@ pub struct CyclicTargets {
     set: SlaveSet,
     /// The targets for the next frame. They are repeated in each frame until other targets are set.
     next: Box<Frame>,
-    /// The targets of the last step.
+    /// The targets of the last frame that was written.
     last: Box<Frame>,
-    /// The outputs last sent to HSPs, by slot. Clearing the targets does not change them.
+    /// The digital outputs last sent to the two channels of each HSP, by slot. Removing the targets does not change them.
     outputs: [Outputs; SLOTS],
     /// Slaves whose targets were withdrawn since the last call of [`take_withdrawn`](Self::take_withdrawn).
     withdrawn: SlaveSet,
@@ -41,7 +41,7 @@ impl CyclicTargets {
         &self.next
     }
 
-    /// The outputs last sent to each slave, by slot.
+    /// The digital outputs last sent to the two channels of each HSP, by slot; 0 for all other slaves.
     pub const fn outputs(&self) -> &[Outputs; SLOTS] {
         &self.outputs
     }
@@ -51,13 +51,13 @@ impl CyclicTargets {
         self.forget(SlaveSet::first(MAX_SLAVES as u8));
     }
 
-    /// Sets all outputs to 0, as the board does when the network leaves OP.
+    /// Sets the recorded outputs of all HSPs to 0, as the board sets the outputs when the network leaves OP.
     pub fn forget_outputs(&mut self) {
         self.outputs = [[0; 2]; SLOTS];
     }
 
-    /// Removes the targets of slaves. A stream then also drops those that it has prepared for its next step
-    /// ([`take_withdrawn`](Self::take_withdrawn)).
+    /// Removes the targets of slaves whose axes went off or are going to be homed. A stream then also drops those that it
+    /// has prepared for its next step ([`take_withdrawn`](Self::take_withdrawn)).
     pub fn withdraw(&mut self, slaves: SlaveSet) {
         self.forget(slaves);
         self.withdrawn = self.withdrawn.union(slaves);
@@ -90,7 +90,7 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
-    /// Takes `last` as the last target of a slave: another program has sent it.
+    /// Sets the last target of a slave to one that another program has sent, whose board this process takes over.
     pub fn assume(&mut self, slave: u8, last: Option<SlaveCommand>) {
         let slot = last.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
         self.last.put(self.size, slave.into(), &slot);
@@ -98,7 +98,8 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
-    /// Notes that the next targets were sent in a frame. `hsps`: the HSPs, whose outputs are kept.
+    /// Notes that the next targets were sent in a frame, and so are the last ones now. `hsps`: the HSPs, whose digital
+    /// outputs are also noted, since they have to be repeated when only a target changes.
     pub fn stepped(&mut self, hsps: SlaveSet) {
         self.last.clone_from(&self.next);
         for slave in hsps.intersection(self.set).iter() {
@@ -112,12 +113,12 @@ impl CyclicTargets {
         }
     }
 
-    /// Drops the targets that were new in a frame, because the frame was not written.
+    /// Returns to the targets of the last frame, because the frame with the new ones was not written.
     pub fn revert(&mut self) {
         self.next.clone_from(&self.last);
     }
 
-    /// The command last sent to a slave.
+    /// The target of a slave in the last frame that was written; `None` if that frame had none for the slave.
     pub fn last(&self, slave: u8) -> Option<SlaveCommand> {
         let slot = self.last.slot(self.size, slave.into());
         if slot.is_zero() {

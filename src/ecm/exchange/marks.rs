@@ -6,7 +6,8 @@
 //! firmware 1.5 have the mode in that byte instead: then the host must count FIFO entries, which goes wrong when a
 //! frame is lost on the way.
 
-/// The lowest mark: higher than every mode that reports of firmware 1.5 have in that byte. \[OURS]
+/// The lowest mark. Firmware 1.5 has the mode of operation in byte 1 of a slave's slot instead of a mark, and every mode is
+/// below this number. \[OURS]
 const FIRST: u8 = 0x20;
 /// \[OURS] If this many frames were executed, by the count of FIFO entries, and no report returned their marks, the
 /// board counts as one that does not repeat the index.
@@ -25,15 +26,16 @@ pub enum Echo {
 
 pub struct Marks {
     pub echo: Echo,
-    /// The mark of the newest frame that has one.
+    /// The mark that a frame got last; the next frame with a command gets the next mark.
     last: u8,
-    /// One bit for each mark, set once a report has returned the mark.
+    /// One bit for each mark. It is set when a report has returned the mark, so that the frame with it was executed.
     returned: [u64; 4],
     /// For each mark the value of Data1 in slot 0 of the first report that returned it: the board's result.
     results: [u32; 256],
-    /// The number of frames that were executed, by the count of FIFO entries, without returning their marks.
+    /// The number of frames that were executed, by the count of FIFO entries, without a report that returned their marks.
     missed: u8,
-    /// The number of calls that wait for a mark. While it is 0, reports are not searched for marks.
+    /// The number of calls that wait until a report returns the mark of their frame. While it is 0, reports are not searched
+    /// for marks.
     pub awaited: u32,
 }
 
@@ -42,7 +44,8 @@ impl Marks {
         Self { echo: Echo::Unknown, last: FIRST, returned: [0; 4], results: [0; 256], missed: 0, awaited: 0 }
     }
 
-    /// Returns the mark for the next frame. If the mark was used before, its old record is cleared.
+    /// Returns the mark for the next frame. There are fewer than 256 marks, so each is used again after a while; a frame that
+    /// had the mark before no longer counts as executed then.
     pub fn next(&mut self) -> u8 {
         self.last = self.last.checked_add(1).unwrap_or(FIRST);
         self.returned[usize::from(self.last / 64)] &= !(1 << (self.last % 64));
@@ -68,12 +71,12 @@ impl Marks {
         self.returned[(mark / 64) as usize] & 1 << (mark % 64) != 0
     }
 
-    /// The result of the board (Data1 of slot 0) in the cycle that executed the frame with that mark.
+    /// The result of the board (Data1 of slot 0) in the cycle that executed the frame with this mark.
     pub const fn result(&self, mark: u8) -> u32 {
         self.results[mark as usize]
     }
 
-    /// Counts a frame that was executed, by the count of FIFO entries, without returning its mark.
+    /// Counts a frame that was executed, by the count of FIFO entries, without a report that returned its mark.
     pub fn note_missing(&mut self) {
         if self.echo == Echo::Unknown {
             self.missed += 1;
@@ -83,8 +86,8 @@ impl Marks {
         }
     }
 
-    /// Sets whether the board repeats indices, as the answer to a command with the index [`Marks::PROBE`] has shown
-    /// outside OP.
+    /// Sets whether the board repeats the index of a command in its reports. The caller has sent a command with the index
+    /// [`Marks::PROBE`] outside OP and seen the answer.
     pub const fn set_echo(&mut self, echoes: bool) {
         self.echo = if echoes { Echo::Yes } else { Echo::No };
     }

@@ -53,16 +53,18 @@ use super::options::Options;
 use crate::link::{Link, LinkError, LinkInfo, Wait};
 use crate::sk::{RawSlot, SlotSize};
 
-/// \[OURS] If a stream makes no step for this long, other threads no longer wait for its frames.
+/// \[OURS] If an open stream makes no step for this long, the calls of other threads write frames of their own instead of
+/// waiting for the stream's next frame.
 const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
 /// \[OURS] A report that is older than this many cycles does not show the present positions of the axes.
 const REPORT_AGE_CYCLES: u32 = 3;
 /// \[OURS] The longest timeout of a call: a year.
 pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
-/// \[OURS] The most reports that one call reads without waiting: more than the queue of any link holds by default.
+/// \[OURS] The most reports that one call reads without waiting. These are more than the queue of any link holds by default, so
+/// a call normally reads all of them, and it ends even if reports come faster than it reads them.
 const CATCH_UP_REPORTS_MAX: usize = 4096;
 
-/// Returns `true` if the wait of the calling thread is to end.
+/// A function of the program that is called during a wait of a call. It returns `true` if the wait is to end.
 type Interrupt = Box<dyn Fn() -> bool + Send + Sync>;
 
 pub struct Exchange {
@@ -74,16 +76,18 @@ pub struct Exchange {
     /// Generation counter: incremented whenever state that a `Stream` reads has changed, such as a new report, another
     /// configuration, an axis that is homing, or a cleared FIFO.
     changes: AtomicU64,
-    /// Signalled when a report was read, when claimed slots were released, and when the board was closed.
+    /// Signalled when a report was read, when claimed slots were released, and when the board was closed: threads that wait for
+    /// one of these go on.
     news: Condvar,
-    /// Whether a stream ended while another thread had the lock of the session, so that the stream is still registered
-    /// there.
+    /// Whether a stream ended while another thread had the lock of the session. The session then still has the stream as
+    /// open, until the next call takes the lock.
     abandoned: AtomicBool,
     /// Held by the call that uses the SDO slot, so that there is one transfer at a time.
     pub sdo_turn: Mutex<()>,
     /// Held by the call that is homing axes, so that there is one such call at a time.
     pub homing_turn: Mutex<()>,
-    /// What ends the waits of calls, see [`Ecm::with_interrupt`](super::Ecm::with_interrupt).
+    /// A function of the program that is called during waits. If it returns `true`, the wait ends with an error, see
+    /// [`Ecm::with_interrupt`](super::Ecm::with_interrupt).
     pub interrupt: Option<Interrupt>,
 }
 
@@ -153,7 +157,7 @@ impl Exchange {
         Ok(session)
     }
 
-    /// As [`Exchange::lock`], after reading all reports up to the newest one.
+    /// As [`Exchange::lock`], and then reads all reports that are waiting, up to the newest one.
     pub fn lock_newest(&self) -> Result<MutexGuard<'_, Session>, EcmError> {
         let mut session = self.lock()?;
         self.catch_up(&mut session)?;
@@ -167,7 +171,8 @@ impl Exchange {
         Ok(session)
     }
 
-    /// Marks the stream as ended while another thread has the lock of the session. The next lock removes the stream.
+    /// Called when a stream ends while another thread has the lock of the session: the next call that gets the lock removes the
+    /// stream.
     pub fn abandon(&self) {
         self.abandoned.store(true, Ordering::Release);
     }
@@ -177,17 +182,18 @@ impl Exchange {
         self.options.read_limit.max(session.network.cycle() * 3)
     }
 
-    /// Generation counter: incremented whenever state that a `Stream` reads has changed.
+    /// Generation counter: incremented whenever state that a `Stream` reads has changed. A `Stream` takes the lock of the
+    /// session only if this number differs from the one of its copy.
     pub fn changes(&self) -> u64 {
         self.changes.load(Ordering::Acquire)
     }
 
-    /// Increments the generation counter. The caller holds the lock of the session.
+    /// Increments the generation counter. To be called after state that a `Stream` reads was changed.
     pub fn changed(&self) {
         self.changes.fetch_add(1, Ordering::Release);
     }
 
-    /// Sets the configuration of the slaves.
+    /// Sets the configuration of the slaves, by which calls are checked from now on.
     pub fn set_network(&self, config: &Config) -> Result<(), EcmError> {
         let network = Arc::new(Network::of(config));
         let mut session = self.lock()?;
@@ -225,12 +231,12 @@ impl Exchange {
     }
 
     /// Reads all reports that are waiting, so that decisions use the newest one. In virtual time a read lets time pass,
-    /// so reports are read only when one is due.
+    /// so a report is read only if a cycle has passed since the newest one.
     pub fn catch_up(&self, session: &mut Session) -> Result<(), EcmError> {
         for _ in 0..CATCH_UP_REPORTS_MAX {
             if self.info.virtual_time {
                 let (Some(meta), Some(cycle)) = (session.reports.meta, session.network.cycle_ns) else { return Ok(()) };
-                // Returns the error if the link is lost.
+                // Returns the present board time without letting any pass, or the error of a lost link.
                 let now = self.link.pass(Duration::ZERO)?;
                 if now.is_some_and(|now| now.0 < meta.at.0 + cycle) {
                     return Ok(());
@@ -250,8 +256,8 @@ impl Exchange {
         self.write_within(session, deadline.saturating_sub(self.now()).min(self.options.write_limit))
     }
 
-    /// Writes a frame with these commands by `deadline`. If a queued command of another thread uses one of their slots,
-    /// a frame with that command is written first.
+    /// Writes a frame with these commands by `deadline`. A slot of a frame has room for one command: if a queued command
+    /// of another thread uses one of the slots, a frame with that command is written first.
     pub fn write_commands(
         &self,
         session: &mut Session,
@@ -278,7 +284,8 @@ impl Exchange {
                 }
                 Ok(())
             }
-            // The commands stay queued for the next frame. The call that queued them may withdraw them.
+            // The frame was not written, so its targets are taken back. Its commands stay queued for the next frame,
+            // unless the call that queued them withdraws them.
             Err(error) => {
                 session.targets.revert();
                 Err(match error {
@@ -343,8 +350,8 @@ impl Exchange {
         if is_interrupted { Err(EcmError::Interrupted) } else { Ok(()) }
     }
 
-    /// Ends every use of the board. If the axes may be moving, the link is closed as by a program that has vanished: a
-    /// server behind the link then stops the axes.
+    /// Ends every use of the board. If axes may be moving, the link is closed by [`Link::vanish`]: a server behind the
+    /// link then stops the axes, as it does for a program that was killed.
     pub fn shut(&self, is_at_rest: bool) {
         if let Some(mut session) = self.session.try_lock_for(self.options.read_limit) {
             session.closed = true;

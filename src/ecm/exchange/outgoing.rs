@@ -1,4 +1,5 @@
-//! Outgoing frames: the frame that is composed next, and by which the answers to the last one are recognised.
+//! Outgoing frames: the frame that is composed next, and the time, number and mark by which the execution of the last
+//! frame is recognised.
 
 use super::slot_set::SlotSet;
 use crate::link::Stamp;
@@ -11,7 +12,8 @@ pub struct Sent {
     pub at: Stamp,
     /// The number of the frame among the FIFO entries since OP was reached, from 1; 0 outside OP.
     pub number: i64,
-    /// The mark of the frame ([`Marks`](super::marks::Marks)); 0 if it has none.
+    /// The mark of the frame, a number by which reports show that the frame was executed ([`Marks`](super::marks::Marks)); 0 if
+    /// it has none.
     pub mark: u8,
 }
 
@@ -19,13 +21,13 @@ pub struct Sent {
 pub struct Outgoing {
     /// The frame that is composed next. After a write it has the last frame until the next is composed.
     pub frame: Frame,
-    /// The mark of `frame`; 0 if it has none.
+    /// The mark of `frame`, by which reports show that it was executed; 0 if it has none.
     pub mark: u8,
     /// The number of frames written so far.
     pub written: u64,
     /// The identification of the last written frame. If that has no mark, the mark is that of the last frame with one.
     pub last: Sent,
-    /// Slots with a command in the last frame that had a mark.
+    /// The slots that had a command in the last frame with a mark.
     pub last_commanded: SlotSet,
 }
 

@@ -9,14 +9,14 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// \[OURS] The longest single wait for a report. A longer one is divided.
+/// \[OURS] The longest single wait for a report. A call that may wait longer waits several times.
 pub const WAIT_MAX: Duration = Duration::from_millis(100);
 /// \[OURS] How much longer than announced a wait may take on a busy machine before it counts as a stall.
 const LATENESS_MAX: Duration = Duration::from_millis(100);
-/// \[OURS] The least advance of the clock after a stall.
+/// \[OURS] The least advance of the clock after a stall, even if no wait was announced, so that timeouts pass in the end.
 const STEP_MIN: Duration = Duration::from_millis(1);
 
-/// The clock of timeouts. Threads may share it.
+/// The clock of timeouts, which leaves out stalls of this process. Threads may share it.
 pub struct Patience {
     started: Instant,
     /// The newest time of the underlying clock that [`Patience::at`] got, ns.
@@ -33,12 +33,13 @@ impl Patience {
         Self { started: Instant::now(), last_ns, expected_ns, stood_ns }
     }
 
-    /// The real time since this clock was made, including stalls.
+    /// The real time since this clock was made, including stalls. The time of the clock without them is [`Patience::at`].
     pub fn elapsed(&self) -> Duration {
         self.started.elapsed()
     }
 
-    /// Announces a wait of at most `wait`.
+    /// Announces that the caller will now wait for at most `wait`. If much more time has passed at the next reading of
+    /// the clock, this counts as a stall.
     pub fn expect(&self, wait: Duration) {
         let wait_ns = u64::try_from(wait.as_nanos()).unwrap_or(u64::MAX);
         self.expected_ns.fetch_max(wait_ns, Ordering::Relaxed);
@@ -47,7 +48,8 @@ impl Patience {
     /// The time of this clock when the underlying clock, which includes stalls, shows `now`.
     pub fn at(&self, now: Duration) -> Duration {
         let now_ns = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
-        // If several threads read the clock after a stall, only one of them sees the gap. So the stall is left out once.
+        // If several threads read the clock after a stall, only the first of them sees the gap since the last reading. So
+        // the stall is subtracted once, as it has to be.
         let last_ns = self.last_ns.fetch_max(now_ns, Ordering::AcqRel);
         let expected_ns = self.expected_ns.swap(0, Ordering::Relaxed);
         let passed_ns = now_ns.saturating_sub(last_ns);
@@ -59,21 +61,22 @@ impl Patience {
     }
 }
 
-/// How long one call has waited by the clock of timeouts. While its thread gets no processor or no turn, other threads may
-/// move a virtual clock on by seconds. Each such gap counts as [`WAIT_MAX`] and [`LATENESS_MAX`] and one cycle at most, so
-/// that a call looks at many reports before it times out.
+/// How long one call has waited by the clock of timeouts. While the thread of the call gets no processor or no lock,
+/// other threads may move a virtual clock on by seconds. So the time between two readings counts as at most [`WAIT_MAX`],
+/// [`LATENESS_MAX`] and one cycle together, and the call looks at many reports before it times out.
 pub struct Waited {
     last: Duration,
     total: Duration,
 }
 
 impl Waited {
-    /// A call that begins at that time.
+    /// A call that begins at the time `now` and has not waited yet.
     pub const fn since(now: Duration) -> Self {
         Self { last: now, total: Duration::ZERO }
     }
 
-    /// How long the call has waited until `now`. `cycle`: the cycle of the board.
+    /// How long the call has waited until `now`. `cycle`: the cycle of the board, which a wait for a report may take in
+    /// addition.
     pub fn until(&mut self, now: Duration, cycle: Duration) -> Duration {
         self.total += now.saturating_sub(self.last).min(WAIT_MAX + LATENESS_MAX + cycle);
         self.last = now;
@@ -87,7 +90,8 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// Waits count in full, also on a busy machine; a stall hardly counts.
+    /// Waits count in full, also if a busy machine prolongs them by up to 200 ms. A stall counts as half of the announced
+    /// wait, or 1 ms without one.
     #[test]
     fn what_stood_still_has_hardly_waited() {
         let patience = Patience::new();
@@ -102,7 +106,8 @@ mod tests {
         assert_eq!(wait(0, 6600), 451 * MS);
     }
 
-    /// A thread that gets no turn while others move the clock on does not time out at its first look.
+    /// A thread that gets no lock while others move a virtual clock on by seconds does not time out when it reads the
+    /// clock again.
     #[test]
     fn a_thread_without_a_turn_has_hardly_waited() {
         let mut waited = Waited::since(1000 * MS);

@@ -29,7 +29,8 @@ impl Posts {
         true
     }
 
-    /// Queues the commands in these slots of the last frame again, except that of slot 0.
+    /// Queues the commands in these slots of the last frame again. Slot 0 is left out: if the FIFO was full, the board
+    /// has executed the command there and dropped the other slots.
     pub const fn post_again(&mut self, slots: SlotSet) {
         self.slots.insert_all(slots.without(0));
     }
@@ -53,7 +54,7 @@ impl Posts {
         self.slots.is_empty()
     }
 
-    /// Whether a queued command clears the board's FIFO.
+    /// Whether a queued command clears the board's FIFO. The frame with it must not have targets.
     pub fn clear_fifo(&self) -> bool {
         self.slots.contains(0) && self.commands[0] == MasterCommand::SetFifo(FifoAction::Clear).encode()
     }

@@ -14,9 +14,9 @@ pub struct Reports {
     pub incoming: Box<Frame>,
     pub newest: Box<Frame>,
     pub previous: Box<Frame>,
-    /// Time and number of the newest report; `None` before the first one.
+    /// The time and the sequence number of the newest report; `None` before the first one.
     pub meta: Option<ReadMeta>,
-    /// Time and number of the report before the newest.
+    /// The time and the sequence number of the report before the newest.
     previous_meta: Option<ReadMeta>,
     /// The highest sequence number of a report so far, also of one with a wrong CRC.
     last_sequence: u64,
@@ -24,7 +24,7 @@ pub struct Reports {
     pub board: MasterResponse,
     /// When the last usable report was read, on the clock of timeouts.
     pub heard_at: Duration,
-    /// The same time on the link's clock. In virtual time: when that report was made.
+    /// When the last usable report was read, on the link's clock. In virtual time: when it was made.
     pub read_at: Duration,
 }
 
@@ -73,7 +73,8 @@ impl Reports {
         true
     }
 
-    /// Decodes slot 0 of the newest report and counts the failures that it shows. Returns slot 0 of the previous report.
+    /// Decodes slot 0 of the newest report. Counts a changed error byte, and a state byte that has begun to show a failure.
+    /// Returns slot 0 of the previous report.
     pub fn read_board(&mut self, stats: &mut Stats, news: &mut NewsQueue) -> MasterResponse {
         let before = std::mem::replace(&mut self.board, MasterResponse::decode(&self.newest.slot(self.size, 0)));
         if self.previous_meta.is_none() {

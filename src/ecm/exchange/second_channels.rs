@@ -14,16 +14,16 @@ use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{CommandId, Frame, RawSlot, SdoCommand, SdoResponse, SlotSize};
 
 const SECOND_STATUSWORD: ObjectAddress = ObjectAddress::new(STATUSWORD + SECOND_AXIS_OFFSET, 0);
-/// An object that every slave has. It is read between two transfers whose answers may be equal, so that the second
-/// answer can be told from the first (SK-6.10).
+/// An object that every slave has. If two requests in a row are equal, their answers may be, too. This object is read
+/// between them, so that the second answer can be told from the first (SK-6.10).
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
-/// \[OURS] A stream sends its SDO request again after this many frames without an answer: longer than the board's own
-/// timeout.
+/// \[OURS] A stream sends its SDO request again after this many frames without an answer. It writes one frame per cycle:
+/// with the shortest cycle, 250 us, this is 1 s.
 const ANSWER_FRAMES_MAX: u64 = 4000;
 /// \[OURS] How long an SDO transfer of a call waits for the end of the one that a stream has requested.
 const STREAM_SDO_LIMIT: Duration = Duration::from_secs(2);
 
-/// What is known about second channels.
+/// What is known about the second channels of HSPs.
 pub struct SecondChannels {
     /// Slaves that have a second channel.
     present: SlaveSet,
@@ -31,7 +31,7 @@ pub struct SecondChannels {
     absent: SlaveSet,
     /// The newest statuswords of second channels, by slot.
     statuswords: [Statusword; SlotSize::Bytes12.slots()],
-    /// The SDO slot of the newest report, to notice a new answer.
+    /// The SDO slot of the newest report. A report with another content in it has a new answer.
     shown: RawSlot,
     /// The request of a stream that has no answer yet.
     asked: Option<Asked>,
@@ -115,8 +115,9 @@ impl SecondChannels {
         self.present.contains(slave).then(|| self.statuswords[usize::from(slave)])
     }
 
-    /// The SDO request for a stream's next frame, if a statusword has to be read again. `frames`: the number of frames
-    /// written so far.
+    /// The SDO request for a stream's next frame, which reads the statuswords of all second channels in turn. `None` if
+    /// there are no second channels, or while an earlier request has no answer. `frames`: the number of frames written so
+    /// far.
     pub fn request(&mut self, network: &Network, frames: u64) -> Option<SdoCommand> {
         if self.present.is_empty() {
             return None;

@@ -25,8 +25,8 @@ use crate::ethercat::coe::ObjectAddress;
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::{CrcPolicy, Frame, MasterResponse, RawSlot, SlotSize};
 
-/// \[OURS] While slaves are lost, one in this many frames gets a mark, since missing answers to it show which slaves
-/// are lost.
+/// \[OURS] While slaves are lost, one in this many frames of a stream gets a mark although it has no command. Slaves repeat the
+/// mark in their slots of a report; a slave that does not is lost.
 const ASK_LOST: u64 = 32;
 
 /// The axes that a call is homing.
@@ -34,8 +34,8 @@ const ASK_LOST: u64 = 32;
 pub struct HomingAxes {
     /// Slaves that are being homed, from before their objects are written until their mode is restored.
     pub active: SlaveSet,
-    /// Slaves in `active` whose homing was aborted. In CSP bits 10 and 12 of their statusword no longer mean "homing
-    /// attained".
+    /// Slaves in `active` whose homing was aborted. Their homing has failed, whatever bits 10 and 12 of the statusword
+    /// show: in CSP these bits do not mean "homing attained".
     pub aborted: SlaveSet,
     /// Slaves in `active` whose GO_HOME was queued or written.
     pub started: SlaveSet,
@@ -60,13 +60,13 @@ pub struct Session {
     pub answers: Answers,
     pub marks: Marks,
     pub credit: Credit,
-    /// Slaves that are known to be lost: they do not return marks.
+    /// Slaves that are known to be lost: their slots do not repeat the marks of executed frames, while those of others do.
     pub lost: SlaveSet,
     pub second_channels: SecondChannels,
     /// The targets that a stream repeats in every frame.
     pub targets: CyclicTargets,
     pub homing: HomingAxes,
-    /// The open stream, if there is one.
+    /// The thread and the last step of the open stream, whose steps write the frames; `None` without a stream.
     pub pacer: Option<StreamPacer>,
     /// How often the FIFO was cleared. After a clear the targets of an open stream no longer continue the positions of
     /// its axes.
@@ -127,7 +127,7 @@ impl Session {
         &self.reports.board
     }
 
-    /// A slot of the newest report.
+    /// Slot number `slot` of the newest report.
     pub fn slot(&self, slot: usize) -> RawSlot {
         self.reports.newest.slot(self.size, slot)
     }
@@ -178,12 +178,13 @@ impl Session {
             return;
         }
         let board = self.reports.board;
-        // The count wraps around, so any difference means lost commands.
+        // The FIFO-full count wraps around, so it may also have become smaller: any change means lost commands.
         if was_in_op && before.full_count != board.full_count {
             self.stats.losses += 1;
             self.news.push(News::CommandsLost { from: before.full_count, to: board.full_count });
         }
-        // SK-5 [OURS]: a frame counts as arrived one cycle after it was written.
+        // SK-5 [OURS]: a frame counts as arrived one cycle after it was written. Before that, a report's free count may
+        // not include it.
         let margin_ns = self.network.cycle_ns.unwrap_or(measured_cycle_ns);
         self.credit.report(self.reports.at(), board.fifo_free, cycles, margin_ns);
         self.stats.underruns = self.credit.underruns();
@@ -210,8 +211,8 @@ impl Session {
             let is_silent = |slave: u8| slots.head(slave.into()).index != self.outgoing.last.mark;
             let used = self.network.slaves().filter(|(_, config)| **config != Slave::Unused);
             let silent: SlaveSet = used.map(|(slave, _)| slave).filter(|slave| is_silent(*slave)).collect();
-            // A slave with a command in its slot may have rejected it, and then returns no mark either. So its entry in
-            // `lost` stays as it was.
+            // A slave with a command in its slot may have rejected it, and then returns no mark although it is not lost.
+            // So such a slave stays in `lost`, or out of it, as before.
             let commanded = self.outgoing.last_commanded.slaves();
             self.lost = silent.difference(commanded).union(self.lost.intersection(commanded));
         }
@@ -229,7 +230,8 @@ impl Session {
 
 /// Queries about a written frame: whether the board has executed it, its result, and its answers.
 impl Session {
-    /// Whether the board has certainly executed a frame.
+    /// Whether reports prove that the board has executed a frame. False means that it has not, or that this is not known
+    /// yet.
     pub fn executed(&self, sent: Sent) -> bool {
         match self.marks.echo {
             Echo::Yes | Echo::Unknown => self.marks.has_returned(sent.mark),
@@ -237,13 +239,14 @@ impl Session {
         }
     }
 
-    /// As [`Session::executed`], but also while it is unknown whether the board repeats marks. Only for uses in which
-    /// an error does little harm.
+    /// As [`Session::executed`], but while it is unknown whether the board repeats marks, the count of FIFO entries
+    /// suffices. That count is wrong if a frame was lost on the way, so this is only for uses in which a wrong "executed"
+    /// does little harm.
     pub fn probably_executed(&self, sent: Sent) -> bool {
         self.executed(sent) || self.marks.echo == Echo::Unknown && self.credit.has_executed(sent.number)
     }
 
-    /// The board's result (Data1 of slot 0) in the cycle that executed a frame, in OP.
+    /// The board's result (Data1 of slot 0) in the cycle that executed a frame of OP; `None` until it is executed.
     pub fn result(&self, sent: Sent) -> Option<u32> {
         let marked = self.marks.echo != Echo::No;
         self.executed(sent).then(|| if marked { self.marks.result(sent.mark) } else { self.reports.board.result })
@@ -306,7 +309,7 @@ impl Session {
         }
     }
 
-    /// Updates all parts after a frame was written.
+    /// Records that the next frame was written at `at`: empties the queue of commands, and counts the frame.
     pub fn wrote(&mut self, at: Stamp) {
         if self.posts.clear_fifo() {
             self.fifo_clears += 1;
@@ -323,7 +326,7 @@ impl Session {
         outgoing.last.number = if self.reports.in_op() { self.credit.wrote(at) } else { 0 };
     }
 
-    /// Removes the stream.
+    /// Records that no stream is open any more: calls write their own frames again, and underruns are not counted.
     pub fn end_stream(&mut self) {
         self.pacer = None;
         self.credit.count_underruns(false);

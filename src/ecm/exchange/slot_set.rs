@@ -46,7 +46,8 @@ impl SlotSet {
         Self(self.0 & !(1 << slot))
     }
 
-    /// The slaves whose slots are in the set.
+    /// The slaves whose slots are in the set; slot 0 is left out. The SDO slot of 16-byte frames, 31, becomes a slave 31,
+    /// which such frames do not have.
     pub const fn slaves(self) -> SlaveSet {
         SlaveSet::from_bits(self.0 >> 1 & ((1 << MAX_SLAVES) - 1))
     }

@@ -1,16 +1,16 @@
-//! Counters since the board was opened, and events for the log of a program.
+//! Counters of frames, reports and failures since the board was opened, and events for the log of a program.
 
 use std::collections::VecDeque;
 
 use crate::sk::StateByte;
 
-/// The most events that are kept; the oldest are dropped first. \[OURS]
+/// The maximum number of events that wait for the program; the oldest are dropped first. \[OURS]
 const NEWS_KEPT: usize = 64;
 
 /// An event that a program may want to log, and that makes no call fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum News {
-    /// Byte 1 of slot 0 has changed. In firmware 1.7 it is the CRC error count (SK-2.7).
+    /// Byte 1 of slot 0 has changed in the reports. In firmware 1.7 the byte counts command frames with a wrong CRC (SK-2.7).
     ErrorByte {
         /// The previous value of the byte.
         from: u8,
@@ -40,26 +40,26 @@ pub enum News {
     },
 }
 
-/// Counters since the board was opened.
+/// Counters of frames, reports and failures since the board was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
     /// Command frames that were written.
     pub written: u64,
-    /// Usable reports that were read.
+    /// Reports that were read and used: their CRC was right, and no newer report had been read before.
     pub reports: u64,
     /// Reports that were discarded because of a wrong CRC.
     pub bad_crc: u64,
     /// Reports that were lost before they were read, by the gaps in their sequence numbers.
     pub reports_lost: u64,
-    /// Reports that were discarded because they came twice or too late.
+    /// Reports that were discarded because this report or a newer one, by the sequence numbers, had been read before.
     pub stale: u64,
-    /// How often byte 1 of slot 0 has changed.
+    /// How often byte 1 of slot 0 has changed, which in firmware 1.7 counts command frames with a wrong CRC.
     pub error_byte_changes: u64,
     /// How often the FIFO-full count has risen. The count does not show how many commands were lost each time (SK-5.10).
     pub losses: u64,
     /// Cycles that found the FIFO empty while a stream was open.
     pub underruns: u64,
-    /// How often the state byte began to show a failure (0x10).
+    /// How often the state byte in reports began to show a failure (bit 0x10).
     pub slaves_failed: u64,
 }
 

@@ -11,8 +11,8 @@ use super::{Exchange, LIMIT_MAX};
 use crate::ecm::EcmError;
 use crate::sk::RawSlot;
 
-/// \[OURS] A command that shows no effect is sent again after this many reports: more than the FIFO (160 entries) and a
-/// handshake take.
+/// \[OURS] A command that shows no effect is sent again after this many reports: more than a full FIFO (160 entries)
+/// takes, and some cycles for the drive.
 const RESEND_REPORTS: u64 = 200;
 
 /// Commands of a call and the wait for their effect, with a timeout.
@@ -59,12 +59,13 @@ impl<'a> Task<'a> {
 /// How far the commands of a task have been sent.
 #[derive(Default)]
 struct Delivery {
-    /// Whether the task has claimed the slots.
+    /// Whether the task has claimed its slots, so that no other call uses them.
     claimed: bool,
     /// The number of frames that had been written when the commands were queued.
     posted_at: Option<u64>,
-    /// Whether empty commands go out first. Outside OP a slot shows the id of the last command. If that is the id of
-    /// the task's command, the new answer could not be told from the old one.
+    /// Whether the slots get an empty command first, and the task's commands in a later frame. Outside OP a slot shows
+    /// the id of its last command. If that is the id of the task's command, the new answer could not be told from the old
+    /// one.
     clears: bool,
 }
 
@@ -108,8 +109,11 @@ pub fn ahead_of_the_board(session: &Session) -> String {
 }
 
 impl Exchange {
-    /// Sends the commands of a task and passes each later report to `look`. As long as `look` returns `Ok(None)`, the
-    /// wait goes on.
+    /// Sends the commands of a task and passes each later report to `look`. The wait ends when `look` returns a value or
+    /// an error.
+    ///
+    /// # Errors
+    /// Those of `look`; [`EcmError::Timeout`] after the limit of the task, [`EcmError::NoReport`], [`EcmError::Link`].
     pub fn run<T>(
         &self,
         task: &Task<'_>,
@@ -119,7 +123,7 @@ impl Exchange {
     }
 
     /// As [`Exchange::run`]. `before` is called until the commands were sent, and may return an error. `between` runs
-    /// between two rounds, while other threads may have the session.
+    /// without the lock of the session between two rounds, while other threads may take it.
     pub fn run_with<T>(
         &self,
         task: &Task<'_>,
@@ -132,8 +136,8 @@ impl Exchange {
         let mut delivery = Delivery::default();
         let done = self.run_rounds(&mut session, &mut delivery, task, (before, look, between));
         session.marks.awaited -= 1;
-        // Commands that were already written cannot be withdrawn, and their slots may have queued commands of another
-        // call by now.
+        // Commands that are still queued are withdrawn. After they were written this must not be done, since the slots
+        // may have queued commands of another call by now.
         if delivery.posted_at == Some(session.outgoing.written) {
             session.posts.withdraw(task.commands);
         }

@@ -14,13 +14,15 @@ use crate::ecm::exchange::Session;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, DriveResponse, Motion, SlaveCommand};
 
-/// \[OURS] An axis that moves at most this many counts in a cycle is stationary and gets no position ramp.
+/// \[OURS] An axis that moves at most this many counts per cycle, on average over an observation, is stationary and gets
+/// no position ramp.
 const STANDSTILL_COUNTS: f64 = 2.0;
 
-/// The ramp of the axes of one slave.
+/// The ramp with which the axes of one slave are brought to a standstill, by the mode of the slave.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum AxisRamp {
-    /// In CSP: the positions at which the ramp begins, and the speeds there in counts per frame, which fall to 0.
+    /// In CSP: the positions of both axes at which the ramp begins, and the speeds there in counts per frame. The speeds
+    /// fall to 0.
     Position(Motion, [f64; 2]),
     /// In CSV: the velocities at which the ramp begins. They fall to 0.
     Velocity(Motion),
@@ -39,7 +41,8 @@ impl AxisRamp {
         let scaled = |value: i32| (f64::from(value) * left).round() as i32;
         match self {
             Self::Position(last, speed) => {
-                // The distance so far as a number of frames at the initial speed: the sum of the linearly falling speeds.
+                // The distance from the beginning to frame `k`, in units of the initial speed per frame: the sum of the
+                // linearly falling speeds.
                 let k = f64::from(k);
                 let frames = k - k * (k + 1.0) / (2.0 * f64::from(n));
                 let to = |axis: AxisTarget, speed: f64| AxisTarget {
@@ -59,8 +62,8 @@ impl AxisRamp {
 }
 
 /// Whether a slave's axes must be observed over some cycles to know if they need a ramp: their last command is unknown,
-/// or does not show whether they move. While the FIFO has entries of another program, observing is useless: reports do
-/// not show where these entries lead.
+/// or does not show whether they move. While the FIFO has entries of another program, an observation is useless, since
+/// these entries will change the motion.
 pub(super) fn needs_observation(session: &Session, slave: u8, config: &Slave, left: &LeftBehind) -> bool {
     let is_unknown = match (config.axis().map(|axis| axis.mode), last(session, slave, left)) {
         (Some(Mode::Csv), Some(SlaveCommand::Csv(_))) | (Some(Mode::Csp), _) => false,
@@ -109,22 +112,23 @@ pub(super) fn ramp_of(
             let (moved, seconds) = (observed.moved(session, slave, config), observed.seconds(session));
             Some(velocities(moved.map(|counts| (f64::from(counts) / seconds) as i32)))
         }
-        // An axis of another program may move too slowly to be seen in reports, and would go on for ever. Velocity 0
-        // stops it. An axis that was homed also gets velocity 0.
+        // An axis of another program may move too slowly to be noticed in an observation, and would go on for ever.
+        // Velocity 0 stops it. An axis whose homing was ended also gets velocity 0, since its motion is not known.
         (Mode::Csv, _) if fifo_is_empty && left.is_foreign => Some(velocities([0; 2])),
         (Mode::Cst, Some(SlaveCommand::Cst(torque))) if is_moving => Some(AxisRamp::Torque(torque)),
         (Mode::Cst, None) if fifo_is_empty && is_moving => {
             Some(AxisRamp::Torque(DriveResponse::decode(&session.slot(slave.into())).torque))
         }
-        // In CSP the axis holds its last target without a ramp.
+        // No ramp: in CSP the axis holds its last target, in CST a stationary axis keeps its torque. Or the motion is
+        // unknown until the entries in the FIFO are executed.
         _ => None,
     }
 }
 
-/// The ramp of an axis in CSP that cannot reach its last target within `cycles`. Lost frames have turned its path into
-/// a jump, and a drive goes on to its last target by itself. The ramp begins at the actual position, and ends before
-/// the target. `None` for an axis that is stationary or reaches its target in time. If the last target is unknown,
-/// `overdue` decides whether the axis is ramped.
+/// The ramp of an axis in CSP that cannot reach its last target within `cycles`: because frames were lost, that target is far
+/// away, and the drive goes there by itself. The ramp begins at the actual position, and ends before the target. `None` for an
+/// axis that is stationary or reaches its target in time. If the last target is unknown, the axis may still reach it in time,
+/// so it is ramped only if `overdue` is set: little time is left for the stop.
 pub(super) fn ramp_from_position(
     session: &Session,
     observed: &Observation,
@@ -152,8 +156,8 @@ pub(super) fn ramp_from_position(
         is_far && speed[i].abs() > STANDSTILL_COUNTS
     });
     let [first, second] = [0, 1].map(|i| {
-        // The ramp begins where the axis will be when the first frame is executed. An axis that is not ramped keeps its
-        // target.
+        // The ramp begins where the axis will be when the first frame is executed, so that the axis does not go back. An
+        // axis that is not ramped keeps its target.
         let ahead = (speed[i] * f64::from(movement::LATENCY_CYCLES)).round() as i64 as i32;
         let target = match targets {
             Some(targets) if !is_ramped[i] => targets[i],

@@ -8,17 +8,18 @@ use crate::ecm::options::{CLOSE_LIMIT, Close};
 use crate::ecm::{Ecm, EcmError};
 use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] The part of the 2 s that is reserved for switching the axes off.
+/// \[OURS] The part of [`CLOSE_LIMIT`], the time limit of closing, that is reserved for switching the axes off.
 const SWITCH_OFF_TIME: Duration = Duration::from_millis(200);
 
 impl Ecm {
-    /// Closes the board within 2 s. The link is closed in any case. Only axes that are configured or adopted get
-    /// commands.
+    /// Closes the board within 2 s. The link is closed in any case. Only axes that are configured ([`Ecm::configure`]) or
+    /// adopted ([`Ecm::adopt`]) get commands.
     ///
     /// # Errors
-    /// Each of these means that axes may still be moving or on: [`EcmError::Timeout`], [`EcmError::SlaveLost`],
-    /// [`EcmError::NoReport`], [`EcmError::Link`]. With [`Close::ServoOff`] axes that do not come to a standstill are
-    /// switched off in any case.
+    /// After any of these errors axes may still be moving or on: [`EcmError::Timeout`] if an axis still moves or is on after
+    /// the time limit, [`EcmError::SlaveLost`] if a slave is lost, [`EcmError::NoReport`] if the board is silent,
+    /// [`EcmError::Link`] if the link fails. With [`Close::ServoOff`] axes that do not come to a standstill are switched off
+    /// all the same.
     pub fn close(mut self, how: Close) -> Result<(), EcmError> {
         self.end(how)
     }
@@ -62,7 +63,8 @@ impl Ecm {
         stood.and(found).and(switched)
     }
 
-    /// Switches axes off. It does not wait for lost slaves: if there are any, it returns an error after the others are off.
+    /// Switches axes off and waits for that for at most `limit`. It does not wait for lost slaves: if there are any, it
+    /// returns an error after the others are off.
     pub(in crate::ecm) fn switch_off_within(
         &self,
         commands: &[(usize, RawSlot)],

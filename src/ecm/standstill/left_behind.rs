@@ -14,14 +14,15 @@ use crate::ecm::EcmError;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] If this many reports in a row show that the board took no entry out of its FIFO, the entries wait for a
-/// threshold.
+/// \[OURS] If this many consecutive reports show that the board took no entry out of its FIFO, the entries wait until the
+/// FIFO reaches its threshold (SET_FIFO 2).
 const HELD_REPORTS: u32 = 3;
-/// \[OURS] The time limit for the last frame of a stop that has failed (`in_one_step`).
+/// \[OURS] The time limit for writing the frame that [`in_one_step`](Stop::in_one_step) sends after a failed stop.
 const LAST_FRAME_LIMIT: Duration = Duration::from_millis(200);
 
 impl Stop<'_, '_> {
-    /// Discards entries that wait for a threshold, or are too many for the time limit.
+    /// Discards the entries in the FIFO if they wait for a threshold (SET_FIFO 2), or if they are too many to be executed
+    /// within the time limit.
     pub(super) fn discard_unwanted(&mut self) -> Result<(), EcmError> {
         if self.left.is_foreign {
             let observed = Observation::begin(self.session);
@@ -42,12 +43,12 @@ impl Stop<'_, '_> {
         Ok(())
     }
 
-    /// Discards the entries that wait for a threshold.
+    /// Discards the entries in the FIFO if they wait for a threshold (SET_FIFO 2).
     pub(super) fn discard_held(&mut self) -> Result<(), EcmError> {
         if self.session.in_op() && self.is_held()? { self.discard_all() } else { Ok(()) }
     }
 
-    /// Whether the FIFO has entries, but the board takes none out.
+    /// Whether the FIFO has entries but the board takes none out, because they wait for a threshold (SET_FIFO 2).
     fn is_held(&mut self) -> Result<bool, EcmError> {
         let mut free = self.session.board().fifo_free;
         for _ in 0..HELD_REPORTS {
@@ -78,14 +79,16 @@ impl Stop<'_, '_> {
         Ok(())
     }
 
-    /// Discards all entries (SET_FIFO 1). The axes keep the command that was executed last; which one that is, is unknown.
+    /// Discards all entries (SET_FIFO 1). Each axis keeps the command that was executed last. Which one that is, is
+    /// unknown, so the recorded targets are removed.
     fn discard_all(&mut self) -> Result<(), EcmError> {
         self.left.discarded += FIFO_ENTRIES.saturating_sub(self.session.board().fifo_free);
         (self.left.is_held, self.left.has_threshold) = (false, false);
         self.session.targets.clear();
         let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         self.ecm.exchange.write_commands(self.session, &clear, self.deadline)?;
-        // The report after the next one is certainly made after the command, so that it has the new free count.
+        // The next report may have been made before the command arrived. The one after it has the free count of the
+        // cleared FIFO.
         self.next_report()?;
         self.next_report()
     }
@@ -105,8 +108,8 @@ impl Stop<'_, '_> {
             let [first, second] =
                 session.targets.outputs()[usize::from(slave)].map(|outputs| AxisTarget { target: 0, outputs });
             let command = match config.axis().map(|axis| axis.mode) {
-                // A drive goes on to its last target by itself, however far away it is. Only a fresh report shows the
-                // position at which the axis can be held.
+                // A drive goes on to its last target by itself, however far away it is. It can be held at its present
+                // position only if a report shows that position, so the newest report must not be old.
                 Some(Mode::Csp) if is_fresh => {
                     let ramp = ramp_from_position(session, &observed, slave, config, 0.0, self.left.is_foreign);
                     let Some(hold) = ramp else { continue };

@@ -28,7 +28,7 @@ use super::{Ecm, EcmError};
 use crate::ethercat::SlaveSet;
 use crate::sk::{FIFO_ENTRIES, FifoAction, MasterCommand, SlaveCommand, SlotCommand, SlotSize};
 
-/// \[OURS] A ramp writes no further frame while this many frames wait in the board's FIFO.
+/// \[OURS] How many frames of a ramp wait in the board's FIFO at most. The next frame is written when fewer wait.
 const AHEAD_MAX: u16 = 64;
 /// \[OURS] The time reserved for axes to come to rest after the ramp.
 const SETTLING_TIME: Duration = Duration::from_millis(200);
@@ -44,18 +44,20 @@ const PRESENT_CYCLES: u32 = 3;
 /// \[OURS] The fewest frames of a ramp; with long cycles these take longer than the set ramp time.
 pub const RAMP_FRAMES_MIN: u32 = 4;
 
-/// What a stop knows about the program that has moved the axes.
+/// What a stop knows about the program that has moved the axes, and about the entries that it has left in the FIFO.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LeftBehind {
     /// Whether another program has moved the axes, whose last commands may be unknown.
     pub is_foreign: bool,
     /// Slaves to which the program may have sent GO_HOME.
     pub homing: SlaveSet,
-    /// Whether the program has set a FIFO threshold (SET_FIFO) that may still hold entries back.
+    /// Whether the program has set a FIFO threshold (SET_FIFO 2): until the FIFO has so many entries, the board executes
+    /// none.
     pub has_threshold: bool,
-    /// Whether the board takes no entries out of its FIFO although it has some: a threshold holds them back.
+    /// Whether reports have shown that entries wait for such a threshold: the FIFO has entries, and the board takes none
+    /// out.
     pub is_held: bool,
-    /// The number of entries that the stop has discarded.
+    /// The number of FIFO entries that the stop has discarded.
     pub discarded: u16,
 }
 
@@ -75,7 +77,8 @@ pub fn to_standstill(
     let mut stop = Stop::new(ecm, session, deadline, left);
     let stood = stop.until_all_stand();
     if matches!(&stood, Err(error) if !matches!(error, EcmError::Link(_))) {
-        // The error of the stop says why axes are not stationary. An error of this last frame would say less.
+        // The stop has failed. Its error is returned, since it says why axes are not stationary. One more frame is sent as a
+        // last resort; an error of that frame would say less, so it is dropped.
         let _ = stop.in_one_step();
     }
     stood
@@ -89,7 +92,8 @@ pub fn discard_held(
     left: &mut LeftBehind,
 ) -> Result<(), EcmError> {
     let mut stop = Stop::new(ecm, session, deadline, left);
-    // The error of the discarding says more than an error of the last frame would.
+    // If discarding fails, one more frame is sent as a last resort. An error of that frame is dropped, since the error of the
+    // discarding says more.
     stop.discard_held().inspect_err(|_| drop(stop.in_one_step()))
 }
 
@@ -103,9 +107,9 @@ struct Stop<'a, 's> {
     began: Duration,
     deadline: Duration,
     left: &'a mut LeftBehind,
-    /// Slaves whose ramps were written.
+    /// Slaves for whose axes this stop has written a ramp.
     ramped: SlaveSet,
-    /// Whether this stop has reset the threshold, so that the board certainly takes entries out of its FIFO.
+    /// Whether this stop has reset the FIFO threshold, so that the board executes its entries however few they are.
     unlocked: bool,
     /// Whether an axis may have moved since the stop began. An axis that is about to reverse is stationary for a cycle,
     /// so one report without motion is not enough then.
@@ -135,8 +139,8 @@ impl<'a, 's> Stop<'a, 's> {
             self.ramp()?;
             let may_wait = self.left.is_held || self.left.has_threshold && self.session.credit.ahead() > 0;
             if !self.session.posts.is_empty() || may_wait && !self.unlocked {
-                // No axis has to be ramped yet, but a frame is written: queued commands have to go out, and held
-                // entries have to be released by resetting the threshold.
+                // `ramp` has written no frame, since no axis has to be ramped. A frame is needed all the same, to send
+                // queued commands or to reset the threshold that holds entries back.
                 self.write()?;
             }
             if self.stands()? {
@@ -144,7 +148,8 @@ impl<'a, 's> Stop<'a, 's> {
             }
         }
         if self.left.has_threshold && !self.unlocked && self.session.in_op() {
-            // No axis had to be stopped. The threshold is reset, because the next program does not know about it.
+            // No frame was needed to stop the axes. One is written to reset the threshold, of which the next program does
+            // not know.
             self.write()?;
         }
         Ok(())
@@ -169,8 +174,8 @@ impl<'a, 's> Stop<'a, 's> {
         if commands.is_empty() {
             return Ok(());
         }
-        // If there will be a ramp, the commands go out with its first frame. A frame of their own would have no targets
-        // for other axes.
+        // If a ramp follows, ABORT_HOME is sent with the first frame of the ramp. A frame with ABORT_HOME alone would have no
+        // targets for the other axes.
         if !self.session.posts.post(&commands) {
             self.write()?;
             self.session.posts.post(&commands);
@@ -202,7 +207,7 @@ impl<'a, 's> Stop<'a, 's> {
         self.run(&ramps)
     }
 
-    /// Writes the frames of the ramps.
+    /// Writes the frames of the ramps, one for each cycle.
     fn run(&mut self, ramps: &AxisRamps) -> Result<(), EcmError> {
         let frames = self.frames();
         let network = Arc::clone(&self.session.network);
@@ -262,11 +267,11 @@ impl<'a, 's> Stop<'a, 's> {
                 continue;
             }
             let threshold = MasterCommand::SetFifo(FifoAction::Threshold(FIFO_ENTRIES.into())).encode();
-            // If another thread's command is queued for slot 0, the threshold is reset in a later frame.
+            // False if another thread's command is queued for slot 0. The loop then tries again with the next frame.
             self.unlocked = self.session.posts.post(&[(0, threshold)]);
             let has_room = self.session.credit.credit() > 0;
-            // If the FIFO is full, the board executes only the threshold command and loses the rest of the frame, which
-            // is then written again.
+            // If the FIFO is full, the board executes only the threshold command in slot 0 and drops the rest of the
+            // frame. So the queued commands in it are written again.
             let posts = self.session.posts.slots();
             aim(self.session);
             self.ecm.exchange.write(self.session, self.deadline)?;
@@ -322,11 +327,12 @@ impl<'a, 's> Stop<'a, 's> {
         Ok(true)
     }
 
-    /// The ramps of axes in CSP that will not reach their last targets within the time limit.
+    /// The ramps of axes in CSP that will not reach their last targets before the deadline of this stop.
     fn ramps_from_positions(&self, observed: &Observation) -> AxisRamps {
         let cycle = self.session.network.cycle();
         let time_left = self.deadline.saturating_sub(self.ecm.exchange.now());
-        // Only the last target of another program's axis may be unknown. Then the axis is ramped when little time is left.
+        // Only an axis that another program has moved can have an unknown last target. It is ramped when the time left is
+        // just enough for a short ramp.
         let overdue = self.left.is_foreign && time_left < settling_time(cycle) + cycle * (2 * RAMP_FRAMES_MIN);
         let cycles = time_left.as_secs_f64() / cycle.as_secs_f64();
         self.ramps_by(|slave, config| ramp_from_position(self.session, observed, slave, config, cycles, overdue))

@@ -10,15 +10,15 @@ use crate::sk::{Frame, HspResponse, SlotSize};
 
 /// \[OURS] An axis that moves at most this many counts in a cycle counts as stationary in that cycle.
 const STANDSTILL_COUNTS: u32 = 2;
-/// \[OURS] An axis that moves further is observed for this many cycles, limited by [`OBSERVATION_MAX`], and for at
-/// least one cycle.
+/// \[OURS] An axis that moves more than [`STANDSTILL_COUNTS`] in a cycle is observed for this many cycles, but for no
+/// longer than [`OBSERVATION_MAX`], and for at least one cycle.
 const OBSERVATION_CYCLES: u64 = 8;
 const OBSERVATION_MAX: Duration = Duration::from_millis(16);
 
-/// \[OURS] The latency in cycles: from the cycle of a report to the execution of a frame written after it.
+/// \[OURS] How many cycles pass from the cycle of a report to the execution of a frame that was written after the report.
 pub(super) const LATENCY_CYCLES: i32 = 2;
 
-/// \[OURS] How far a drive may be behind its targets, as a time.
+/// \[OURS] How long after the execution of a target a drive may reach it.
 const LAG_MAX: Duration = Duration::from_millis(20);
 
 /// An observation of the axes over several cycles: their movement since an earlier report.
@@ -26,7 +26,7 @@ pub(super) struct Observation {
     /// The report at which the observation began.
     report: Frame,
     at: Stamp,
-    /// The number of reports that were read before the observation began.
+    /// The number of reports read before the observation began, by which its cycles are counted.
     reports: u64,
 }
 
@@ -46,13 +46,14 @@ impl Observation {
         }
     }
 
-    /// Whether the observation is long enough to detect a slow axis.
+    /// Whether the observation has lasted for [`OBSERVATION_CYCLES`] or [`OBSERVATION_MAX`], long enough to notice a slow
+    /// axis.
     pub(super) fn is_long_enough(&self, session: &Session) -> bool {
         let most = (OBSERVATION_MAX.as_nanos() / session.network.cycle().as_nanos()) as u64;
         session.stats.reports - self.reports >= most.clamp(1, OBSERVATION_CYCLES)
     }
 
-    /// The movement of a slave's axes, counts.
+    /// How far a slave's axes have moved since the observation began, counts.
     pub(super) fn moved(&self, session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
         moved(session, &self.report, slave, config)
     }
@@ -63,14 +64,14 @@ impl Observation {
         now.saturating_sub(self.at.0).max(1) as f64 / 1e9
     }
 
-    /// Whether a slave's axes have moved further than their standstill threshold.
+    /// Whether one of a slave's axes has moved further than its standstill threshold since the observation began.
     pub(super) fn moves(&self, session: &Session, slave: u8, config: &Slave) -> bool {
         let standstill = config.axis().map_or(u32::MAX, |axis| axis.standstill);
         commanded_ways(session, slave, config, self.moved(session, slave, config)).any(|counts| counts > standstill)
     }
 }
 
-/// The positions of a slave's axes, counts.
+/// The positions of a slave's axes in the newest report, counts.
 pub(super) fn positions(session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
     positions_in(&session.reports.newest, session.size, slave, config)
 }
@@ -84,7 +85,7 @@ fn positions_in(report: &Frame, size: SlotSize, slave: u8, config: &Slave) -> [i
     [answer.first.position, answer.second.position]
 }
 
-/// How many cycles a drive may be behind its targets, at least 3. \[OURS]
+/// How many cycles after a target a drive may reach it: [`LAG_MAX`] in cycles, but at least 3. \[OURS]
 pub(super) fn lag_cycles(session: &Session) -> f64 {
     LAG_MAX.div_duration_f64(session.network.cycle()).max(3.0)
 }
@@ -100,7 +101,8 @@ pub(super) fn may_move(session: &Session, slave: u8, config: &Slave) -> bool {
         .any(|counts| counts > STANDSTILL_COUNTS)
 }
 
-/// The distances of those axes of a slave that follow commands, that is without axes that are off or homing, counts.
+/// Of the distances `ways` that a slave's two axes have moved, returns those of axes that follow commands, in counts.
+/// Axes that are off or homing are left out.
 fn commanded_ways(session: &Session, slave: u8, config: &Slave, ways: [i32; 2]) -> impl Iterator<Item = u32> + use<> {
     let is_free = config.axis().is_some() && !session.homing.active.contains(slave);
     let first = session.statusword(slave).is_enabled();
@@ -111,8 +113,8 @@ fn commanded_ways(session: &Session, slave: u8, config: &Slave, ways: [i32; 2]) 
         .map(|(way, _)| way.unsigned_abs())
 }
 
-/// Whether the slave may have two axes. Its slot has only the statusword of the first axis, and the second axis goes on
-/// when the first one has an alarm. So the second axis counts as on.
+/// Whether the slave may have two axes. Its slot has only the statusword of the first axis. The second axis may be on
+/// while the first one is off, for example after an alarm, so it always counts as on.
 fn may_have_two_axes(session: &Session, config: &Slave) -> bool {
     matches!(config, Slave::Hsp(_)) && session.size == SlotSize::Bytes16
 }

@@ -16,7 +16,8 @@ use crate::sk::{
 
 /// The targets of the next step, and the copy of the session's state for their checks.
 pub(super) struct CheckedTargets {
-    /// The generation counter of the session at the time of the copy.
+    /// The generation counter of the session when the copy was made. If the session's counter differs, the copy is out of
+    /// date.
     pub(super) changes: u64,
     size: SlotSize,
     network: Arc<Network>,
@@ -25,7 +26,6 @@ pub(super) struct CheckedTargets {
     takes_targets: bool,
     /// Slaves whose axes are being homed.
     homing: SlaveSet,
-    /// Slaves that are lost.
     lost: SlaveSet,
     /// Slaves that take no target, because they are homing or lost, or because their second channel is off.
     refused: SlaveSet,
@@ -34,7 +34,7 @@ pub(super) struct CheckedTargets {
     /// The number of FIFO clears when the stream began, and when the state was copied. A difference ends the stream.
     fifo_clears: [u64; 2],
     report: Frame,
-    /// The number of reports that had been read when the state was copied.
+    /// The number of reports read when the state was copied. If the session has read more, `report` is copied again.
     reports: u64,
     /// The targets of the next step, by slot.
     next: Frame,
@@ -134,8 +134,8 @@ impl CheckedTargets {
         Ok(())
     }
 
-    /// As [`CheckedTargets::set`], for a slave whose program sets only the first axis, in CSP or CSV. On an HSP the
-    /// outputs and the target of the second axis stay.
+    /// As [`CheckedTargets::set`], for a slave of which the program sets only the first axis, in CSP or CSV. On an HSP
+    /// the outputs and the target of the second axis keep their last values.
     #[inline]
     pub(super) fn set_first(&mut self, slave: u8, target: i32, mode: Mode, guard: bool) -> Result<(), EcmError> {
         if matches!(self.network.slave(slave), Some(Slave::Hsp(_))) {
@@ -198,7 +198,7 @@ impl CheckedTargets {
         }
     }
 
-    // Inlined, so that the compiler knows which kind of command it is and encodes only the fields of that kind.
+    // Always inlined: where the kind of command is known, the compiler then leaves out the code for all other kinds.
     #[inline(always)]
     fn put(&mut self, slave: u8, command: SlaveCommand) {
         self.next.put(self.size, slave.into(), &SlotCommand::from(command).encode(self.size));

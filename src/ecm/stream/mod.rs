@@ -19,7 +19,8 @@ use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, Raw
 
 /// \[OURS] How many FIFO entries a stream leaves free, for commands of other calls and for the ramp to a standstill.
 const SPARE_ENTRIES: u16 = 10;
-/// \[OURS] How often a stream reads the statusword of a second channel by SDO: this many frames after the last answer.
+/// \[OURS] How often a stream reads the statusword of a second channel by SDO: with every frame whose number is a
+/// multiple of this, unless the request before has no answer yet.
 const SECOND_CHANNEL_FRAMES: u64 = 8;
 
 /// Counters of a stream.
@@ -51,9 +52,10 @@ pub struct Stream<'a> {
     prefill: u16,
     /// Frames written by the stream's steps.
     frames: u64,
-    /// Whether `step` was called and no target was set after it.
+    /// Whether no target was set since the last `step`. The next target is then checked against the reports that have
+    /// come meanwhile.
     stepped: bool,
-    /// The counters of the board when the stream began.
+    /// The counters of the board when the stream began. The stream's own counters are the differences from them.
     before: Stats,
     done: bool,
 }
@@ -64,8 +66,9 @@ impl Ecm {
     /// when the stream ends: with long cycles the depth is limited, so that closing ends within its 2 s.
     ///
     /// # Errors
-    /// [`EcmError::Setting`], [`EcmError::TooDeep`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`] if nothing is
-    /// configured, [`EcmError::Busy`] while there is another stream, [`EcmError::Link`].
+    /// [`EcmError::Setting`] if `depth` is not 1 to 150, [`EcmError::TooDeep`] if it is too large for this cycle time,
+    /// [`EcmError::WrongState`] outside OP, [`EcmError::NoSuchSlave`] if nothing is configured, [`EcmError::Busy`] while there
+    /// is another stream, [`EcmError::Link`] if the link fails.
     pub fn stream(&self, depth: u16) -> Result<Stream<'_>, EcmError> {
         if depth == 0 || depth > FIFO_ENTRIES - SPARE_ENTRIES {
             return Err(EcmError::Setting { what: "depth", found: depth.to_string(), allowed: "1 to 150 frames" });
@@ -108,8 +111,8 @@ impl Stream<'_> {
     /// commands of other calls either.
     ///
     /// # Errors
-    /// [`EcmError::Setting`] for another number, or after frames were written; [`EcmError::WrongState`],
-    /// [`EcmError::Busy`], [`EcmError::Link`].
+    /// [`EcmError::Setting`] for another number, or after frames were written; [`EcmError::WrongState`] outside OP,
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn prefill(&mut self, frames: u16) -> Result<(), EcmError> {
         if frames < 2 || frames > self.depth {
             let found = frames.to_string();
@@ -130,9 +133,12 @@ impl Stream<'_> {
     /// An HSP keeps its outputs. Its second axis keeps its last target, or its actual position if it has had no target.
     ///
     /// # Errors
-    /// [`EcmError::TooFar`], [`EcmError::NotEnabled`], [`EcmError::Alarm`], [`EcmError::IsHoming`],
-    /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`],
-    /// [`EcmError::SlaveLost`], [`EcmError::SecondOff`], [`EcmError::Cleared`], [`EcmError::Link`].
+    /// [`EcmError::TooFar`] if the guard refuses the target, [`EcmError::NotEnabled`] if the axis is off, [`EcmError::Alarm`]
+    /// if it has an alarm, [`EcmError::IsHoming`] if it is homing, [`EcmError::SecondOff`] if the second channel of an HSP is
+    /// off, [`EcmError::WrongMode`] if the axis is configured for another mode, [`EcmError::WrongKind`] and
+    /// [`EcmError::NoSuchSlave`] for a slave that has no axis or is not configured, [`EcmError::SlaveLost`] if the slave is
+    /// lost, [`EcmError::WrongState`] outside OP, [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`] if the
+    /// link fails.
     pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
         self.refresh()?;
         self.targets.set_first(slave, target, Mode::Csp, self.ecm.exchange.options.guard)
@@ -194,7 +200,8 @@ impl Stream<'_> {
         let stepped = std::mem::take(&mut self.stepped);
         if stepped || self.targets.changes != self.ecm.exchange.changes() {
             let mut session = self.ecm.exchange.lock()?;
-            // The first target after a step: reports may be waiting, as much time may have passed since the step.
+            // This is the first target after a step. The program may have waited long, so reports are read, and the
+            // target is checked against the newest one.
             if stepped {
                 self.ecm.exchange.catch_up(&mut session)?;
             }
@@ -211,9 +218,11 @@ impl Stream<'_> {
     /// [`Options::read_limit`]: super::Options::read_limit
     ///
     /// # Errors
-    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP,
-    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. No frame is written in these cases. An axis
-    /// that is switched off or lost is no error of this call: setting its next target is.
+    /// [`EcmError::NoReport`] if the board is silent, [`EcmError::Timeout`] if the FIFO has no room in time,
+    /// [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`] if the link fails: these may also occur in the
+    /// wait after the frame was written. [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Busy`] if another thread
+    /// uses the board: then no frame was written. An axis that is switched off or lost is no error of this call: setting its
+    /// next target is.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
         self.refresh()?;
         self.targets.require_uncleared()?;
@@ -243,15 +252,16 @@ impl Stream<'_> {
         session.targets.stepped(hsps);
         self.frames += 1;
         self.stepped = true;
-        // In virtual time only calls let time pass: the time stamp of the frame just written is the present time.
+        // In virtual time only calls let time pass, so the write time of the frame is the present time. Passing it on
+        // saves a call of the link.
         let now = exchange.info.virtual_time.then(|| exchange.now_at(Duration::from_nanos(session.outgoing.last.at.0)));
         self.ecm.pace(&mut session, self.depth, now)?;
         self.targets.refresh(&mut session, exchange.changes());
         Ok(self.stats_of(&session))
     }
 
-    /// Requests the statusword of a second channel in the SDO slot of the next frame, if no other call uses it. Returns
-    /// the slot.
+    /// Requests the statusword of a second channel in the SDO slot of the next frame, unless another call uses the SDO
+    /// slot. Returns the number of the SDO slot, or `None` if nothing was requested.
     fn ask_second_channel(&self, session: &mut Session) -> Option<usize> {
         if !self.frames.is_multiple_of(SECOND_CHANNEL_FRAMES) {
             return None;
@@ -271,7 +281,7 @@ impl Stream<'_> {
     /// The newest report, without waiting for another one.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`].
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] if the link has failed.
     pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
         self.ecm.snapshot()
     }
@@ -279,7 +289,7 @@ impl Stream<'_> {
     /// The counters of the stream so far.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`].
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn stats(&self) -> Result<StreamStats, EcmError> {
         Ok(self.stats_of(&*self.ecm.exchange.lock()?))
     }
@@ -296,7 +306,8 @@ impl Stream<'_> {
     /// velocities and torques are ramped to 0.
     ///
     /// # Errors
-    /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`], [`EcmError::Link`].
+    /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`] if the board is silent, [`EcmError::Link`]
+    /// if the link fails.
     pub fn finish(mut self) -> Result<StreamStats, EcmError> {
         self.end()
     }
@@ -333,16 +344,16 @@ impl Drop for Stream<'_> {
     }
 }
 
-/// The SET_FIFO command for a threshold that is reached when the FIFO has `frames` entries. The board executes it on
-/// arrival, before its own frame counts as an entry.
+/// The SET_FIFO command for a threshold that is reached when the FIFO has `frames` entries. The board executes the
+/// command on arrival, before the frame that carries it becomes an entry.
 fn threshold(frames: u16) -> RawSlot {
     let threshold = FIFO_ENTRIES + 1 - frames;
     MasterCommand::SetFifo(FifoAction::Threshold(threshold.into())).encode()
 }
 
 impl Ecm {
-    /// Discards the frames that the board has collected for a prefill. None was executed yet, and none may be executed
-    /// later.
+    /// Discards the frames that the board has collected for a prefill. None was executed yet. If they stayed, they would
+    /// begin a motion later that no program commands any more.
     fn discard_prefill(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
         if !session.in_op() {
             return Ok(());
@@ -362,7 +373,8 @@ impl Ecm {
             }
             let now = now.take().unwrap_or_else(|| self.exchange.now());
             let began = *began.get_or_insert(now);
-            // By then a board in OP has executed every entry, even if its FIFO was full.
+            // Within this time a board in OP executes every entry, even if its FIFO was full, and a silent board is
+            // noticed.
             let limit = self.exchange.silence_max(session) + session.network.cycle() * FIFO_ENTRIES.into();
             let waited = now.saturating_sub(began);
             if waited >= limit {

@@ -26,11 +26,12 @@ pub(crate) enum Succeeded {
 }
 
 impl Ecm {
-    /// As [`Ecm::adopt`], for a network that another program has run until now. `watch` supplies the last commands of
-    /// that program, so that closing can bring its axes to a standstill.
+    /// As [`Ecm::adopt`], for a network that another program has run until now. `watch` has followed the frames of that program
+    /// and supplies its configuration and its last commands, so that closing can bring its axes to a standstill. If `watch` has
+    /// seen no SET_AXIS, the slaves are not known and none is adopted; that is no error.
     ///
     /// # Errors
-    /// As [`Ecm::adopt`]. An unknown network is adopted as one without slaves.
+    /// As [`Ecm::adopt`].
     pub fn take_over(&self, watch: &Watch) -> Result<(), EcmError> {
         let Some(config) = watch.config() else { return Ok(()) };
         self.adopt(&config)?;
@@ -72,19 +73,20 @@ impl Ecm {
         Ok(Succeeded::Stand { discarded: left.discarded })
     }
 
-    /// Waits for a report that is made from now on: earlier reports do not show the effect of the program's last frames.
+    /// Waits for a report that is made after this call began. Earlier reports do not show the effect of the ended
+    /// program's last frames.
     fn next_of_now(&self) -> Result<(), EcmError> {
         let limit = self.exchange.options.read_limit;
         if !self.exchange.info.virtual_time {
-            // Other clients have read the earlier reports. The first new report may have been in the making when the
-            // last frame arrived, so the second one is awaited.
+            // No earlier report is waiting, since the server has passed them to its clients. The board may have been
+            // making the first new report when the program's last frame arrived, so the second one is awaited.
             self.next_cycle(limit)?;
             return self.next_cycle(limit).map(drop);
         }
         let now = self.exchange.clock();
         let is_old = |at: Stamp| Duration::from_nanos(at.0) < now;
         while is_old(self.next_cycle(limit)?.meta.at) {}
-        // A report made at this very moment may not show the last frames yet, so one more is awaited.
+        // A report made at this very moment may not show the ended program's last frames yet, so one more is awaited.
         self.next_cycle(limit).map(drop)
     }
 }

@@ -8,7 +8,7 @@ use crate::sk::{CommandId, DriveSync, FIFO_ENTRIES, RawSlot, SlaveCommand, Slave
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     mode: Option<(Mode, DriveSync)>,
-    /// The last motion command (CSP, CSV, CST).
+    /// The last motion command (CSP, CSV, CST) to the slave; `None` if it is not known.
     pub(super) last: Option<SlaveCommand>,
     homing: Homing,
 }
@@ -19,8 +19,8 @@ enum Homing {
     /// The slave is not homing.
     #[default]
     No,
-    /// GO_HOME was written `reports` reports ago, and may wait in the FIFO. `missed`: a lost report may have shown that
-    /// it was executed.
+    /// GO_HOME was written `reports` reports ago, and may wait in the FIFO. `missed`: reports were lost since, and one of
+    /// them may have shown that GO_HOME was executed.
     Asked { reports: u16, missed: bool },
     /// A report has shown GO_HOME as executed. The axis may be homing until a later report shows a motion command: the
     /// board ignores motion commands during homing, and does not show their ids (SK-3).
@@ -37,7 +37,8 @@ impl Seen {
         self.homing != Homing::No
     }
 
-    /// Notes that reports were lost since the last one.
+    /// Notes that reports were lost. If GO_HOME waits for its execution, one of them may have shown it, so the slave may
+    /// be homing.
     pub(super) fn missed(&mut self) {
         if let Homing::Asked { missed, .. } = &mut self.homing {
             *missed = true;
@@ -54,7 +55,8 @@ impl Seen {
         *self = Self { mode: self.mode, ..Self::default() };
     }
 
-    /// Reads the slave's slot of a command frame.
+    /// Reads the slave's slot of a command frame. `set_up`: the network is below SafeOP, where DRIVE_MODE is accepted.
+    /// `in_op`: the network is in OP and the slave has axes, so that motion commands are executed.
     pub(super) fn command(&mut self, slot: &RawSlot, size: SlotSize, set_up: bool, in_op: bool) {
         match SlotCommand::decode(slot, size).map(|command| command.command) {
             Ok(SlaveCommand::DriveMode { mode, sync }) if set_up => self.mode = Some((mode, sync)),
@@ -67,7 +69,7 @@ impl Seen {
                 self.homing = Homing::Asked { reports: 0, missed: false };
             }
             Ok(SlaveCommand::ServoOff | SlaveCommand::AlarmClear) => self.forget_targets(),
-            // The slot has no target: the axis holds its last one.
+            // Any other slot has no target: the axis holds its last one.
             _ => {}
         }
     }
@@ -95,7 +97,8 @@ impl Seen {
         }
     }
 
-    /// The configuration of the slave with the declared kind, as seen.
+    /// The configuration of the slave: the kind that SET_AXIS has declared, and the mode that DRIVE_MODE has set. Without
+    /// DRIVE_MODE it is CSP with distributed clocks.
     pub(super) fn slave(&self, kind: Option<SlaveKind>) -> Slave {
         let kind = kind.unwrap_or(SlaveKind::None);
         let (mode, sync) = self.mode.unwrap_or((Mode::Csp, DriveSync::DcSync));

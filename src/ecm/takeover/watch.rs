@@ -19,11 +19,12 @@ pub struct Watch {
     pub(super) slaves: [Seen; SLAVES],
     cycle: CycleTime,
     state: Option<MasterState>,
-    /// The FIFO-full count in the newest report in OP.
+    /// The count of frames that found the FIFO full, as the newest report in OP shows it.
     full_count: u16,
-    /// The CRC error count in the newest report.
+    /// The count of frames with a wrong CRC, as the newest report shows it.
     error_count: u8,
-    /// When SW_RESET was written; `None` once reports show its effect. A board that rejects it (SK-1.24) goes on as before.
+    /// When SW_RESET was written; `None` if none was, or if a report has shown that the board has executed or rejected
+    /// it. A board that rejects it (SK-1.24) goes on as before.
     resets: Option<Stamp>,
     /// Whether a program has set a threshold (SET_FIFO) that may be in force.
     has_threshold: bool,
@@ -57,7 +58,8 @@ impl Watch {
             self.resets = Some(at);
             return;
         }
-        // A program that configures slaves after SW_RESET has seen the effect of the reset, or has waited for it.
+        // A program that configures slaves after SW_RESET has seen the effect of the reset, or has waited for it. So the
+        // reset counts as executed, even if no report has shown it.
         if self.resets.is_some() && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
             self.forget_all(None);
         }
@@ -81,8 +83,8 @@ impl Watch {
         }
         let in_op = self.state == Some(MasterState::Op);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
-            // Only axes have motion commands. A slave that is not configured yet can get DRIVE_MODE, which may come
-            // before SET_AXIS.
+            // The slots of other slaves are not read: only axes have motion commands, and only below SafeOP a slave that
+            // is not configured yet can get DRIVE_MODE, which may come before SET_AXIS.
             let has_axes = matches!(self.kinds.of(n), Some(SlaveKind::Drive | SlaveKind::Hsp | SlaveKind::Step));
             if has_axes || set_up {
                 seen.command(&frame.slot(size, n), size, set_up, in_op && has_axes);
@@ -96,7 +98,8 @@ impl Watch {
         self.kinds.response(frame, size);
         self.state = board.state.state();
         let in_op = self.state == Some(MasterState::Op);
-        // The error count starts at 0 again after a reset, so outside OP a change does not mean a rejected frame.
+        // A changed error count means that the board has rejected a frame. Outside OP it does not, since the count starts
+        // at 0 again after a reset.
         let refused = std::mem::replace(&mut self.error_count, board.error) != board.error && in_op;
         // Only a report made after the reset shows its effect. A program that reads late still gets older reports, from
         // the time before OP.
@@ -126,12 +129,13 @@ impl Watch {
         }
     }
 
-    /// Notes that reports were lost since the last one.
+    /// Notes that reports were lost. One of them may have shown that a slave has begun to home.
     pub fn missed(&mut self) {
         self.slaves.iter_mut().for_each(Seen::missed);
     }
 
-    /// Forgets everything, because the board was reset. It is in `state` now.
+    /// Forgets everything, because the board was reset. `state`: the state of the network after the reset, if it is
+    /// known.
     fn forget_all(&mut self, state: Option<MasterState>) {
         *self = Self { error_count: self.error_count, state, ..Self::default() };
     }

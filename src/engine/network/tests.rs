@@ -1,4 +1,4 @@
-//! The steps from each network state to each other, and those of recoveries.
+//! Tests of the steps that lead from each network state to each other one, and of those that bring lost slaves back.
 
 use super::*;
 
@@ -142,7 +142,8 @@ fn another_request_forgets_no_lost_slave() {
     }
 }
 
-/// SK-4.74 As before, but the slave that was coming back refuses after the new request: the silent one is tried again.
+/// SK-4.74 One of two lost slaves is silent. The other one refuses after another state was requested. The silent one is
+/// tried again.
 #[test]
 fn who_refuses_after_another_request_keeps_nobody_back() {
     use MasterState::*;

@@ -8,7 +8,8 @@ use crate::ethercat::wire_error::split;
 pub struct Emergency {
     /// The error code, as in object 0x603F; 0 means that an error is over.
     pub code: u16,
-    /// The error register, as in object 0x1001.
+    /// The error register, as in object 0x1001: bit 0 is set for any error, the other bits for classes of errors (CiA
+    /// 301).
     pub register: u8,
     /// Manufacturer-specific error data.
     pub data: [u8; 5],

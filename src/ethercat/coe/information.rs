@@ -76,7 +76,7 @@ impl<'a> InformationFragment<'a> {
     pub const HEADER_LEN: usize = 4;
     const INCOMPLETE: u8 = 0x80;
 
-    /// A request or response that fits into one message.
+    /// A request or response that fits into one mailbox message, so that no fragments follow.
     pub const fn whole(kind: InformationKind, data: &'a [u8]) -> Self {
         Self { kind, incomplete: false, left: 0, data }
     }
@@ -98,7 +98,7 @@ impl<'a> InformationFragment<'a> {
     /// Writes the bytes behind the CoE header and returns their number.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`]: the message does not fit.
+    /// [`WireError::NoRoom`]: `room` is shorter than header and data.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         let len = Self::HEADER_LEN + self.data.len();
         let (header, data) = room_for(room, "SDO information", len)?.split_at_mut(Self::HEADER_LEN);
@@ -160,7 +160,8 @@ impl ObjectListType {
     }
 }
 
-/// Decodes the 16-bit number at the beginning of the data: an [`ObjectListType`] or an object index.
+/// Decodes the 16-bit number at the beginning of the data of an [`InformationFragment`]: the code of an
+/// [`ObjectListType`] or an object index.
 ///
 /// # Errors
 /// [`WireError::Short`]: fewer than 2 bytes.
@@ -260,7 +261,7 @@ impl<'a> ObjectDescription<'a> {
     /// Writes the data of [`InformationKind::ObjectResponse`] and returns their length in bytes.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`]: the description does not fit.
+    /// [`WireError::NoRoom`]: `room` is shorter than the description.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         let len = Self::HEADER_LEN + self.name.len();
         let (header, name) = room_for(room, "object description", len)?.split_at_mut(Self::HEADER_LEN);
@@ -383,7 +384,7 @@ impl<'a> EntryDescription<'a> {
     /// Writes the data of [`InformationKind::EntryResponse`] and returns their length in bytes.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`]: the description does not fit.
+    /// [`WireError::NoRoom`]: `room` is shorter than the description.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         let len = Self::HEADER_LEN + self.data.len();
         let (header, data) = room_for(room, "entry description", len)?.split_at_mut(Self::HEADER_LEN);

@@ -9,7 +9,8 @@ use crate::ethercat::wire_error::{room_for, split};
 
 /// Length in bytes of an SDO header behind the CoE header: command, index, sub-index and 4 bytes of data or size.
 pub const SDO_LEN: usize = 8;
-/// The minimum number of data bytes in a segment on the wire; shorter data are padded.
+/// The minimum number of data bytes in a segment on the wire, set by the standard. Shorter data are padded, and the
+/// command byte says by how many bytes.
 const SEGMENT_LEN_MIN: usize = 7;
 /// Bytes of a mailbox that the first message of a segmented transfer uses for headers: mailbox header, CoE header, and SDO
 /// header with the size.
@@ -19,14 +20,14 @@ pub const SEGMENT_OVERHEAD: usize = 6 + 2 + 1;
 
 /// The bits of the command byte, which is the first byte of an SDO.
 mod command {
-    /// Bits 5 to 7 of a request's command byte.
+    /// Bits 5 to 7 of a request's command byte, the command specifier: this constant and the three below it.
     pub const DOWNLOAD_SEGMENT: u8 = 0 << 5;
     pub const DOWNLOAD: u8 = 1 << 5;
     pub const UPLOAD: u8 = 2 << 5;
     pub const UPLOAD_SEGMENT: u8 = 3 << 5;
     /// Bits 5 to 7 of the command byte of an abort, in a request or a response.
     pub const ABORT: u8 = 4 << 5;
-    /// Bits 5 to 7 of a response's command byte.
+    /// Bits 5 to 7 of a response's command byte, the command specifier: this constant and the three below it.
     pub const UPLOADED_SEGMENT: u8 = 0 << 5;
     pub const DOWNLOADED_SEGMENT: u8 = 1 << 5;
     pub const UPLOADED: u8 = 2 << 5;
@@ -36,22 +37,24 @@ mod command {
     pub const COMPLETE: u8 = 1 << 4;
     /// Bit 4 of segments: the toggle bit.
     pub const TOGGLE: u8 = 1 << 4;
-    /// Bit 1: expedited, the 4 bytes hold the value.
+    /// Bit 1: expedited. The 4 bytes behind the object address hold the value itself.
     pub const EXPEDITED: u8 = 1 << 1;
-    /// Bit 0: the size of the value is given.
+    /// Bit 0: the length of the value is given. In an expedited transfer bits 2 and 3 give the number of unused bytes;
+    /// otherwise the 4 bytes behind the object address give the length.
     pub const SIZED: u8 = 1 << 0;
     /// Bit 0 of segments: no more segments follow.
     pub const LAST: u8 = 1 << 0;
 }
 
-/// A whole value, or the first part of one.
+/// The value that a download request or an upload response carries: the whole value, or its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoValuePart<'a> {
     /// A whole value of 1 to 4 bytes.
     Expedited(&'a [u8]),
     /// A whole value of at most 4 bytes whose exact length the sender did not give.
     Unsized(&'a [u8; 4]),
-    /// The first bytes of a value of `size` bytes, possibly all of them.
+    /// The first bytes of a value of `size` bytes, or all of them if they fit into the mailbox. Segments carry the
+    /// rest.
     First {
         /// The length of the whole value, bytes.
         size: u32,
@@ -156,7 +159,7 @@ const fn toggle_bit(toggle: bool) -> u8 {
     if toggle { command::TOGGLE } else { 0 }
 }
 
-/// Splits an SDO into the object's address, the 4 data bytes, and the bytes behind them.
+/// Splits an SDO into the object's address, the 4 bytes of value or size, and the bytes behind them.
 fn parts(body: &[u8]) -> Result<(ObjectAddress, &[u8; 4], &[u8]), WireError> {
     let ([_, low, high, sub], rest) = split::<4>(body, "SDO")?;
     let (four, rest) = split::<4>(rest, "data of an SDO")?;

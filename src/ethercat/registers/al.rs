@@ -9,7 +9,7 @@ use crate::ethercat::{AlState, AlStatus, U16Le, bits};
 pub enum RequestedState {
     /// Init, PreOP, SafeOP or OP.
     State(AlState),
-    /// 3: Bootstrap, for firmware.
+    /// 3: Bootstrap, for the download of firmware by FoE.
     Boot,
     /// Any other value, 0..=15.
     Unknown(u8),
@@ -28,7 +28,7 @@ impl RequestedState {
         }
     }
 
-    /// The requested AL state, as a slave without Bootstrap handles it.
+    /// The requested AL state, for a slave that does not support Bootstrap.
     ///
     /// # Errors
     /// The AL status code with which the slave refuses: [`AlStatus::BOOT_UNSUPPORTED`] or [`AlStatus::UNKNOWN_STATE`].
@@ -53,9 +53,10 @@ impl RequestedState {
 bits! {
     /// AL control, 0x0120: the requested state in bits 0 to 3, and flags.
     AlControl(u16) {
-        /// Bit 4: the master acknowledges the error.
+        /// Bit 4: the master acknowledges the error that [`AlStatusRegister::ERROR`] shows.
         ACKNOWLEDGE = 1 << 4;
-        /// Bit 5: the master asks for the device's identification.
+        /// Bit 5: the master asks for the device's identification. The slave puts it into the AL status code and sets
+        /// [`AlStatusRegister::ID_LOADED`].
         REQUEST_ID = 1 << 5;
     }
 
@@ -69,7 +70,7 @@ bits! {
 
     /// The bits of the ECAT event request 0x0210, of its mask 0x0200, and of the `irq` field of a datagram.
     EcatEvents(u16) {
-        /// Bit 0: a DC latch event.
+        /// Bit 0: a latch input has captured the time of an edge.
         DC_LATCH = 1 << 0;
         /// Bit 2: DL status has changed.
         DL_STATUS = 1 << 2;
@@ -83,7 +84,7 @@ bits! {
     AlEvents(u32) {
         /// Bit 0: the master has written AL control.
         AL_CONTROL = 1 << 0;
-        /// Bit 1: a DC latch event.
+        /// Bit 1: a latch input has captured the time of an edge.
         DC_LATCH = 1 << 1;
         /// Bit 2: a pulse of SYNC0.
         SYNC0 = 1 << 2;
@@ -138,12 +139,13 @@ impl AlEvents {
     }
 }
 
-/// AL status and AL status code. Masters read both at once: 6 bytes from 0x0130.
+/// AL status and AL status code. Masters read both with one datagram (6 bytes from 0x0130), so that the code belongs to
+/// the status.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AlStatusWithCode {
-    /// Register 0x0130.
+    /// AL status, register 0x0130.
     pub status: AlStatusRegister,
-    /// Register 0x0134.
+    /// AL status code, register 0x0134.
     pub code: AlStatus,
 }
 
@@ -151,11 +153,11 @@ pub struct AlStatusWithCode {
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0: AL status.
+    /// Bytes 0..=1: AL status.
     status: U16Le,
-    /// 2: reserved.
+    /// Bytes 2..=3: reserved.
     gap: U16Le,
-    /// 4: AL status code.
+    /// Bytes 4..=5: AL status code.
     code: U16Le,
 }
 

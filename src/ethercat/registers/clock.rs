@@ -13,13 +13,13 @@ bits! {
         CLOCK = 1 << 2;
         /// Bit 3: distributed clocks are 64 bits wide.
         CLOCK_64_BITS = 1 << 3;
-        /// Bit 4: low jitter of EBUS.
+        /// Bit 4: EBUS ports have low jitter.
         LOW_JITTER = 1 << 4;
-        /// Bit 5: enhanced link detection of EBUS.
+        /// Bit 5: EBUS ports have enhanced link detection: a link with many receive errors counts as lost.
         ENHANCED_LINK_EBUS = 1 << 5;
-        /// Bit 6: enhanced link detection of MII.
+        /// Bit 6: MII ports have enhanced link detection: a link with many receive errors counts as lost.
         ENHANCED_LINK_MII = 1 << 6;
-        /// Bit 7: FCS errors have their own counter.
+        /// Bit 7: damaged frames that an earlier slave has counted already are counted separately, as forwarded errors.
         SEPARATE_CHECK_ERRORS = 1 << 7;
         /// Bit 8: bits 3 to 7 of the SYNC activation register are supported.
         ENHANCED_SYNC = 1 << 8;
@@ -27,11 +27,11 @@ bits! {
         NO_LRW = 1 << 9;
         /// Bit 10: BRW, APRW and FPRW are not supported.
         NO_READ_WRITE = 1 << 10;
-        /// Bit 11: the assignment of FMMUs and sync managers is fixed.
+        /// Bit 11: the controller fixes what each FMMU and sync manager is used for; the master cannot choose.
         FIXED = 1 << 11;
     }
 
-    /// SYNC activation, 0x0981.
+    /// SYNC activation, 0x0981: which SYNC pulses the slave's clock generates, and how their start time is handled.
     SyncActivation(u8) {
         /// Bit 0: the SYNC unit is active.
         ACTIVATE = 1 << 0;
@@ -41,17 +41,17 @@ bits! {
         SYNC1 = 1 << 2;
         /// Bit 3: a write to the start time activates the unit.
         AUTO = 1 << 3;
-        /// Bit 4: a 32-bit start time is extended to 64 bits.
+        /// Bit 4: a start time of 32 bits is extended to 64 bits by the upper half of the system time.
         EXTEND_START = 1 << 4;
         /// Bit 5: the plausibility of the start time is checked.
         CHECK_START = 1 << 5;
-        /// Bit 6: the check accepts only a start time in the near future.
+        /// Bit 6: the check accepts only a start time that is less than 2^31 ns (2.1 s) ahead.
         NEAR_FUTURE = 1 << 6;
         /// Bit 7: generate a pulse immediately, for debugging.
         DEBUG_PULSE = 1 << 7;
     }
 
-    /// Status of a latch input, 0x09AE and 0x09AF.
+    /// Status of a latch input: 0x09AE for input 0, 0x09AF for input 1.
     LatchStatus(u8) {
         /// Bit 0: in single-event mode, a positive edge was captured and its time has not been read yet.
         POSITIVE = 1 << 0;
@@ -88,7 +88,8 @@ impl LatchEdge {
     }
 }
 
-/// System time difference, 0x092C: the offset of the slave's clock to the received system time, as sign and magnitude.
+/// System time difference, 0x092C: the offset of the slave's clock to the system time that the slave received last from
+/// the reference clock, as sign and magnitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SystemTimeDifference(pub u32);
 

@@ -21,23 +21,23 @@ bits! {
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0: logical start address.
+    /// Bytes 0..=3: logical start address.
     logical: U32Le,
-    /// 4: length.
+    /// Bytes 4..=5: length.
     len: U16Le,
-    /// 6: logical start bit.
+    /// Byte 6: logical start bit.
     first_bit: u8,
-    /// 7: logical stop bit.
+    /// Byte 7: logical stop bit.
     last_bit: u8,
-    /// 8: physical start address.
+    /// Bytes 8..=9: physical start address.
     physical: U16Le,
-    /// 10: physical start bit.
+    /// Byte 10: physical start bit.
     physical_bit: u8,
-    /// 11: directions.
+    /// Byte 11: directions.
     directions: u8,
-    /// 12: activate.
+    /// Byte 12: activate.
     activate: u8,
-    /// 13..=15: reserved.
+    /// Bytes 13..=15: reserved.
     reserved: [u8; 3],
 }
 

@@ -3,7 +3,8 @@
 /// The maximum number of ports of a controller.
 pub const PORTS: usize = 4;
 
-/// The loop setting of a port: when it is open, so that frames leave through it, and when it is closed.
+/// The loop setting of a port. With an open loop, frames leave through the port. With a closed loop, frames skip the
+/// port and go on to the next one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LoopControl {
     /// Automatic: open with a link, closed without one.
@@ -28,7 +29,7 @@ impl LoopControl {
     }
 }
 
-/// DL control, 0x0100.
+/// DL control, 0x0100: how the controller forwards frames, with the loop settings of its ports.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DlControl(pub u32);
 
@@ -39,8 +40,8 @@ impl DlControl {
     pub const TEMPORARY: u32 = 1 << 1;
     /// Bit 24: the station alias can be used as the address in FPRD, FPWR and the like.
     pub const ALIAS: u32 = 1 << 24;
-    /// The power-on value of a controller with two ports: RX FIFO at its maximum size, non-EtherCAT frames destroyed, the
-    /// loop of port 3 closed.
+    /// The power-on value that slave models with two ports use: RX FIFO at its maximum size, non-EtherCAT frames
+    /// destroyed, the loop of the missing port 3 closed, the others automatic.
     pub const POWER_ON: Self = Self(0x0007_C001);
 
     /// The loop setting of a port, 0..=3, in bits 8 to 15.
@@ -61,7 +62,7 @@ impl DlControl {
     }
 }
 
-/// DL status, 0x0110.
+/// DL status, 0x0110: the link and the loop state of each port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DlStatus(pub u16);
 
@@ -81,12 +82,14 @@ impl DlStatus {
         self.0 & 1 << (8 + 2 * port) != 0
     }
 
-    /// Whether a port, 0..=3, has stable communication: bits 9, 11, 13 and 15.
+    /// Whether a port, 0..=3, has stable communication, so that frames come in through it without errors: bits 9, 11,
+    /// 13 and 15.
     pub const fn communicates(self, port: usize) -> bool {
         self.0 & 1 << (9 + 2 * port) != 0
     }
 
-    /// This value with the bits of a port, 0..=3, set. A port with a link and an open loop also gets the communication bit.
+    /// This value with the link bit and the loop bit of a port, 0..=3, replaced by `link` and `closed`. The
+    /// communication bit of the port becomes 1 if the port has a link and an open loop, else 0.
     #[must_use]
     pub const fn with_port(self, port: usize, link: bool, closed: bool) -> Self {
         let link_bit = if link { 1 << (4 + port) } else { 0 };

@@ -51,7 +51,7 @@ map! {
     RAM_SIZE = 0x0006, 1, Read, "RAM size";
     /// Two bits for each port: 0 none, 1 not configured, 2 EBUS, 3 MII.
     PORT_DESCRIPTOR = 0x0007, 1, Read, "port descriptor";
-    /// See [`Features`](super::Features).
+    /// What the controller supports, see [`Features`](super::Features).
     FEATURES = 0x0008, 2, Read, "features";
     STATION_ADDRESS = 0x0010, 2, Write, "configured station address";
     /// The station alias, loaded from the SII at power-on.
@@ -63,34 +63,36 @@ map! {
     /// The master resets the controller by writing the bytes of [`RESET_SEQUENCE`] in three frames.
     RESET_ECAT = 0x0040, 1, Write, "ESC reset ECAT";
     RESET_PDI = 0x0041, 1, Read, "ESC reset PDI";
-    /// See [`DlControl`](super::DlControl).
+    /// How the controller forwards frames, see [`DlControl`](super::DlControl).
     DL_CONTROL = 0x0100, 4, Write, "ESC DL control";
     /// An offset that FPRW and APRW add to the address for their write.
     PHYSICAL_OFFSET = 0x0108, 2, Write, "physical read/write offset";
-    /// See [`DlStatus`](super::DlStatus).
+    /// The links and loops of the ports, see [`DlStatus`](super::DlStatus).
     DL_STATUS = 0x0110, 2, Read, "ESC DL status";
-    /// See [`AlControl`](super::AlControl).
+    /// The AL state that the master requests, see [`AlControl`](super::AlControl).
     AL_CONTROL = 0x0120, 2, Write, "AL control";
-    /// See [`AlStatusRegister`](super::AlStatusRegister).
+    /// The present AL state of the slave, see [`AlStatusRegister`](super::AlStatusRegister).
     AL_STATUS = 0x0130, 2, Read, "AL status";
-    /// Two reserved bytes that masters read along, between the AL status and its code.
+    /// Two reserved bytes between the AL status and its code. Masters read all three with one datagram.
     AL_STATUS_GAP = 0x0132, 2, Read, "reserved";
-    /// See [`AlStatus`](crate::ethercat::AlStatus).
+    /// Why the slave has refused or left an AL state, see [`AlStatus`](crate::ethercat::AlStatus).
     AL_STATUS_CODE = 0x0134, 2, Read, "AL status code";
     RUN_LED = 0x0138, 1, Read, "RUN LED override";
     ERR_LED = 0x0139, 1, Read, "ERR LED override";
-    /// The type of the process data interface, loaded from the SII at power-on.
+    /// The type of the process data interface (PDI), such as 0x04 digital I/O or 0x05 SPI. Loaded from the SII at
+    /// power-on.
     PDI_CONTROL = 0x0140, 1, Read, "PDI control";
-    /// Bit 0: AL status copies AL control, without a state machine. Loaded from the SII at power-on.
+    /// Bit 0, device emulation: AL status copies AL control, for a slave without a processor that runs the AL state
+    /// machine. Loaded from the SII at power-on.
     ESC_CONFIGURATION = 0x0141, 1, Read, "ESC configuration";
     /// The configuration of the process data interface, loaded from the SII at power-on.
     PDI_CONFIGURATION = 0x0150, 4, Read, "PDI configuration";
-    /// See [`EcatEvents`](super::EcatEvents).
+    /// The events that the controller reports in the `irq` field of datagrams, see [`EcatEvents`](super::EcatEvents).
     ECAT_EVENT_MASK = 0x0200, 2, Write, "ECAT event mask";
     AL_EVENT_MASK = 0x0204, 4, Read, "AL event mask";
-    /// See [`EcatEvents`](super::EcatEvents).
+    /// The pending events for the master, see [`EcatEvents`](super::EcatEvents).
     ECAT_EVENT = 0x0210, 2, Read, "ECAT event request";
-    /// See [`AlEvents`](super::AlEvents).
+    /// The pending events for the slave's processor, see [`AlEvents`](super::AlEvents).
     AL_EVENT = 0x0220, 4, Read, "AL event request";
     /// Two bytes for each port: the counter of invalid frames and the counter of physical layer errors.
     RX_ERRORS = 0x0300, 2 * PORTS as u16, Clear, "RX error counters";
@@ -99,11 +101,12 @@ map! {
     PDI_ERRORS = 0x030D, 1, Clear, "PDI error counter";
     PDI_ERROR_CODE = 0x030E, 1, Read, "PDI error code";
     LOST_LINKS = 0x0310, PORTS as u16, Clear, "lost link counters";
-    /// The unit of the watchdog times is (this value + 2) times 40 ns.
+    /// The unit of [`WATCHDOG_PDI`] and [`WATCHDOG_PROCESS_DATA`]: (this value + 2) times 40 ns. The usual value 2498
+    /// makes it 100 us.
     WATCHDOG_DIVIDER = 0x0400, 2, Write, "watchdog divider";
     WATCHDOG_PDI = 0x0410, 2, Write, "watchdog time PDI";
     WATCHDOG_PROCESS_DATA = 0x0420, 2, Write, "watchdog time process data";
-    /// Bit 0: the process data watchdog has not expired; also 1 while the watchdog is disabled.
+    /// Bit 0: the process data watchdog has not expired, or it is disabled (its time is 0).
     WATCHDOG_STATUS = 0x0440, 2, Read, "watchdog status process data";
     WATCHDOG_COUNTER_PROCESS_DATA = 0x0442, 1, Clear, "watchdog counter process data";
     WATCHDOG_COUNTER_PDI = 0x0443, 1, Clear, "watchdog counter PDI";
@@ -111,15 +114,15 @@ map! {
     SII_CONFIGURATION = 0x0500, 1, Write, "EEPROM configuration";
     /// Bit 0: the slave's processor currently has access to the EEPROM.
     SII_PDI_ACCESS = 0x0501, 1, Read, "EEPROM PDI access state";
-    /// See [`SiiControl`](super::SiiControl).
+    /// The command for the EEPROM and its status, see [`SiiControl`](super::SiiControl).
     SII_CONTROL = 0x0502, 2, Write, "EEPROM control/status";
     /// The EEPROM address, in words.
     SII_ADDRESS = 0x0504, 4, Write, "EEPROM address";
     SII_DATA = 0x0508, 8, Write, "EEPROM data";
     MII = 0x0510, 12, Read, "MII management";
-    /// See [`fmmu`] and [`Fmmu`](super::Fmmu).
+    /// The registers of all FMMUs, see [`fmmu`] and [`Fmmu`](super::Fmmu).
     FMMU = 0x0600, 16 * FMMU_LEN as u16, Write, "FMMUs";
-    /// See [`sync_manager`] and [`SyncManager`](super::SyncManager).
+    /// The registers of all sync managers, see [`sync_manager`] and [`SyncManager`](super::SyncManager).
     SYNC_MANAGER = 0x0800, 16 * SYNC_MANAGER_LEN as u16, Write, "sync managers";
     /// For each port, the local time at which the frame that wrote to this register arrived; 4 bytes each.
     RECEIVE_TIMES = 0x0900, 4 * PORTS as u16, Write, "receive times";
@@ -127,7 +130,8 @@ map! {
     RECEIVE_TIME_UNIT = 0x0918, 8, Read, "receive time processing unit";
     SYSTEM_TIME_OFFSET = 0x0920, 8, Write, "system time offset";
     SYSTEM_TIME_DELAY = 0x0928, 4, Write, "system time delay";
-    /// See [`SystemTimeDifference`](super::SystemTimeDifference).
+    /// The offset of the slave's clock to the reference clock, see
+    /// [`SystemTimeDifference`](super::SystemTimeDifference).
     SYSTEM_TIME_DIFFERENCE = 0x092C, 4, Read, "system time difference";
     SPEED_COUNTER_START = 0x0930, 2, Write, "speed counter start";
     SPEED_COUNTER_DIFFERENCE = 0x0932, 2, Read, "speed counter difference";
@@ -135,11 +139,11 @@ map! {
     SPEED_FILTER = 0x0935, 1, Write, "speed counter filter depth";
     RECEIVE_TIME_LATCH_MODE = 0x0936, 1, Write, "receive time latch mode";
     CYCLIC_UNIT_CONTROL = 0x0980, 1, Write, "cyclic unit control";
-    /// See [`SyncActivation`](super::SyncActivation).
+    /// Which SYNC pulses the slave's clock generates, see [`SyncActivation`](super::SyncActivation).
     SYNC_ACTIVATION = 0x0981, 1, Write, "SYNC activation";
     /// The length of a SYNC pulse in units of 10 ns, loaded from the SII at power-on.
     SYNC_PULSE_LENGTH = 0x0982, 2, Read, "pulse length of SYNC signals";
-    /// Bits 0 and 1: the first pulse of SYNC0 and SYNC1 is still pending.
+    /// Bit 0: the first SYNC0 pulse is still pending. Bit 1: the first SYNC1 pulse is still pending.
     SYNC_ACTIVATION_STATUS = 0x0984, 1, Read, "SYNC activation status";
     SYNC0_STATUS = 0x098E, 1, Read, "SYNC0 status";
     SYNC1_STATUS = 0x098F, 1, Read, "SYNC1 status";
@@ -148,7 +152,7 @@ map! {
     SYNC1_NEXT = 0x0998, 8, Read, "next SYNC1 pulse";
     /// The SYNC0 cycle time, ns; 0 for a single pulse.
     SYNC0_CYCLE = 0x09A0, 4, Write, "SYNC0 cycle time";
-    /// The delay from a SYNC0 pulse to the SYNC1 pulse, ns.
+    /// The delay from a SYNC0 pulse to the SYNC1 pulse that belongs to it, ns. The data sheets call it a cycle time.
     SYNC1_CYCLE = 0x09A4, 4, Write, "SYNC1 cycle time";
     /// One byte per latch input: bit 0 for the positive edge, bit 1 for the negative edge. 1 selects single-event mode, in
     /// which only the first edge is captured until its time has been read; 0 selects continuous mode, in which every edge
@@ -159,7 +163,8 @@ map! {
     /// The system times of the latched edges, see [`latch_time`].
     LATCH_TIMES = 0x09B0, 32, Read, "latch times";
     EVENT_TIMES = 0x09F0, 16, Read, "sync manager event times";
-    /// The outputs of controllers with digital I/O and no processor.
+    /// The values of the digital outputs, which the master writes directly. Only for a controller that drives outputs
+    /// itself, without a processor.
     DIGITAL_OUTPUTS = 0x0F00, 4, Write, "digital outputs";
     USER_RAM = 0x0F80, 128, Write, "user RAM";
 }

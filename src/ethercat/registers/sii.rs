@@ -11,7 +11,7 @@ pub enum SiiCommand {
     Read,
     /// 2: write one word.
     Write,
-    /// 4: reload the configuration words at the beginning of the EEPROM.
+    /// 4: load the configuration words at the beginning of the EEPROM into the registers of the controller again.
     Reload,
     /// Any other value, 0..=7.
     Unknown(u8),
@@ -20,7 +20,7 @@ pub enum SiiCommand {
 bits! {
     /// EEPROM control/status, 0x0502: the command in bits 8 to 10, and flags.
     SiiControl(u16) {
-        /// Bit 0: enables the write command in the same word.
+        /// Bit 0: enables the write command that the same write to this register gives.
         WRITE_ENABLE = 1 << 0;
         /// Bit 5: the slave's processor emulates the EEPROM.
         EMULATION = 1 << 5;

@@ -38,13 +38,13 @@ bits! {
         AL_EVENT = 1 << 5;
         /// Bit 6: a write triggers the watchdog.
         WATCHDOG = 1 << 6;
-        /// 0x26: the mailbox that the master writes, with the value that most slaves use.
+        /// 0x26: the control byte that most slaves use for the mailbox that the master writes.
         MAILBOX_OUT = 0x26;
-        /// 0x22: the mailbox that the master reads.
+        /// 0x22: the control byte that most slaves use for the mailbox that the master reads.
         MAILBOX_IN = 0x22;
-        /// 0x64: outputs, with watchdog trigger.
+        /// 0x64: the control byte for outputs, with watchdog trigger.
         OUTPUTS = 0x64;
-        /// 0x20: inputs.
+        /// 0x20: the control byte for inputs.
         INPUTS = 0x20;
     }
 
@@ -70,9 +70,9 @@ bits! {
         ENABLE = 1 << 0;
         /// Bit 1: toggled by the master to request the last mailbox message again.
         REPEAT = 1 << 1;
-        /// Bit 6: latch the event time when the master accesses the buffer.
+        /// Bit 6: the controller latches the time at which the master accesses the buffer (registers from 0x09F0).
         LATCH_ECAT = 1 << 6;
-        /// Bit 7: latch the event time when the slave accesses the buffer.
+        /// Bit 7: the controller latches the time at which the slave accesses the buffer (registers from 0x09F0).
         LATCH_PDI = 1 << 7;
     }
 
@@ -122,17 +122,17 @@ impl SmStatus {
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0: start address.
+    /// Bytes 0..=1: start address.
     start: U16Le,
-    /// 2: length.
+    /// Bytes 2..=3: length.
     len: U16Le,
-    /// 4: control byte.
+    /// Byte 4: control byte.
     control: u8,
-    /// 5: status byte.
+    /// Byte 5: status byte.
     status: u8,
-    /// 6: activate byte.
+    /// Byte 6: activate byte.
     activate: u8,
-    /// 7: PDI control byte.
+    /// Byte 7: PDI control byte.
     pdi: u8,
 }
 

@@ -10,7 +10,7 @@ use crate::ethercat::wire_error::split;
 pub enum CategoryKind {
     /// 10: texts. Other categories refer to them by number, from 1.
     Strings,
-    /// 20: data types.
+    /// 20: data types; the standard reserves this category for future use.
     DataTypes,
     /// 30: general information.
     General,
@@ -62,7 +62,8 @@ impl CategoryKind {
     }
 }
 
-/// A category. The methods interpret the data; the result is meaningful only if the method fits the kind.
+/// A category of an EEPROM. Each method interprets the data as one kind of category; its result is meaningful only if
+/// [`Self::kind`] is this kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Category<'a> {
     /// The type of the category.

@@ -57,21 +57,21 @@ pub struct SiiIdentity {
 /// The first 64 words, decoded. When they are encoded, words without a field here are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SiiInfo {
-    /// Word 0: the value of registers 0x0140 and 0x0141.
+    /// Word 0: the value that registers 0x0140 and 0x0141 get at power-on.
     pub pdi_control: u16,
-    /// Word 1: the value of registers 0x0150 and 0x0151.
+    /// Word 1: the value that registers 0x0150 and 0x0151 get at power-on.
     pub pdi_configuration: u16,
-    /// Word 2: the value of register 0x0982, in 10 ns.
+    /// Word 2: the value that register 0x0982 gets at power-on, in units of 10 ns.
     pub sync_pulse_length: u16,
-    /// Word 3: the value of registers 0x0152 and 0x0153.
+    /// Word 3: the value that registers 0x0152 and 0x0153 get at power-on.
     pub extended_pdi_configuration: u16,
-    /// Word 4: the station alias, the value of register 0x0012.
+    /// Word 4: the station alias, the value that register 0x0012 gets at power-on.
     pub alias: u16,
     /// Words 5 and 6: additional configuration of newer controllers.
     pub extended_configuration: [u16; 2],
     /// Words 8 to 15: vendor ID, product code, revision, serial number.
     pub identity: SiiIdentity,
-    /// Words 16 to 18: execution delay, and the delays of ports 0 and 1.
+    /// Words 16 to 18: execution delay, and the delays of ports 0 and 1. Raw values, which this crate does not use.
     pub delays: [u16; 3],
     /// Words 20 to 23: the mailboxes in Bootstrap.
     pub boot_mailbox: MailboxAreas,
@@ -79,7 +79,7 @@ pub struct SiiInfo {
     pub mailbox: MailboxAreas,
     /// Word 28: supported mailbox protocols.
     pub protocols: MailboxProtocols,
-    /// Word 62: the size of the EEPROM in kbit, minus 1.
+    /// Word 62: the size of the EEPROM in kbit, minus 1, as the standard stores it: 15 means 16 kbit.
     pub kbit_less_1: u16,
     /// Word 63: the version of the layout, 1.
     pub version: u16,

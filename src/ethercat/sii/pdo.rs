@@ -8,7 +8,7 @@ use crate::ethercat::{U16Le, WireError};
 /// One object of a PDO.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SiiPdoEntry {
-    /// The object's index; 0: padding.
+    /// The object's index; 0: the entry is padding between objects, `bits` long.
     pub index: u16,
     /// The object's sub-index.
     pub sub: u8,
@@ -82,7 +82,7 @@ pub struct SiiPdo<'a> {
     pub index: u16,
     /// The sync manager that the PDO is assigned to; 0xFF: none.
     pub sync_manager: u8,
-    /// The synchronization unit of the PDO.
+    /// The synchronization setting of the PDO. A raw value, which this crate does not use.
     pub sync_unit: u8,
     /// The number of the text with the PDO's name; 0: none.
     pub name: u8,
@@ -92,7 +92,6 @@ pub struct SiiPdo<'a> {
     pub entries: SiiPdoEntries<'a>,
 }
 
-/// Length in bytes of a PDO in front of its entries.
 const HEADER_LEN: usize = 8;
 
 /// Wire layout of a PDO in front of its entries.
@@ -108,7 +107,7 @@ struct PdoLayout {
 }
 
 impl<'a> SiiPdo<'a> {
-    /// Length in bytes of a PDO in front of its entries.
+    /// Length in bytes of the fixed part of a PDO, in front of its entries.
     pub const HEADER_LEN: usize = HEADER_LEN;
 
     /// Splits off the first PDO in `bytes`; also returns the bytes behind it.
@@ -132,8 +131,8 @@ impl<'a> SiiPdo<'a> {
         Ok((pdo, rest))
     }
 
-    /// Writes the PDO with `entries` in place of its own and returns the length in bytes. Only the first 255 entries are
-    /// written.
+    /// Writes the PDO with the entries in `entries`; those in `self.entries` are ignored. Returns the length in bytes.
+    /// At most 255 entries are written, since the number of entries has one byte.
     ///
     /// # Errors
     /// [`WireError::NoRoom`]: the PDO does not fit.
@@ -155,7 +154,7 @@ impl<'a> SiiPdo<'a> {
         Ok(len)
     }
 
-    /// A PDO without entries; [`Self::encode`] takes the entries as an argument.
+    /// A PDO to be encoded. Its field `entries` is empty, because [`Self::encode`] takes the entries as an argument.
     pub const fn new(index: u16, sync_manager: u8, name: u8) -> Self {
         Self { index, sync_manager, sync_unit: 0, name, flags: 0, entries: SiiPdoEntries(&[]) }
     }

@@ -16,7 +16,7 @@ bits! {
         PDO_ASSIGN = 1 << 2;
         /// Bit 3: the PDO mapping can be changed.
         PDO_CONFIG = 1 << 3;
-        /// Bit 4: the object dictionary is uploaded at startup.
+        /// Bit 4: at startup the master reads the PDO descriptions from the slave's object dictionary.
         UPLOAD = 1 << 4;
         /// Bit 5: SDO complete access is supported.
         COMPLETE_ACCESS = 1 << 5;
@@ -28,7 +28,7 @@ bits! {
         SAFEOP = 1 << 0;
         /// Bit 1: the slave does not support LRW.
         NO_LRW = 1 << 1;
-        /// Bit 2: the mailbox has a data link layer.
+        /// Bit 2: the mailbox has a data link layer, so that a lost message can be requested again.
         MAILBOX_LINK_LAYER = 1 << 2;
         /// Bit 3: the AL status code register can show the device identification.
         ID_IN_AL_STATUS = 1 << 3;
@@ -40,7 +40,7 @@ bits! {
     SiiSmEnable(u8) {
         /// Bit 0: the sync manager is enabled.
         ENABLE = 1 << 0;
-        /// Bit 1: the content of the area is fixed.
+        /// Bit 1: the content of the sync manager's area is fixed: it cannot be changed by another PDO assignment.
         FIXED = 1 << 1;
         /// Bit 2: a virtual sync manager, without hardware.
         VIRTUAL = 1 << 2;
@@ -54,7 +54,7 @@ bits! {
 pub struct SiiGeneral {
     /// The number of the text with the group name.
     pub group: u8,
-    /// The number of the text with the image name.
+    /// The number of the text with the name of the picture with which configuration tools show the slave.
     pub image: u8,
     /// The number of the text with the order number. Some masters show it as the slave's name.
     pub order: u8,
@@ -80,28 +80,28 @@ pub struct SiiGeneral {
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct GeneralLayout {
-    /// 0: group.
+    /// Byte 0: group.
     group: u8,
     image: u8,
     order: u8,
     name: u8,
     reserved: u8,
-    /// 5: CoE features.
+    /// Byte 5: CoE features.
     coe: u8,
     foe: u8,
     eoe: u8,
-    /// 8: SoE channels, DS402 channels and sync manager class; not used.
+    /// Bytes 8..=10: SoE channels, DS402 channels and sync manager class; not used.
     channels: [u8; 3],
-    /// 11: flags.
+    /// Byte 11: flags.
     flags: u8,
-    /// 12: EBUS current.
+    /// Bytes 12..=13: EBUS current.
     ebus_current: U16Le,
-    /// 14: group, repeated.
+    /// Byte 14: the group, with the same value as in byte 0.
     group_again: u8,
     reserved_2: u8,
-    /// 16: physical layer, four bits per port.
+    /// Bytes 16..=17: physical layer, four bits per port.
     ports: U16Le,
-    /// 18: address of the device identification.
+    /// Bytes 18..=19: address of the device identification.
     id_address: U16Le,
     reserved_3: [u8; 12],
 }
@@ -111,7 +111,7 @@ const _: () = assert!(size_of::<GeneralLayout>() == SiiGeneral::LEN && align_of:
 impl SiiGeneral {
     /// Length of the category in bytes.
     pub const LEN: usize = 32;
-    /// Length in bytes of the category in older EEPROMs, which end after the ports.
+    /// Length in bytes of the category in older EEPROMs, which end after the field `ports`.
     const LEN_MIN: usize = 18;
 
     /// Decodes the category. Fields beyond the end of a short category are 0.
@@ -257,7 +257,7 @@ pub struct SiiSyncManager {
     pub control: SmControl,
     /// The status byte, not used.
     pub status: u8,
-    /// When the sync manager is enabled.
+    /// Whether the sync manager is enabled, and whether only in OP.
     pub enable: SiiSmEnable,
     /// The use of the sync manager.
     pub kind: SiiSmType,
@@ -308,17 +308,17 @@ impl SiiSyncManager {
 /// A mode of distributed clocks that a slave supports.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SiiDcMode {
-    /// The cycle time of SYNC0, ns; 0 means the master's cycle time.
+    /// The cycle time of SYNC0, ns; 0: SYNC0 follows the cycle time of the master, by [`Self::factor0`].
     pub cycle0_ns: u32,
     /// The shift time of SYNC0, ns.
     pub shift0_ns: i32,
     /// The shift time of SYNC1, ns.
     pub shift1_ns: i32,
-    /// The cycle factor of SYNC1.
+    /// The cycle time of SYNC1 as a multiple of that of SYNC0.
     pub factor1: i16,
     /// The value for registers 0x0980 (low byte) and 0x0981 (high byte).
     pub assign_activate: u16,
-    /// The cycle factor of SYNC0.
+    /// The cycle time of SYNC0 as a multiple of the master's cycle time.
     pub factor0: i16,
     /// The number of the text with the mode's name; 0: none.
     pub name: u8,

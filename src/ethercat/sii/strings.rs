@@ -42,7 +42,8 @@ impl<'a> SiiStrings<'a> {
         })
     }
 
-    /// The text with a number; `None` for number 0, which means "no text", and for a number without a text.
+    /// The text with the given number, by which other categories refer to it. `None` for number 0, which means "no
+    /// text", and for a number without a text.
     pub fn get(self, number: u8) -> Option<&'a [u8]> {
         self.iter().nth(usize::from(number).checked_sub(1)?)
     }

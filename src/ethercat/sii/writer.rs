@@ -47,7 +47,8 @@ impl<'b> SiiWriter<'b> {
         Ok(Self { buffer, end: SII_INFO_LEN })
     }
 
-    /// The part of the buffer for the data of the next category.
+    /// The part of the buffer for the `len` data bytes of the next category, padded to whole words. The category header
+    /// stands in front of it; [`Self::add`] writes it.
     fn place(&mut self, len: usize) -> Result<&mut [u8], WireError> {
         // Behind the category there must be room for the end marker.
         let padded = len.next_multiple_of(2);
@@ -58,7 +59,8 @@ impl<'b> SiiWriter<'b> {
         Ok(place)
     }
 
-    /// Completes a category whose data are already in the buffer.
+    /// Writes the header of a category whose `len` data bytes are already in the buffer, so that the next category
+    /// begins behind it.
     fn add(&mut self, kind: CategoryKind, len: usize) {
         let words = (len.div_ceil(2)) as u16;
         let header = &mut self.buffer[self.end..][..CATEGORY_HEADER_LEN];

@@ -8,7 +8,7 @@ use crate::fieldbus::{MAX_SLAVES, is_stale};
 struct Age {
     /// The number of cycles since the one in which the inputs were received.
     cycles: u32,
-    /// When the first cycle that brought no new inputs was sent, on the wires' clock.
+    /// When the first cycle that brought no new inputs was sent, on the clock of the wires (the network card).
     since: Ns,
 }
 
@@ -29,15 +29,17 @@ impl Default for Ages {
 }
 
 impl Ages {
-    /// Resets the age of a slave's inputs: they are from the newest cycle, or the slave has no inputs.
+    /// Resets the age of a slave's inputs: they are from the newest cycle, or the slave has no inputs that could get
+    /// old.
     pub(super) const fn renew(&mut self, slave: u8) {
         self.held.remove(slave);
         self.of[slave as usize - 1] = Age { cycles: 0, since: 0 };
     }
 
-    /// Counts a cycle without new inputs of a slave, and `unanswered` cycles directly before it that had no answer. Returns
-    /// whether the inputs have become stale with this cycle. `sent_at`: when the cycle was sent. `searched`: when the
-    /// newest search for missing slaves ended.
+    /// Counts a cycle without new inputs of a slave, and `unanswered` cycles directly before it that had no answer.
+    /// Returns whether the inputs have become stale with this cycle. `sent_at`: when the cycle was sent. `searched`:
+    /// when the newest search for missing slaves ended; once a search has ended since the inputs are old, they become
+    /// stale earlier ([`is_stale`]).
     pub(super) fn hold(&mut self, slave: u8, sent_at: Ns, unanswered: u32, cycle_ns: Ns, searched: Option<Ns>) -> bool {
         self.held.insert(slave);
         let age = &mut self.of[usize::from(slave) - 1];
@@ -52,8 +54,8 @@ impl Ages {
         is_new
     }
 
-    /// Ends counting the age of a slave's inputs, because the slave is below SafeOP or was brought back from a loss: its inputs
-    /// are neither held nor stale.
+    /// Resets the age of a slave's inputs, which are then neither held nor stale: the slave is below SafeOP, or was
+    /// brought back from a loss.
     pub(super) const fn forget(&mut self, slave: u8) {
         self.renew(slave);
         self.stale.remove(slave);

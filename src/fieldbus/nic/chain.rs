@@ -1,5 +1,5 @@
-//! Simulated slave controllers as a network for [`NicBus`](super::NicBus), in virtual time: for programs and tests
-//! without a network card.
+//! Simulated slave controllers in place of the network behind a network card, for programs and tests of
+//! [`NicBus`](super::NicBus) without a card. Time is virtual: it passes only while the bus waits.
 
 use std::collections::VecDeque;
 
@@ -16,11 +16,11 @@ const CARD_NS: Ns = 20_000;
 /// The maximum step in which time advances in the slaves, ns. \[OURS]
 const STEP_NS: Ns = 1_000_000;
 
-/// The number of frame buffers that are allocated at the start: the maximum number of frames that the master has in flight,
-/// each with the additional frames that a ring sends for it.
+/// The number of frame buffers that are allocated at the start: four for each of the 32 frames that the master may have
+/// in flight, because a ring sends a probe with each frame and may forward the frame.
 const FRAMES: usize = 4 * 32;
 
-/// An answer frame on its way back to a network card.
+/// An answer frame on its way back to a network card, which receives it at the time `at`.
 struct Returning {
     at: Ns,
     frame: Vec<u8>,
@@ -38,10 +38,12 @@ pub struct ChainWires {
 }
 
 impl ChainWires {
-    /// Connects these slaves in a line and switches them on at time 0. `handle` controls them while they run.
+    /// Connects these slaves in a line and switches them on at time 0. By `handle` the caller cuts cables, switches
+    /// slaves off and on and causes other faults while they run.
     ///
     /// # Errors
-    /// [`UndescribedError`]: the EEPROM of a device cannot be written, because the device does not describe its content.
+    /// [`UndescribedError`]: the EEPROM of a device cannot be written, because the device does not describe its
+    /// content.
     pub fn new(devices: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<Self, UndescribedError> {
         Self::with_drift(devices, handle, 0)
     }
@@ -59,7 +61,7 @@ impl ChainWires {
         Ok(Self::on_cable(CabledChain::with_drift(devices, handle.cable().clone(), drift_ppb)?, handle))
     }
 
-    /// Takes slaves that are already on a cable. The cable has to be the one that `handle` controls.
+    /// Makes the wires for slaves that are already on a cable. The cable has to be the one that `handle` controls.
     pub fn on_cable(slaves: CabledChain, handle: SimHandle) -> Self {
         let spare = (0..FRAMES).map(|_| Vec::with_capacity(FRAME_LEN_MAX)).collect();
         let returning = [(); 2].map(|()| VecDeque::with_capacity(FRAMES));
@@ -73,7 +75,8 @@ impl ChainWires {
         &self.slaves
     }
 
-    /// Ends another master at the present time: each slave gets the state in which that master leaves it.
+    /// Simulates that another master, which has used the slaves before, ends at the present time: each slave gets a
+    /// state in which that master may leave it.
     pub fn leave(&mut self, predecessor: &mut Predecessor) {
         self.slaves.leave(predecessor, self.now);
     }

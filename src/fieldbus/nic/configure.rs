@@ -22,16 +22,17 @@ use crate::sk::{CycleTime, DriveSync};
 const AT_ONCE: usize = 8;
 /// The timeout for an SDO of a configuration, ns. \[OURS]
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
-/// The maximum number of sync managers of a slave whose purposes are read. \[OURS]
+/// The maximum number of sync managers of a slave whose use (mailbox, outputs, inputs) is read from 0x1C00; any further
+/// ones count as unused. \[OURS]
 const MANAGERS_MAX: usize = 8;
 /// The object with the types of the sync managers (mailbox, outputs, inputs).
 const MANAGER_USES: u16 = 0x1C00;
-/// How often an SDO transfer is tried again while the slave's mailbox is busy with an answer to an earlier, abandoned request.
-/// \[OURS]
+/// How many times an SDO transfer is repeated while the slave's mailbox is busy with an answer to an earlier, abandoned
+/// request. \[OURS]
 const TRIES: u32 = 1000;
 
-/// A preallocated slot for the future that configures one slave, see [`OneSlave`]. The result of the future is the
-/// mapped process data.
+/// A preallocated, reusable slot for the future that configures one slave, see [`OneSlave`]: a configuration allocates
+/// no memory while cycles run. The result of the future is the mapped process data.
 type Seat = Place<(u8, SlaveConfig, CycleTime), Result<Option<ProcessData>, Refusal>>;
 
 /// A slave that is being configured.
@@ -55,7 +56,7 @@ pub(super) struct Configuring {
 }
 
 impl Configuring {
-    /// Allocates the slots, for one configuration at a time.
+    /// Allocates the slots. They serve one configuration at a time.
     pub(super) fn place(master: &Arc<Mutex<Master>>) -> Box<Self> {
         let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::FreeRun };
         let slaves = [unused; MAX_SLAVES];
@@ -85,8 +86,8 @@ impl Configuring {
         }
     }
 
-    /// Polls the futures of all slaves that can go on. Returns the result once all of them have ended. `mapped` is called with
-    /// the mapped process data of each slave.
+    /// Begins to configure further slaves while slots are free, and polls the futures whose SDO transfer has ended.
+    /// Returns the result once all futures have ended. `mapped` is called with the mapped process data of each slave.
     pub(super) fn run(
         &mut self,
         master: &Mutex<Master>,
@@ -139,7 +140,8 @@ impl Configuring {
                 }
                 mapped(slave, data);
             }
-            // If several slaves refuse, the refusal of the first one in network order is the result.
+            // If several slaves refuse, the refusal of the first one in network order is the result, so that it does
+            // not depend on which slave answers first.
             Poll::Ready(Err(refusal)) if self.refusal.is_none_or(|before| slave < before.slave) => {
                 self.refusal = Some(refusal);
             }
@@ -149,7 +151,7 @@ impl Configuring {
     }
 }
 
-/// The arguments of the future that configures one slave, with the operations that the future waits for.
+/// The arguments of the future that configures one slave. The methods are the steps of that future.
 struct OneSlave {
     master: Arc<Mutex<Master>>,
     slave: u8,
@@ -160,7 +162,8 @@ struct OneSlave {
 impl OneSlave {
     async fn configure(self) -> Result<Option<ProcessData>, Refusal> {
         let (slave, SlaveConfig { role, sync }) = (self.slave, self.config);
-        // A slave that did not answer when the master read its state may answer now: its first SDO shows whether it does.
+        // If the slave did not answer when the master read its state, nothing is known of the state, and the slave may
+        // answer now: the first SDO transfer shows whether it does.
         let present = self.master.lock().status(slave).filter(|status| status.is_present);
         if present.is_some_and(|status| status.state() != Some(AlState::PreOp)) {
             return Err(Refusal::of(self.slave, AlStatus::INVALID_CHANGE));
@@ -193,8 +196,8 @@ impl OneSlave {
         self.exchange(data)
     }
 
-    /// Reads the purposes of the sync managers by SDO, because the EEPROM does not contain them. Sub-index 0 is their
-    /// number.
+    /// Reads the use of each sync manager from object 0x1C00, because the EEPROM does not contain it. Sub-index 0 is
+    /// the number of sync managers.
     async fn ask_for_manager_uses(&self) -> Result<(), Refusal> {
         let mut uses = [SiiSmType::Unused; MANAGERS_MAX];
         let count = self.manager_use(0).await?;
@@ -202,7 +205,7 @@ impl OneSlave {
             *place = SiiSmType::from_code(self.manager_use(sub).await?);
         }
         if uses.iter().any(|one| matches!(one, SiiSmType::Outputs | SiiSmType::Inputs)) {
-            // This cannot fail: the slave exists, and its EEPROM does not contain the purposes.
+            // This cannot fail: the slave exists, and its EEPROM does not contain the uses.
             let _ = self.master.lock().assume_managers(self.slave, &uses);
         }
         Ok(())
@@ -212,7 +215,8 @@ impl OneSlave {
         Ok(self.read(ObjectAddress::new(MANAGER_USES, sub)).await?.unwrap_or(0) as u8)
     }
 
-    /// Assigns those PDOs to the sync managers that the EEPROM describes as assigned by default.
+    /// Assigns the slave's default PDOs, which its EEPROM names, to the sync managers: the slave has refused the
+    /// board's mapping.
     async fn assign_its_own(&self) -> Result<Option<ProcessData>, Refusal> {
         let pdos = self.master.lock().slave(self.slave).map(SlaveInfo::assigned_pdos);
         let [outputs, inputs] = pdos.unwrap_or_default();
@@ -224,8 +228,8 @@ impl OneSlave {
         self.take_as_described()
     }
 
-    /// For a module that cannot map the process data of the board: uses the process data that the EEPROM describes, whatever
-    /// their length. [`super::cycle`] converts between the two.
+    /// For a module that cannot map the process data of the board: uses the process data that the EEPROM describes,
+    /// whatever their length. [`super::cycle`] converts between this process image and the board's.
     fn take_as_described(&self) -> Result<Option<ProcessData>, Refusal> {
         let mut master = self.master.lock();
         match master.configure_as_described(self.slave).and_then(|()| master.set_sync(self.slave, None)) {
@@ -234,11 +238,11 @@ impl OneSlave {
         }
     }
 
-    /// Sets up the exchange of these process data in the master. They are exchanged from SafeOP on.
+    /// Configures the master to exchange these process data with the slave from SafeOP on, and to set its SYNC0.
     fn exchange(&self, data: ProcessData) -> Result<Option<ProcessData>, Refusal> {
         let cycle_ns = u32::try_from(self.cycle.ns()).unwrap_or(u32::MAX);
-        // SYNC0 is set to the end of the wait for answers, `ANSWER_WAIT`: an answer in time shows that
-        // the outputs arrived before SYNC0, however late the frame was.
+        // SYNC0 comes at the end of the wait for answers (`ANSWER_WAIT`). So an answer in time shows that the outputs
+        // arrived before SYNC0, even if the frame was late.
         let shift_ns = u32::try_from(answer_wait_ns(self.cycle)).unwrap_or(u32::MAX);
         let signals = SyncSignals::sync0(cycle_ns, shift_ns.cast_signed());
         let sync = (self.config.sync == DriveSync::DcSync).then_some(signals);
@@ -246,7 +250,8 @@ impl OneSlave {
         let configured = master
             .configure(self.slave, data.output_bytes() as u16, data.input_bytes() as u16)
             .and_then(|()| master.set_sync(self.slave, sync));
-        // An error means that the master cannot exchange these process data with the slave.
+        // An error means that the master cannot exchange these process data with the slave. The refusal has the AL
+        // status code of a slave with a wrong configuration of its outputs.
         configured.map_err(|_| Refusal::of(self.slave, AlStatus::INVALID_OUTPUTS)).map(|()| Some(data))
     }
 
@@ -265,8 +270,9 @@ impl OneSlave {
         })
     }
 
-    /// Whether an object already has the value that `wanted` writes, or may be missing in the slave. If an object of the
-    /// assignment cannot be read, the EEPROM shows what is assigned.
+    /// Whether an abort of the download `wanted` is no error: the object already has the value, or is one that the
+    /// slave may lack. If an object of the PDO assignment (0x1C12, 0x1C13) cannot be read, the EEPROM shows what is
+    /// assigned.
     async fn holds(&self, object: ObjectAddress, wanted: &Download) -> Result<bool, Refusal> {
         Ok(match self.read(object).await? {
             Ok(value) => value == wanted.value,
@@ -280,7 +286,8 @@ impl OneSlave {
         self.transfer(object, start).await
     }
 
-    /// Runs an SDO transfer. The inner error is the code with which the slave has aborted the transfer.
+    /// Runs an SDO transfer, again while the mailbox is busy. The inner error is the code with which the slave has
+    /// aborted the transfer; the outer error says that the slave gave no valid answer in time.
     async fn transfer<T>(
         &self,
         object: ObjectAddress,
@@ -301,7 +308,8 @@ impl OneSlave {
                     continue;
                 }
                 Err(SdoError::Mailbox(MailboxError::NoAnswer)) => Err(Refusal::no_answer(self.slave)),
-                // The slave answers, but its answer comes too late or is invalid.
+                // The slave answers, but its answer comes too late or is invalid. The refusal names the SDO transfer;
+                // the AL status code is unknown, so it stays 0.
                 Err(error) => {
                     Err(Refusal { abort: Some((object, error.abort_code())), ..Refusal::no_answer(self.slave) })
                 }

@@ -10,17 +10,19 @@ use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, SlaveIn, SlaveOut};
 use crate::master;
 
 impl<W: NicWires> NicBus<W> {
-    /// Sends the frames of a cycle and waits until they are back, as described in the documentation of the module `nic`.
+    /// Sends the frames of a cycle and waits until they are back, at most for the time
+    /// [`ANSWER_WAIT`](super::ANSWER_WAIT). `None`: not all frames came back in time.
     pub(super) fn exchange(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         if self.is_working() && !self.has_cycles() {
-            // Only a job uses the wire: during a scan or a configuration no process data are exchanged.
+            // During a scan or a configuration only the job uses the wire, and no process data are exchanged. The pause
+            // between the cycles before and after it is no delay of this machine, so `sent_at` is reset.
             self.standstill.sent_at = None;
             return self.heard(now, inputs);
         }
         self.put_outputs();
         let sent_at = self.wires.now();
-        // If the runner is late, the wait for the answers is shorter by this delay, since it ends at a fixed part of
-        // the cycle.
+        // The wait for the answers ends at a fixed time after the cycle was due (`answer_wait_ns`). If the runner is
+        // late, the wait is shorter by this delay.
         let late = sent_at.wrapping_sub(now.wrapping_sub(self.skew.unwrap_or(0)));
         let due = if late < self.cycle.ns() { sent_at - late.min(sent_at) } else { sent_at };
         let limit = due.saturating_add(answer_wait_ns(self.cycle));
@@ -44,7 +46,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The result of a cycle without process data, in which only a job used the wire.
+    /// The result of a cycle without process data, during a scan or a configuration.
     fn heard(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         self.update_lost();
         self.tell(inputs);
@@ -59,9 +61,9 @@ impl<W: NicWires> NicBus<W> {
         })
     }
 
-    /// Writes the outputs of all slaves into the process images that the frames carry. A slave that is not in OP, has had
-    /// no push since it entered OP, or is lost gets outputs with which nothing moves, because it may answer again at any
-    /// time (SK-4.62).
+    /// Writes the outputs of all slaves into the process images that the frames carry. If a slave is not in OP, has got
+    /// no outputs from the engine since it entered OP, or is lost, it gets outputs that keep its axes at a standstill,
+    /// because it may answer again at any time (SK-4.62).
     fn put_outputs(&mut self) {
         let mut master = self.master.lock();
         for slave in self.all().iter() {
@@ -166,7 +168,8 @@ impl<W: NicWires> NicBus<W> {
     }
 
     /// Whether a slave that is not known as lost is in a lower AL state than commanded: it still increments the working
-    /// counter, but ignores outputs. `states`: the AL status of all slaves, combined by OR.
+    /// counter, but ignores outputs. `states`: the AL status of all slaves, combined by OR. The lower state then shows
+    /// as a bit that no expected state has.
     pub(super) fn has_fallen_slave(&self, states: u16) -> bool {
         let known = |slave| {
             if self.lost.contains(slave) {
@@ -178,7 +181,9 @@ impl<W: NicWires> NicBus<W> {
         self.job.is_none() && states & !self.all().iter().map(known).fold(0, |all, bits| all | bits) != 0
     }
 
-    /// Updates the set of lost slaves by the AL states that the master has read.
+    /// Updates the set of lost slaves by the AL states that the master has read. A slave is lost if it does not answer,
+    /// or is in a lower state than commanded. It is no longer lost if it answers and a state below SafeOP was
+    /// commanded.
     pub(super) fn update_lost(&mut self) {
         let Self { master, stations, lost, lost_from, ages, missed, found, .. } = self;
         let had_lost = !lost.is_empty();
@@ -200,8 +205,8 @@ impl<W: NicWires> NicBus<W> {
         });
     }
 
-    /// Marks slaves whose inputs have become stale as lost. Outputs since then count as not executed, because it is not
-    /// known what these slaves do.
+    /// Marks slaves whose inputs have become stale as lost. The first outputs that may not have reached them, and all
+    /// later ones, count as not executed, because it is not known what these slaves do.
     pub(super) fn lose_stale(&mut self, stale: SlaveSet) {
         let had_lost = !self.lost.is_empty();
         for slave in stale.difference(self.lost).iter() {

@@ -25,13 +25,15 @@ pub(super) struct Change {
     job: Option<master::Job<Result<(), StateError>>>,
     target: AlState,
     slaves: SlaveSet,
-    /// When the master gets the request for the change, for the first time or again; then when the change times out.
-    /// Both are times of the wires' clock.
+    /// `again_at`: when the master gets the request for the change, for the first time or again. `until`: when the
+    /// change times out. Both are times of the wires' clock.
     again_at: Ns,
     until: Ns,
-    /// The slaves have not been requested to leave OP yet: the outputs that wait in the board's FIFO are sent first.
+    /// Whether the slaves have not been requested to leave OP yet. The outputs in the board's FIFO are sent first,
+    /// since they belong to commands from before SET_STATE.
     sends_first: bool,
-    /// All slaves are leaving OP, so the bus accepts no more outputs: they would reach no slave.
+    /// Whether all slaves were requested to leave OP. The bus then accepts no more outputs, because no slave would use
+    /// them.
     takes_no_more: bool,
     /// The slaves that were in OP when this change requested a lower state of them.
     left_op: SlaveSet,
@@ -40,7 +42,7 @@ pub(super) struct Change {
 /// The time after which the state is requested again from a slave that has not answered, ns. \[OURS]
 const AGAIN_NS: Ns = 20_000_000;
 
-/// A running SDO transfer of a number, as a job of the master.
+/// A running SDO transfer of a value of at most 4 bytes, as a job of the master.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Transfer {
     Upload(master::Job<Result<u32, SdoError>>),
@@ -64,10 +66,12 @@ impl Transfer {
     }
 }
 
-/// The error if the slave's mailbox is busy: the master is fetching an emergency, or an answer to an abandoned request.
+/// The error of an SDO transfer that finds the slave's mailbox busy: the master is fetching an emergency, or an answer
+/// to an abandoned request. The transfer is tried again.
 pub(super) const BUSY: SdoError = SdoError::Mailbox(MailboxError::Busy);
 
-/// The refusal by a slave that answers, with its AL status code or, if it shows none, [`Refusal::WITHOUT_REASON`].
+/// The refusal by a slave that answers, with its AL status code. If it shows none, the code is
+/// [`Refusal::WITHOUT_REASON`].
 fn told(slave: u8, code: AlStatus) -> Refusal {
     Refusal::of(slave, if code == AlStatus::NONE { AlStatus(Refusal::WITHOUT_REASON) } else { code })
 }
@@ -111,8 +115,8 @@ impl<W: NicWires> NicBus<W> {
         };
     }
 
-    /// Sets the cycle time in the master, which then times the frames so that each passes the slave with the reference clock at
-    /// the beginning of a cycle of that clock.
+    /// Sets the cycle time in the master, unless the master has it already. The master then times the frames so that
+    /// each passes the slave with the reference clock at the beginning of a cycle of that clock.
     fn set_cycle(&mut self, cycle: CycleTime) {
         if std::mem::replace(&mut self.cycle, cycle) != cycle || !self.is_paced {
             self.master.lock().set_pace(Some(Pace { cycle_ns: cycle.ns(), phase_ns: 0 }));
@@ -140,8 +144,8 @@ impl<W: NicWires> NicBus<W> {
         self.missed.forget(self.sent);
     }
 
-    /// Prepares a change of state. Slaves on the way to a lower state do not count as lost when they reach it. Slaves on the
-    /// way to OP get outputs with which nothing moves.
+    /// Prepares a change of state. Slaves on the way to a lower state do not count as lost when they reach it. Slaves
+    /// on the way to OP get outputs that keep their axes at a standstill until the engine pushes the next outputs.
     fn prepare_change(&mut self, target: AlState, slaves: SlaveSet) {
         for slave in slaves.iter() {
             let station = self.station_mut(slave);
@@ -168,9 +172,9 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Called when a change of state has failed or was cancelled. Slaves that were leaving OP are commanded to OP again and
-    /// count as lost (SK-4.73): they have received outputs with which nothing moves, and must not get others before they are
-    /// brought back.
+    /// Called when a change of state has failed or was cancelled. Slaves that were leaving OP count as lost (SK-4.73),
+    /// with OP as the state to which they have to be brought back. They have received outputs that keep their axes at a
+    /// standstill, and must not get others before that.
     fn stay_in_op(&mut self, change: &Change) {
         for slave in change.left_op.iter() {
             self.station_mut(slave).commanded = AlState::Op;
@@ -220,7 +224,8 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Continues the running job, if it can go on.
+    /// Continues the running job: makes a request of a change of state that is due, and polls the futures of a
+    /// configuration.
     pub(super) fn run_job(&mut self) {
         self.ask_again();
         let Some(Running::Configure(mut configuring)) = self.job.take_if(|job| matches!(job, Running::Configure(_)))
@@ -249,8 +254,8 @@ impl<W: NicWires> NicBus<W> {
         self.sdo_done = Some(result.map(|read| read.unwrap_or(written)).map_err(SdoError::abort_code));
     }
 
-    /// Evaluates the end of the master's job for a change of state. If a slave refuses, the change has failed. If a slave does
-    /// not answer, the state is requested again until the timeout, because the slave may come back.
+    /// Evaluates the end of one request of a change of state to the master. If a slave refuses, the change has failed.
+    /// If a slave does not answer, the state is requested again until the timeout, because the slave may come back.
     fn end_part(&mut self, change: Change, ended: Result<(), StateError>) {
         let Change { target, slaves, until, .. } = change;
         for slave in slaves.iter() {
@@ -289,9 +294,9 @@ impl<W: NicWires> NicBus<W> {
     /// Requests the change of state from the master.
     fn ask(&mut self, change: &mut Change) {
         if change.target == AlState::Op {
-            // A slave that was brought to OP before needs no change. If it has left OP by itself, it is lost and has to come
-            // back through PreOP: if it went straight back to OP, a board that does not know of the loss yet would continue its
-            // outputs as if the slave had stayed in OP.
+            // A slave with the commanded state OP gets no request. If it has left OP by itself, it is lost, and the
+            // engine brings it to PreOP first. If it went straight back to OP, an engine that does not know of the loss
+            // yet would continue its outputs as if the slave had stayed in OP.
             let is_up = |slave: &u8| self.station(*slave).commanded == AlState::Op;
             change.slaves = change.slaves.iter().filter(|slave| !is_up(slave)).collect();
         } else {
@@ -314,8 +319,8 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Called when a cycle has carried no new outputs: everything that waited in the board's FIFO is sent, and slaves may leave
-    /// OP.
+    /// Called when a cycle has carried no new outputs: all outputs that were in the board's FIFO are pushed and sent.
+    /// Slaves may leave OP now.
     pub(super) fn all_is_sent(&mut self) {
         let now = self.wires.now();
         if let Some(Running::State(change)) = &mut self.job

@@ -15,22 +15,22 @@
 //! **A cycle** is one [`Fieldbus::poll`], as in a simulated network: the poll sends the frames and waits until they are
 //! back, at most for the part [`ANSWER_WAIT`] of a cycle. So an answer belongs to the outputs of the same cycle.
 //!
-//! **A cycle without an answer** \[OURS]: it is not known how far its frames came. The next cycle sends the same outputs
-//! again, and newer outputs wait. So a target may be late or sent twice, but none is skipped. The poll then returns no
-//! cycle, as with a cable that is cut before the first slave.
+//! **A cycle without an answer** \[OURS]: it is not known how far its frames came. The next cycle sends the same
+//! outputs again, and newer outputs wait. So a target may be late or sent twice, but none is skipped. The poll then
+//! returns no cycle, as with a cable that is cut before the first slave.
 //!
 //! A clear ([`Fieldbus::clear_ahead`]) does not take back outputs that a frame has carried.
 //!
-//! **A cycle that a slave has missed** \[OURS]: the working counter is too low, or not all slaves are in their states, and
-//! the other slaves have moved on. Outputs sent since then count as missed by the slave that is named as lost for it. If
-//! all slaves answer again before one is named, these outputs count as lost sets of outputs.
+//! **A cycle that a slave has missed** \[OURS]: the working counter is too low, or not all slaves are in their states,
+//! and the other slaves have moved on. Outputs sent since then count as missed by the slave that the states then show
+//! as lost. If all slaves answer again before one is named, these outputs count as lost sets of outputs.
 //!
-//! It is not known how much lost slaves still add to the working counter. So while slaves are lost, a working counter below
-//! that of the cycle before is too low, until the states of all slaves have been read.
+//! It is not known how much lost slaves still add to the working counter. So while slaves are lost, a working counter
+//! below that of the cycle before is too low, until the states of all slaves have been read.
 //!
-//! **Lost slaves** \[OURS]. A working counter that is too low does not show which slave is missing. The master reads the
-//! state of each slave, which takes some cycles (`master/acyclic.rs` decides how many), and names the slaves that do not answer or have left their state. They
-//! stay lost until a [`Job::State`] brings them back.
+//! **Lost slaves** \[OURS]. A working counter that is too low does not show which slave is missing. The master reads
+//! the state of each slave, which takes some cycles (`master/acyclic.rs` decides how many), and names the slaves that
+//! do not answer or have left their state. They stay lost until a [`Job::State`] brings them back.
 //!
 //! **A working counter that is wrong** \[OURS], too low or too high: the inputs of that datagram are not used, and all
 //! slaves in the datagram keep their previous inputs. If no AL state explains the working counter, the master reads the
@@ -68,9 +68,9 @@ pub use ring::{GRACE_NS, Ring};
 use unreached_outputs::UnreachedOutputs;
 pub use wires::{CardPair, NicWires};
 
-/// The part of a cycle, as a fraction, for which a poll waits for its frames to come back, counted from the time at which
-/// the cycle is due. SYNC0 comes at the end of the wait, so an answer in time shows that the outputs arrived before SYNC0.
-/// \[OURS]
+/// The part of a cycle (numerator, denominator) for which a poll waits for its frames to come back, counted from the
+/// time at which the cycle is due. SYNC0 comes at the end of the wait, so an answer in time shows that the outputs
+/// arrived before SYNC0. \[OURS]
 pub const ANSWER_WAIT: (Ns, Ns) = (3, 4);
 
 /// The time that [`ANSWER_WAIT`] gives for this cycle time, ns.
@@ -79,25 +79,27 @@ const fn answer_wait_ns(cycle: CycleTime) -> Ns {
     cycle.ns() / of * share
 }
 
-/// The bus is down after at least that many cycles without an answer and at least that time, ns: by then the watchdogs of
-/// the slave controllers have ended OP. Shorter gaps come from a busy machine or a bad cable. \[OURS]
+/// The bus is down after this number of cycles without an answer, if they also last at least this time, ns: by then the
+/// watchdogs of the slave controllers have ended OP. Shorter interruptions come from a busy machine or a bad cable.
+/// \[OURS]
 const DOWN_AFTER: (u32, Ns) = (3, 100_000_000);
-/// How long the bus waits for a frame at most while a job or an SDO is running, which may have to go on at a certain
-/// time, ns. \[OURS]
+/// While a job or an SDO transfer is running, the bus waits at most this long for a frame, ns. Then it lets the job
+/// continue, which may have to act without a frame: at a retry or a timeout. \[OURS]
 const TURN_NS: Ns = 200_000;
 
-/// If this machine was late and sent no frames for at least this time, ns, the gap is reported with each slave that leaves OP
-/// within [`STOOD_STILL_TOLD_NS`] after it. Slaves wait 100 ms for outputs, and their states are read some cycles later.
-/// \[OURS]
+/// If this machine was late and sent no frames for at least this time, ns, the gap is reported with each slave that
+/// leaves OP within [`STOOD_STILL_TOLD_NS`] after it. The slaves' watchdogs expire after 100 ms without outputs, and
+/// the master reads only some cycles later that a slave has left OP. \[OURS]
 const STOOD_STILL_NS: Ns = 50_000_000;
 const STOOD_STILL_TOLD_NS: Ns = 1_000_000_000;
 
-/// The longest recent gap between the frames of two cycles. Such a gap comes from a delay of this machine.
+/// The longest gap between the frames of two consecutive cycles in the last [`STOOD_STILL_TOLD_NS`], if it is at least
+/// [`STOOD_STILL_NS`] long. The cause of such a gap is a delay of this machine.
 #[derive(Clone, Copy, Debug, Default)]
 struct Standstill {
     /// When the frames of the newest cycle were sent; `None`: the newest cycle exchanged no process data.
     sent_at: Option<Ns>,
-    /// The length of the gap in ns, and below the time at which it ended.
+    /// `ns`: the length of the gap. `ended`: the time at which it ended, on the wires' clock.
     ns: Ns,
     ended: Ns,
 }
@@ -141,14 +143,15 @@ pub struct NicBus<W> {
     wires: W,
     /// The master, shared with the futures of a configuration.
     master: Arc<Mutex<Master>>,
-    /// Offset of the engine's clock to the wires'; `None`: it was not measured yet.
+    /// Offset of the engine's clock to the wires' clock (engine minus wires); `None`: it was not measured yet.
     skew: Option<Ns>,
-    /// Whether a runner waits for the time of each cycle. Without a runner the bus waits itself.
+    /// Whether a runner of the engine waits for the time of each cycle. Without a runner the bus itself waits until
+    /// that time.
     has_runner: bool,
     stations: [Station; MAX_SLAVES],
     found: u8,
     cycle: CycleTime,
-    /// Whether the master was told the cycle time.
+    /// Whether the master has a cycle time. At first it has none, although `cycle` has a default value.
     is_paced: bool,
     lost: SlaveSet,
     lost_from: [Option<u64>; MAX_SLAVES],
@@ -158,11 +161,13 @@ pub struct NicBus<W> {
     outputs: Outputs,
     /// Whether `outputs` are new: no frame that carried them has been answered yet.
     has_new_outputs: bool,
-    /// Whether a frame that carried `outputs` was sent, so that they may have reached slaves.
+    /// Whether a frame that carried `outputs` was sent. They may have reached slaves then, so [`Fieldbus::clear_ahead`]
+    /// does not discard them.
     may_have_come: bool,
-    /// Slaves that have entered OP since the newest push. They get outputs with which nothing moves until the next push.
+    /// Slaves that have entered OP since the newest push. They do not get `outputs`, which are older, but outputs that
+    /// keep their axes at a standstill, until the next push.
     holding: SlaveSet,
-    /// The id of the newest outputs that were carried by a frame and whose answer has come.
+    /// The id of the newest outputs that a frame has carried whose answer has come.
     sent: Option<u64>,
     missed: UnreachedOutputs,
     /// The newest inputs received from all slaves.
@@ -240,7 +245,7 @@ impl<W: NicWires> NicBus<W> {
         status.state()
     }
 
-    /// Whether a slave exchanges process data (in SafeOP or OP), or waits for outputs on its way to OP.
+    /// Whether process data are exchanged: a slave is in SafeOP or OP, or is commanded to be.
     fn has_cycles(&self) -> bool {
         let is_up = |slave| self.state(slave).unwrap_or_default().max(self.station(slave).commanded) >= AlState::SafeOp;
         self.all().iter().any(is_up)
@@ -270,17 +275,18 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Waits until a frame comes, or until the running job or SDO has to continue, at most until the wires' time `until`.
-    /// Then continues the job and SDO.
+    /// Waits until a frame comes, at most until the wires' time `until`, and at most [`TURN_NS`] if a job or an SDO
+    /// transfer is running. Then continues the job and the SDO transfer.
     fn wait_a_turn(&mut self, until: Ns) {
         let turn = if self.is_working() { self.wires.now().saturating_add(TURN_NS) } else { until };
         self.wires.wait(turn.min(until));
         self.turn();
     }
 
-    /// Offset of the engine's clock to the wires', measured when the engine's time is `now`. The runner's wake-up latency
-    /// makes single samples too small, so the maximum is kept; the runner reports skipped cycles ([`Fieldbus::leave_out`]).
-    /// A drop of more than half a cycle means that the runner skipped time without a report.
+    /// Offset of the engine's clock to the wires' clock (engine minus wires), measured when the engine's time is `now`.
+    /// Because of the runner's wake-up latency the call comes late, so a single sample is too small, and the largest
+    /// sample is kept. When the runner skips cycles it reports it ([`Fieldbus::leave_out`]). A sample that is smaller
+    /// by more than half a cycle means that the runner has skipped time without a report: it replaces the offset.
     fn skew_at(&mut self, now: Ns) -> Ns {
         let seen = now.wrapping_sub(self.wires.now());
         let skew = self.skew.get_or_insert(seen);

@@ -23,11 +23,12 @@ use crate::ethercat::{
 };
 use crate::master::{FrameBuffer, Wire, WireDown};
 
-/// The maximum time between the return of a frame and that of its probe, in either order, before the missing one counts as
-/// lost, ns. \[OURS] A frame passes 40 slaves in less than half of this time.
+/// The maximum time between the return of a frame and that of its probe, in either order, before the missing one counts
+/// as lost, ns. \[OURS] A frame passes 40 slaves in less than half of this time, so a frame on a whole cable never
+/// counts as lost.
 pub const GRACE_NS: Ns = 100_000;
 
-/// A frame in flight. Its place in the table is the index of its first datagram.
+/// A frame in flight. [`Ring::flights`] has it at the index that its first datagram carries.
 #[derive(Clone, Debug)]
 struct Flight {
     is_used: bool,
@@ -67,13 +68,14 @@ pub struct Ring<P> {
     state: RingState,
 }
 
-/// What a received frame is.
+/// The kind of a received frame.
 enum Came {
     /// A probe; its value is the index of the frame that it was sent with.
     Probe(u8),
-    /// A frame of the master, with its index, and whether it has passed a slave.
+    /// A frame of the master: its index, and whether it has passed a slave. One that has not passed a slave is no
+    /// answer.
     Own(u8, bool),
-    /// A frame that is neither of the master nor a probe.
+    /// Neither a frame of the master nor a probe, but for example a frame of another master.
     Other,
 }
 
@@ -146,8 +148,8 @@ impl<P: CardPair> Ring<P> {
         flight.len
     }
 
-    /// Evaluates a frame that was received at `end`. Returns its length if the frame is for the master; then it is in
-    /// `buffer`.
+    /// Evaluates a frame that was received at `end`. Returns its length if it is for the master (an answer, or a frame
+    /// of someone else), which then finds it in `buffer`. `None`: it was a probe, or the ring keeps or drops it.
     fn take(&mut self, end: CableEnd, buffer: &mut FrameBuffer, len: usize) -> Option<usize> {
         match self.judge(&buffer[..len]) {
             Came::Other => Some(len),
@@ -184,7 +186,8 @@ impl<P: CardPair> Ring<P> {
                         }
                         Some(len)
                     }
-                    // A forwarded frame has passed the whole ring without being processed, or it comes too late.
+                    // Not for the master: a forwarded frame came back to the first card without being processed, or the
+                    // frame has passed no slave at all.
                     _ if !is_passed => None,
                     CableEnd::First if flight.is_forwarded => {
                         self.state = RingState::Open;

@@ -6,7 +6,8 @@ use crate::master::{FrameBuffer, Wire, WireDown};
 
 /// Network cards with a clock of their own, as the bus uses them. `Wire` sends and receives the frames.
 pub trait NicWires: Wire {
-    /// The time on the clock of the wires in nanoseconds. The master uses this time.
+    /// The time on the clock of the wires, nanoseconds from an origin that does not change. It never goes back. The
+    /// master uses this time.
     fn now(&self) -> Ns;
 
     /// Waits until a frame has been received, at most until the time `until`.

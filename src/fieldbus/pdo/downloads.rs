@@ -13,8 +13,8 @@ const RX_ASSIGNMENT: u16 = 0x1C12;
 const TX_ASSIGNMENT: u16 = 0x1C13;
 /// The mapping object of the first axis's TxPDO.
 const TX_PDO: u16 = 0x1A00;
-/// \[OURS] The RxPDO of the first axis in CSP. The RxPDOs for CSV and CST have the next numbers. The PDOs of a second axis
-/// are 16 higher, as in ETG.6010.
+/// \[OURS] The RxPDO of the first axis in CSP. The RxPDO for CSV is 0x1601, that for CST 0x1602. The PDOs of a second
+/// axis are 16 higher, as in ETG.6010.
 const RX_PDO: u16 = 0x1600;
 const SECOND_AXIS_PDO_OFFSET: u16 = 0x10;
 /// The object that assigns PDOs to sync manager 0. The objects of the other sync managers follow it.
@@ -48,7 +48,7 @@ impl Download {
         self.optional && matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX | AbortCode::READ_ONLY)
     }
 
-    /// Whether this download belongs to the mapping or assignment of process data.
+    /// Whether this download belongs to the mapping or assignment of process data, which are fixed in some slaves.
     pub const fn is_mapping(&self) -> bool {
         matches!(self.object.index, 0x1600..=TX_ASSIGNMENT)
     }
@@ -101,8 +101,9 @@ impl Download {
         downloads
     }
 
-    /// Whether a slave may abort this download because its process data or its synchronization type are fixed. The value of
-    /// the object then shows whether it is the wanted one. Manufacturers use various abort codes for this case.
+    /// Whether a slave may abort this download because its process data or its synchronization type are fixed. Then a
+    /// read of the object shows whether the fixed value is the wanted one. Manufacturers use various abort codes for
+    /// this case.
     pub const fn may_be_fixed(&self) -> bool {
         self.is_mapping() || self.optional
     }
@@ -121,13 +122,13 @@ impl Download {
         value == Some(self.value)
     }
 
-    /// Whether this download clears a list of entries or PDOs, before the downloads that fill it.
+    /// Whether this download empties a list of mapping entries or PDOs, before the downloads that fill it.
     pub const fn takes_away(&self) -> bool {
         self.object.sub == 0 && self.value == 0
     }
 
-    /// The refusal by a slave that has aborted this download, with 0 in place of the slave number. \[OURS] If the slave
-    /// cannot map what its role needs, or has no modes of operation, the refusal has the AL status code
+    /// The refusal by a slave that has aborted this download. Its slave number is 0; the caller replaces it. \[OURS] If
+    /// the slave cannot map what its role needs, or has no modes of operation, the refusal has the AL status code
     /// `AlStatus::INVALID_OUTPUTS`.
     pub const fn refused(&self, code: AbortCode) -> Refusal {
         let is_mode = self.object.index & !SECOND_AXIS_OFFSET == MODES_OF_OPERATION;
@@ -163,10 +164,12 @@ const fn assigns_pdos(index: u16) -> bool {
     matches!(index, RX_ASSIGNMENT | TX_ASSIGNMENT)
 }
 
-/// The maximum length of a [`MappingImage`]: a count with its padding, and four entries of 4 bytes.
+/// The maximum length of a [`MappingImage`]: a count with its padding, and four entries of 4 bytes, as the TxPDO of a
+/// drive has.
 const MAPPING_IMAGE_MAX: usize = 2 + 4 * 4;
 
-/// The content of a mapping or assignment object after a configuration: the beginning of its upload with complete access.
+/// The content of a mapping or assignment object after a configuration, as an upload with complete access returns it:
+/// the count and as many entries. An upload may continue with further, unused entries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MappingImage {
     index: u16,
@@ -191,20 +194,23 @@ impl MappingImage {
         assigns_pdos(self.index)
     }
 
-    /// Whether an upload with complete access shows this content. Entries beyond the count do not matter.
+    /// Whether an upload with complete access shows this content. Entries beyond the count are not compared, because
+    /// the slave does not use them.
     pub fn is_shown_by(&self, upload: &[u8]) -> bool {
         upload.starts_with(&self.bytes[..self.len])
     }
 }
 
-/// The refusal for a role that has no process data in its mode of operation, with 0 in place of the slave number.
+/// The refusal for a role that has no process data in its mode of operation. Its slave number is 0; the caller replaces
+/// it.
 pub const NO_SUCH_MODE: Refusal = Refusal {
     slave: 0,
     al_status: 0,
     abort: Some((ObjectAddress::new(MODES_OF_OPERATION, 0), AbortCode::VALUE_RANGE)),
 };
 
-/// The maximum number of downloads for one slave: that of a pulse module with two channels.
+/// The maximum number of downloads for one slave. A pulse module with two channels needs all 32: 2 that clear the
+/// assignments, 13 for each direction, 2 modes, 2 synchronization types.
 const DOWNLOADS_MAX: usize = 32;
 
 /// The downloads of one slave, in their order: they map the inputs, write the mode of operation, and map the outputs for

@@ -1,5 +1,5 @@
-//! Configures a simulated slave by the SDO downloads of the board. They are transferred at once, and the job then takes
-//! the time that they would take.
+//! Configures a simulated slave by the SDO downloads of the board. All of them are transferred at one moment; the job
+//! then lasts as long as they would take on a network.
 
 use crate::fieldbus::pdo::{self, ProcessData};
 use crate::fieldbus::{AlState, Refusal, Role, SlaveConfig};

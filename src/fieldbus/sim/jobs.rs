@@ -102,8 +102,8 @@ impl SimBus {
         }
     }
 
-    /// The number of slaves that a scan counts: those that frames reach. A silent slave counts too, since frames still pass
-    /// it.
+    /// The number of slaves that a scan counts: those that frames reach. A silent slave counts too: it forwards frames,
+    /// but does not process them.
     fn reachable_slaves(&self) -> u8 {
         self.stations.len().min(MAX_SLAVES).min(self.handle.reach().into()) as u8
     }
@@ -118,7 +118,8 @@ impl SimBus {
             let station = self.station(slave);
             (station.commanded, station.process_data) = (AlState::Init, None);
             if answers {
-                // Every slave can go to Init. If one does not, its state shows this as soon as a job needs another state.
+                // The result is ignored. A slave that refuses Init stays in its state, and the next job that needs
+                // another state fails because of that.
                 let _ = station.slave.enter(AlState::Init);
             }
         }
@@ -157,9 +158,9 @@ impl SimBus {
         not_in_target_state
     }
 
-    /// The next transition on the way to the target state, as old and new state. Slaves go up one state at a time and
-    /// together, beginning with those in the lowest state; they go down in one transition. `None`: none of the slaves that
-    /// have to change their state answers.
+    /// The next transition on the way to the target state, as old and new state. On the way up all slaves move one
+    /// state at a time: first only those in the lowest state move, until the others are in the same state. On the way
+    /// down one transition suffices. `None`: none of the slaves that have to change their state answers.
     fn next_change(&self, target: AlState, not_in_target_state: SlaveSet) -> Option<(AlState, AlState)> {
         let moving = not_in_target_state.iter().filter(|slave| self.answers(*slave));
         moving.map(|slave| self.state(slave)).min().map(|from| (from, from.above().min(target)))

@@ -2,17 +2,17 @@
 
 use crate::fieldbus::{AlState, CHANGE_SLAVE_NS, LEAVING_OP_NS, Ns};
 
-/// Durations in board time.
+/// Durations in board time, ns.
 ///
-/// \[OURS] The only source is "takes many cycles, PreOP to SafeOP the longest" (SK-4). These are the durations of a small
-/// network of servo drives.
+/// \[OURS] The only source is "takes many cycles, PreOP to SafeOP the longest" (SK-4). These are the durations of a
+/// small network of servo drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timing {
-    /// Scan: until the link is up and the slaves are counted.
+    /// The fixed part of a scan: the time until the link is up and the slaves are counted.
     pub scan_ns: Ns,
-    /// Scan: reading the identity of one slave.
+    /// The time that a scan takes for each slave, to read its identity.
     pub scan_slave_ns: Ns,
-    /// Configuration: the SDOs to one slave.
+    /// The time that the configuration of one slave takes, with all its SDO transfers.
     pub configure_slave_ns: Ns,
     /// Change of state from Init to PreOP.
     pub to_preop_ns: Ns,
@@ -20,11 +20,11 @@ pub struct Timing {
     pub to_safeop_ns: Ns,
     /// Change of state from SafeOP to OP.
     pub to_op_ns: Ns,
-    /// Change to a lower state, or to the state that the slave is in.
+    /// A change to a lower state, or the repeated request of the state that a slave is already in.
     pub down_ns: Ns,
-    /// The time that each further slave in a change of state adds to its duration.
+    /// The time that each slave in a change of state adds to its duration.
     pub change_slave_ns: Ns,
-    /// How long after a slave has not answered the state is requested again.
+    /// The time after which a state is requested again from a slave that has not answered.
     pub retry_ns: Ns,
     /// The duration of one SDO transfer.
     pub sdo_ns: Ns,

@@ -1,8 +1,9 @@
 //! Prepares the configuration that the next change to SafeOP needs, while no job or SDO is requested.
 //!
-//! The preparation writes nothing to a slave. It reads whether the slaves already have their mapping; if all have it, or one
-//! of the same length, the chip lays out the process data. So the SDOs of a program show no difference. Every request to the
-//! bus interrupts the preparation; what was read by then is kept.
+//! The preparation writes nothing to a slave, so that the SDO transfers of a program read the same values as without
+//! it. It reads whether the slaves already have their mapping. If all slaves have it, or a mapping of the same length,
+//! the chip lays out the process data. Every request to the bus interrupts the preparation; what was read by then is
+//! kept.
 
 use super::chip_bus::ChipBus;
 use super::jobs::{Part, Running};
@@ -34,8 +35,9 @@ impl<W: Wires> ChipBus<W> {
         self.ahead = Ahead { declared: Some(*config), not_before: self.wires.now() };
     }
 
-    /// Begins or continues the preparation while no job, SDO or reading of states is running. \[OURS] The chip's command
-    /// RECONFIG_OP may then come long before SafeOP, and SDOs may follow it.
+    /// Begins or continues the preparation, unless a job, an SDO transfer or the reading of the slaves' states is
+    /// running. \[OURS] With a preparation the chip executes its command RECONFIG_OP possibly long before SafeOP, and
+    /// SDO transfers may come after it.
     pub(super) fn go_ahead(&mut self, now: Ns) {
         let Some(config) = self.ahead.declared else { return };
         if self.sdo.is_some() {
@@ -66,8 +68,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Called when an SDO of the host begins: a download that may change the mapping makes the known objects of the
-    /// slave invalid.
+    /// Called when an SDO transfer of the host begins. A download that may change the mapping makes invalid what is
+    /// known of the slave's objects.
     pub(super) fn note_sdo(&mut self, request: &SdoRequest) {
         if request.write.is_some() && may_change_mapping(request.object) {
             self.network.forget_objects(request.slave);

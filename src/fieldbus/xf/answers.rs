@@ -20,8 +20,8 @@ pub(super) struct Answer {
     at: Ns,
     sent: Option<u64>,
     cycles_lost: u32,
-    /// The inputs of this cycle are in doubt: the chip has reported wrong working counters, and this cycle may have had
-    /// one.
+    /// Whether the inputs of this cycle are in doubt, so that the previous inputs stay: the chip has reported wrong
+    /// working counters, and this cycle may have had one.
     is_doubtful: bool,
     image: Vec<u8>,
 }
@@ -33,8 +33,9 @@ impl Default for Answer {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Keeps the answer of a cycle. `behind` is the number of later cycles that were read in the same exchange; from it
-    /// follows when the cycle ran.
+    /// Keeps the answer of the cycle with the number `cycle`. Its inputs begin at byte `from` of those that the driver
+    /// has received. `behind`: the number of later cycles in the same exchange, so the cycle ran about that many
+    /// periods before `now`.
     pub(super) fn keep_cycle(&mut self, now: Ns, cycle: u64, behind: u64, from: usize) {
         let period_ns = self.network.cycle.ns();
         let estimate = now.saturating_sub(behind * period_ns);
@@ -64,7 +65,8 @@ impl<W: Wires> ChipBus<W> {
     /// Returns the chip's next cycle if it had passed by the engine's time `now`; `None`: no further cycle.
     pub(super) fn next_answer(&mut self, now: Ns) -> Option<CycleDone> {
         let at = self.engine_time(self.answers.front()?.at);
-        // If the wires' clock is a real one, a received cycle has passed even if the engine's time is behind.
+        // If the wires' clock is a real one, a cycle that was received has passed, even if the engine's time is still
+        // before it.
         if at > now && !self.options.real_time {
             return None;
         }
@@ -82,7 +84,8 @@ impl<W: Wires> ChipBus<W> {
         Some(done)
     }
 
-    /// Returns a cycle, one every [`tick_ns`], while no slave is in OP and so the chip's cycles are not polled.
+    /// Returns a cycle every [`tick_ns`] while no slave is in OP. The chip's own cycles are not read then, but the
+    /// board still makes a report in each cycle.
     pub(super) fn next_tick(&mut self, now: Ns) -> Option<CycleDone> {
         self.is_held = false;
         let at = self.told_at.saturating_add(tick_ns());

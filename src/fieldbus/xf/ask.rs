@@ -15,8 +15,8 @@ const INIT_NS: Ns = 30_000_000_000;
 /// The timeout for any other command that waits for slaves, ns. \[OURS]
 const COMMAND_NS: Ns = 10_000_000_000;
 
-/// The number of bytes that are requested of a mapping object: the driver of a chip may report an error if the object is longer
-/// than the requested number of bytes. \[OURS]
+/// The number of bytes that are requested of a mapping object: enough for 15 entries, more than are compared. The
+/// driver of a chip may report an error if the object is longer than the requested number of bytes. \[OURS]
 const COMPARED_BYTES: u16 = 64;
 
 /// A command to the chip. Slaves count from 1 here, as in the whole project; in the chip they count from 0.
@@ -33,7 +33,7 @@ pub(super) enum Ask {
     /// Brings one slave to a state; `None`: all slaves.
     Enter(Option<u8>, AlState),
     UpdateStates,
-    /// Reads the lowest AL state of all slaves.
+    /// Reads the lowest AL state of all slaves, as of the newest [`Self::UpdateStates`].
     StateOfAll,
     StateOf(u8),
     Info(u8, SlaveInfoItem),
@@ -80,8 +80,8 @@ pub(super) struct Asked {
     ticket: Ticket,
 }
 
-/// The chip's number for a slave. If the chip has no such number, a number without a slave, for which the command
-/// fails.
+/// The chip's number for a slave. If the slave's number is too high for the chip, the result is the highest number, for
+/// which the command fails, since no slave has it.
 fn number(slave: u8) -> SlaveNumber {
     SlaveNumber::new(slave.saturating_sub(1)).unwrap_or(SlaveNumber::MAX)
 }

@@ -1,4 +1,5 @@
-//! The bus without the async function of its running job: it gives the driver its work and evaluates the results.
+//! The state of the bus, except the async function of its running job. It gives the driver commands and process data to
+//! exchange, and evaluates the results.
 
 use std::collections::VecDeque;
 
@@ -18,18 +19,20 @@ use super::{ANSWER_DELAY, ENTRIES, XfBusCounters, XfBusOptions};
 use crate::fieldbus::{AlState, JobDone, MAX_SLAVES, Ns, SdoDone, SdoRequest, SlaveSet};
 use crate::xf::host::{COMFORTABLE_SIZE, Host, HostConfig, HostState, StepError, Wires};
 
-/// How far a real clock of the wires may be ahead of the engine's clock, without a runner, before the offset of the two is
-/// measured again, ns. \[OURS]
+/// Without a runner: if a real clock of the wires is ahead of the engine's time by more than this, the engine was not
+/// called for a while, and the offset of the two clocks is measured again, ns. \[OURS]
 const SKEW_MAX_NS: Ns = 2_000_000;
-/// The same limit with a runner (`engine::Threaded`), which catches up on delays of up to this time, ns. \[OURS]
+/// With a runner (`engine::Threaded`): the limit in place of [`SKEW_MAX_NS`], ns. It is longer, because the runner
+/// catches up on delays of up to this time. \[OURS]
 const LATE_MAX_NS: Ns = 1_000_000_000;
-/// The maximum interval at which the chip is polled for the end of a command while no slave is in OP, ns. In OP process data
-/// have priority. \[OURS]
+/// The maximum interval at which the chip is polled for the end of a command while no slave is in OP, ns. In OP process
+/// data have priority, and the interval is that of the driver's configuration. \[OURS]
 const BUSY_POLL_NS: Ns = 200_000;
 /// How long after an error the stopped driver is started again, ns. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
-/// Whether the chip was set to short packets after its start, see [`ChipBus::shorten`].
+/// Whether the chip was set to short packets after its start, which makes the many commands on the way to OP faster:
+/// [`ChipBus::shorten`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Shortening {
     Due,
@@ -38,13 +41,14 @@ pub(super) enum Shortening {
     Done,
 }
 
-/// The state of the bus. The async function of the running job is kept outside it, and accesses it through a mutex.
+/// The state of the bus. The async function of the running job is no part of it: it has a reference to this state, and
+/// locks its mutex while it is polled.
 #[derive(Debug)]
 pub(super) struct ChipBus<W> {
     pub(super) wires: W,
     pub(super) host: Host,
     pub(super) options: XfBusOptions,
-    /// Offset of the engine's clock to the wires'; `None`: it was not measured yet.
+    /// Offset of the engine's clock to the wires' clock (engine minus wires); `None`: it was not measured yet.
     pub(super) skew: Option<Ns>,
     /// Whether a runner drives the bus and passes the engine's time to it. A runner may be late.
     pub(super) has_runner: bool,
@@ -52,10 +56,11 @@ pub(super) struct ChipBus<W> {
     /// Whether a slave is in OP, so that the engine polls the chip's own cycles.
     pub(super) runs: bool,
     pub(super) job: Option<Running>,
-    /// A requested configuration that waits until its preparation, which is nearly done, has ended.
+    /// A requested configuration that waits for the preparation of the same configuration, which is already laying out
+    /// the process data.
     pub(super) next_job: Option<Running>,
     pub(super) ahead: Ahead,
-    /// Whether the async function of the job has made progress in this turn, so that it is polled once more.
+    /// Whether the async function of the job has made progress when it was polled, so that it is polled once more.
     pub(super) has_gone_on: bool,
     /// The AL states of the slaves as the running job has read them last; `None`: no answer.
     pub(super) states: [Option<AlState>; MAX_SLAVES],
@@ -63,7 +68,8 @@ pub(super) struct ChipBus<W> {
     pub(super) part: Part,
     /// Whether the chip was set to short packets after its start, see [`Self::shorten`].
     pub(super) shortening: Shortening,
-    /// The interval at which the chip is polled for the end of a command while slaves are in OP, ns.
+    /// The interval at which the chip is polled for the end of a command while slaves are in OP, ns: that of the
+    /// driver's configuration, which may be longer so that process data have priority.
     pub(super) busy_poll_in_op_ns: Ns,
     /// The command of the running job whose answer is awaited.
     pub(super) asked: Option<Asked>,
@@ -72,15 +78,16 @@ pub(super) struct ChipBus<W> {
     pub(super) sdo_done: Option<SdoDone>,
     /// Sets of outputs that wait to be written, or are in flight to the chip.
     pub(super) queue: VecDeque<Set>,
-    /// The set of outputs that the chip repeats if it has no other, as far as is known; `None`: none was written since the
-    /// slaves entered OP.
+    /// The newest set of outputs that was written to the chip, as far as is known. The chip repeats it while its FIFO
+    /// is empty. `None`: none was written since the slaves entered OP.
     pub(super) newest_written: Option<Set>,
-    /// Whether `newest_written` has to be written once more, because a slave was lost since then, or slaves may not
-    /// have received it.
+    /// Whether `newest_written` has to be written once more. Either a slave was lost since then, which has to get other
+    /// outputs than the chip would repeat, or slaves may not have received the set.
     pub(super) repeat_is_due: bool,
     /// Exchanges of process data in flight, the oldest first.
     pub(super) flying: VecDeque<Flying>,
-    /// Whether the newest exchange of process data in OP wrote sets of outputs. If not, it only read.
+    /// Whether the newest exchange of process data in OP wrote sets of outputs. If many cycles wait in the chip, the
+    /// next exchange then only reads.
     pub(super) wrote_last: bool,
     pub(super) level: FillLevel,
     pub(super) ledger: Ledger,
@@ -88,14 +95,15 @@ pub(super) struct ChipBus<W> {
     pub(super) answers: VecDeque<Answer>,
     /// Unused buffers for answers, so that an answer needs no allocation.
     pub(super) spare: Vec<Answer>,
-    /// The driver's number of received answers when an answer header was last evaluated.
+    /// How many answers the driver had received when an answer header was evaluated last.
     pub(super) headers: u64,
-    /// The driver's number of received answers when an exchange of process data last ended.
+    /// How many answers the driver had received when an exchange of process data ended last.
     pub(super) reported_at: u64,
     pub(super) next_read: Ns,
     /// When the newest received cycle of the chip ran, on the wires' clock.
     pub(super) newest_cycle: Ns,
-    /// Whether cycles and their inputs may have been lost since `newest_cycle`.
+    /// Whether cycles and their inputs may have been lost since `newest_cycle`. The next cycle that is read then counts
+    /// the missing ones.
     pub(super) gap: bool,
     pub(super) lost_cycles: u32,
     /// The number of sets of outputs that were given up since the newest cycle was polled.
@@ -104,15 +112,16 @@ pub(super) struct ChipBus<W> {
     pub(super) told_at: Ns,
     /// The id of the newest outputs that were accepted and dropped while no slave was in OP.
     pub(super) dropped: Option<u64>,
-    /// The number of sets of outputs that were dropped when the last slave left OP, and the id of the newest of them. The
-    /// board takes them back with `clear_ahead`, unless it still considers the network to be in OP.
+    /// `left_behind`: the number of sets of outputs that were dropped when the last slave left OP.
+    /// `newest_left_behind`: the id of the newest of them. They count as discarded if the board calls `clear_ahead`,
+    /// and as lost if slaves enter OP, or outputs are accepted, before it has done so.
     pub(super) left_behind: u64,
     pub(super) newest_left_behind: Option<u64>,
     pub(super) newest_inputs: Vec<u8>,
     /// Whether `newest_inputs` are older than the newest polled cycle.
     pub(super) is_held: bool,
     pub(super) watch: Watch,
-    /// The slaves that were named as lost in the newest polled inputs.
+    /// The lost slaves in the newest inputs that the engine has polled.
     pub(super) told_lost: SlaveSet,
     pub(super) taking_down: TakingDown,
     pub(super) pins: PinSetup,
@@ -148,14 +157,15 @@ impl<W: Wires> ChipBus<W> {
             sdo: None,
             job_done: None,
             sdo_done: None,
-            // One more entry than the FIFO has, for a set of outputs that is written a second time.
+            // One more than the chip's RxFIFO has entries, for a set of outputs that is written a second time.
             queue: VecDeque::with_capacity(ENTRIES + 1),
             newest_written: None,
             repeat_is_due: false,
             flying: VecDeque::with_capacity(IN_FLIGHT_MAX + 1),
             wrote_last: false,
             level: FillLevel::default(),
-            // Room for more ids than the chip has sets: a set is known to be sent only when a later answer shows it.
+            // Room for more ids than the chip has sets: the id of a set that was sent stays until a later answer shows
+            // that it was sent.
             ledger: Ledger::new(2 * ENTRIES + usize::from(ANSWER_DELAY) + 1),
             clearing: Clearing::Idle,
             answers: VecDeque::with_capacity(ANSWERS),
@@ -189,8 +199,8 @@ impl<W: Wires> ChipBus<W> {
         self.options.ahead.saturating_add(transport_sets).min(u16::from(entries).max(1))
     }
 
-    /// The wires' time at the engine's time `now`. If the wires' clock is a real one and there is no runner, the engine's
-    /// clock stands still while the engine is not called.
+    /// The wires' time at the engine's time `now`. If the wires' clock is a real one and there is no runner, the
+    /// engine's clock stands still while the engine is not called. The offset of the clocks is then measured again.
     pub(super) fn wires_time(&mut self, now: Ns) -> Ns {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));
@@ -212,8 +222,8 @@ impl<W: Wires> ChipBus<W> {
         let at = self.wires.now();
         let since = *self.stopped_at.get_or_insert(at);
         if at.saturating_sub(since) >= RESTART_NS && matches!(error, StepError::Host(_)) {
-            // The restart of the driver switches the chip's FIFO off, whatever the state of the slaves: everything in
-            // it is lost.
+            // The restart of the driver switches the chip's FIFO off, even if slaves are in OP: everything in it is
+            // lost.
             self.lose_all();
             self.taking_down = TakingDown::Due;
             if self.shortening == Shortening::UnderWay {
@@ -250,9 +260,10 @@ impl<W: Wires> ChipBus<W> {
         self.feed(now);
     }
 
-    /// Sets the chip to short packets after its start, because the way to OP consists of many commands with packets of
-    /// their own. A configuration chooses longer packets if process data need them. A size that the user has chosen is
-    /// kept. Returns whether the packet size is being changed, for which the driver starts again.
+    /// Sets the chip to short packets after its start: the way to OP consists of many commands, and each of them is
+    /// sent in a packet of its own. A configuration chooses longer packets if process data need them. A size that the
+    /// user has chosen is kept. Returns whether the packet size is being changed: the driver is then restarting and
+    /// accepts nothing else.
     pub(super) fn shorten(&mut self, now: Ns) -> bool {
         if self.shortening == Shortening::Done || self.host.state() != HostState::Running {
             return false;
@@ -301,8 +312,8 @@ impl<W: Wires> ChipBus<W> {
         self.newest_written = None;
     }
 
-    /// Counts as lost the sets of outputs that were in the chip or waited for it when the last slave left OP: they reach no
-    /// slave, and the board has not taken them back.
+    /// Counts as lost the sets of outputs that were in the chip or waited for it when the last slave left OP: they
+    /// reach no slave, and the board has not discarded them by `clear_ahead`.
     pub(super) fn lose_left_behind(&mut self) {
         let newest = self.newest_left_behind.take().max(self.ledger.newest_unsent());
         let sets = std::mem::take(&mut self.left_behind) + self.ledger.ahead();

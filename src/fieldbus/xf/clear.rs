@@ -8,26 +8,26 @@ use crate::fieldbus::Cleared;
 use crate::xf::host::Wires;
 use crate::xf::request::Fifos;
 
-/// After a command, this many answers have to come until the fill levels in an answer header are from after the command (OBS:
-/// they lag two exchanges).
+/// How many answers have to come after a command before the fill levels in an answer header are certainly newer than
+/// the command (OBS: they lag two exchanges).
 pub(super) const SETTLED: u64 = 3;
 
-/// The steps of a clear.
+/// The steps of emptying the RxFIFO, which is called a clear here.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Clearing {
     Idle,
-    /// The clear is requested. It waits for the results of the sets of outputs in flight.
+    /// The clear is requested. It waits for the results of the exchanges in flight, which carry sets of outputs.
     Begun,
     /// The chip executes the command that stops it from taking sets of outputs out of its FIFO.
     Stopping(Asked),
-    /// The FIFO is stopped. The clear waits until the driver has received this number of answers in total: then the
+    /// The FIFO is stopped. The clear waits until the driver's count of received answers reaches this value: then the
     /// answer header has the fill level of the stopped FIFO.
     Settling(u64),
-    /// The command that empties the FIFO is running or, with `None`, is to be submitted; the second value was its fill
-    /// level.
+    /// First value: the command that empties the FIFO; `None`: it has to be submitted. Second value: the fill level of
+    /// the stopped FIFO.
     Emptying(Option<Asked>, u8),
-    /// The command that switches the FIFO on again is running or, with `None`, is to be submitted; the second value is
-    /// the id of the newest outputs that were sent.
+    /// First value: the command that switches the FIFO on again; `None`: it has to be submitted. Second value: the id
+    /// of the newest outputs that were sent.
     SwitchingOn(Option<Asked>, Option<u64>),
     Ended(Option<u64>),
 }
@@ -35,13 +35,15 @@ pub(super) enum Clearing {
 impl<W: Wires> ChipBus<W> {
     pub(super) fn begin_clear(&mut self) {
         self.drop_queue();
-        // The outputs that keep lost slaves from moving may be among the dropped sets, so they are written once more.
+        // The sets that were just dropped from the queue may contain the outputs that keep lost slaves at a standstill,
+        // so such outputs are written once more.
         self.repeat_is_due = self.runs && !self.network.lost.is_empty();
         self.clearing = Clearing::Begun;
     }
 
-    /// Continues a clear. Commands that fail are repeated as long as slaves are in OP \[OURS]: otherwise sets of outputs
-    /// that the board considers cleared would still be sent, and newer sets after them.
+    /// Continues a clear. A command that fails is repeated while slaves are in OP \[OURS]: otherwise sets of outputs
+    /// that the board considers cleared would still be sent, and newer sets after them. Once no slave is in OP the
+    /// clear ends, because nothing in the FIFO is sent any more.
     pub(super) fn clear_on(&mut self, now: Ns) {
         let answers = self.host.counters().answers;
         self.clearing = match self.clearing {
@@ -77,9 +79,11 @@ impl<W: Wires> ChipBus<W> {
                     self.level.clear();
                     let doubted = self.ledger.newest_doubt();
                     let newest_sent = self.ledger.cleared(level);
-                    // Forgets the newest written set if it was cleared: a cleared set must not be sent as a repetition.
+                    // Forgets the newest written set unless it is the newest one that was sent: a cleared set must not
+                    // be sent as a repetition.
                     self.newest_written = self.newest_written.take().filter(|set| Some(set.id) == newest_sent);
-                    // The newest set counts as sent although it may not have reached the FIFO: it is written once more.
+                    // It is not known whether the newest set has reached the FIFO, and it counts as sent: so it is
+                    // written once more.
                     self.repeat_is_due |= doubted.is_some() && doubted == newest_sent;
                     Clearing::SwitchingOn(None, newest_sent)
                 }

@@ -19,7 +19,8 @@ use super::answers::IMAGE_MAX;
 use super::clear::Clearing;
 use super::network::Network;
 
-/// If at least this many cycles wait in the chip to be read, every other exchange only reads. \[OURS]
+/// If at least this many cycles wait in the chip to be read, every other exchange only reads: it reads more cycles than
+/// one that also writes. \[OURS]
 const BACKLOG: u8 = 4;
 /// The maximum number of sets of outputs in one exchange, and of cycles that one exchange reads. \[OURS]
 const IN_ONE_EXCHANGE: usize = 32;
@@ -47,11 +48,12 @@ impl Set {
 /// What an exchange of process data in flight carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Load {
-    /// Outputs with which nothing moves, written directly, without the FIFO.
+    /// Outputs that keep the axes at a standstill, written directly, without the FIFO, before slaves enter OP.
     Hold,
     /// The newest inputs, read directly, without the FIFO.
     Inputs,
-    /// This number of waiting sets of outputs to the chip, and the chip's waiting cycles back.
+    /// An exchange through the FIFOs: it writes this number of waiting sets of outputs, and reads cycles that wait in
+    /// the chip.
     Cycles(usize),
 }
 
@@ -72,16 +74,17 @@ impl Flying {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Converts a set of outputs to the chip's layout. Lost slaves get outputs with which nothing moves.
+    /// Converts a set of outputs to the chip's layout. Lost slaves get outputs that keep their axes at a standstill.
     pub(super) fn set_of(&self, outputs: &Outputs) -> Set {
         let mut set = Set::of(outputs, &self.network);
         self.hold(self.network.lost, &mut set.image);
         set
     }
 
-    /// Replaces the outputs of these slaves, in all sets of outputs that were not written yet, by outputs with which
-    /// nothing moves, and makes sure that a set is written: the chip repeats its newest set, and a slave that answers again
-    /// would get its old outputs (SK-4.62). Sets that are already in the chip are still sent.
+    /// In all sets of outputs that were not written yet, replaces the outputs of these slaves by outputs that keep
+    /// their axes at a standstill. If no such set follows, the newest set is written once more with these outputs: the
+    /// chip repeats its newest set, and a slave that answers again would get its old outputs (SK-4.62). Sets that are
+    /// already in the chip are still sent.
     pub(super) fn hold_lost(&mut self, slaves: SlaveSet) {
         let mut queue = std::mem::take(&mut self.queue);
         queue.iter_mut().for_each(|set| self.hold(slaves, &mut set.image));
@@ -105,7 +108,7 @@ impl<W: Wires> ChipBus<W> {
         self.queue.truncate(self.sets_under_way());
     }
 
-    /// Requests that outputs with which nothing moves are written directly, without the FIFO.
+    /// Requests that outputs that keep all axes at a standstill are written directly, without the FIFO.
     pub(super) fn send_holding(&mut self) {
         self.flying.push_back(Flying { load: Load::Hold, sequence: None });
     }
@@ -127,7 +130,8 @@ impl<W: Wires> ChipBus<W> {
                 self.flying[0].sequence = sequence;
             }
             Some(Flying { load: Load::Hold | Load::Inputs, .. }) => {}
-            // The exchange of cycles continues as long as the engine polls them, also while slaves leave OP.
+            // The condition is `runs`, not the state of the slaves: cycles are exchanged as long as the engine polls
+            // them, also while slaves leave OP.
             _ if self.runs && self.flying.len() < self.network.in_flight => self.feed_cycles(now),
             _ if !self.network.mapped || self.network.at_least(AlState::SafeOp).is_empty() => {}
             None if !self.runs && now >= self.next_read => {
@@ -139,15 +143,16 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Outputs with which nothing moves, for all slaves: every motor is off, and in CSP the target is the actual position,
-    /// if the inputs are known.
+    /// Outputs that keep the axes of all slaves at a standstill: every motor is off, and in CSP the target is the
+    /// actual position, if the inputs are known.
     fn holding(&self) -> [u8; IMAGE_MAX] {
         let mut image = [0; IMAGE_MAX];
         self.hold(SlaveSet::first(self.network.found), &mut image);
         image
     }
 
-    /// Replaces the outputs of these slaves by outputs with which nothing moves; slaves with stale inputs get a quick stop.
+    /// Replaces the outputs of these slaves by outputs that keep their axes at a standstill. Slaves with stale inputs
+    /// get a quick stop.
     fn hold(&self, slaves: SlaveSet, image: &mut [u8; IMAGE_MAX]) {
         for slave in slaves.intersection(SlaveSet::first(self.network.found)).iter() {
             let n = usize::from(slave) - 1;
@@ -207,8 +212,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// If nothing else waits, queues the newest set of outputs once more, in which lost slaves get outputs with which
-    /// nothing moves.
+    /// If no set of outputs waits to be written, queues the newest one once more. In it lost slaves get outputs that
+    /// keep their axes at a standstill.
     fn repeat_with_lost_holding(&mut self) {
         if self.queue.is_empty()
             && let Some(mut set) = self.newest_written.clone()
@@ -241,7 +246,8 @@ impl<W: Wires> ChipBus<W> {
                     if self.sets_under_way() > 0 {
                         self.give_up(sets);
                     }
-                    // If no later exchange is in flight, the sets of outputs stay in the queue and are written again.
+                    // Without a later exchange in flight the sets of outputs stay in the queue and are written again.
+                    // The ledger counts an exchange that has written and read nothing.
                     self.ledger.exchanged(std::iter::empty(), 0);
                 }
                 (Load::Inputs, ProcessOutcome::Done { read: true }) => {
@@ -255,10 +261,11 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// It is not known whether the oldest sets of outputs in the queue were written, so they count as lost. The newest of
-    /// them may be the set that the chip repeats now. If no other set follows, it is written once more \[OURS]: otherwise
-    /// the slaves might never get the last outputs, for example an SV_OFF, and the command frame would stay in the board's
-    /// FIFO. If the set was written before, the slaves get it twice in a row, as from a chip that repeats it.
+    /// Called when it is not known whether an exchange has written its sets of outputs, the oldest `sets` of the queue,
+    /// to the chip. They count as lost. The newest of them may be the set that the chip repeats now. If no other set
+    /// follows, it is written once more \[OURS]: otherwise the slaves might never get the last outputs, for example an
+    /// SV_OFF, and the command frame would stay in the board's FIFO. If the chip had the set already, the slaves get it
+    /// twice in a row, as from a chip that repeats it.
     fn doubt(&mut self, sets: usize) {
         if let Some(newest) = sets.checked_sub(1).and_then(|newest| self.queue.get(newest)) {
             self.newest_written = Some(newest.clone());
@@ -267,7 +274,8 @@ impl<W: Wires> ChipBus<W> {
         self.give_up(sets);
     }
 
-    /// Gives up the oldest sets of outputs in the queue: they were certainly not written, or this is not known.
+    /// Removes the oldest sets of outputs from the queue and counts them as lost: either they were certainly not
+    /// written, or it is not known whether they were.
     fn give_up(&mut self, sets: usize) {
         let sets = self.queue.drain(..sets.min(self.queue.len())).len();
         self.lose_sets(sets as u64);
@@ -279,7 +287,8 @@ impl<W: Wires> ChipBus<W> {
         self.outputs_lost += sets as u32;
     }
 
-    /// Records an exchange in which the chip has accepted `sets` sets of outputs. `read`: its answer has cycles.
+    /// Records an exchange in which the chip has accepted `sets` sets of outputs. `read`: whether the answer contains
+    /// cycles.
     fn exchanged(&mut self, now: Ns, sets: usize, read: bool) {
         let (tx_bytes, cycle_ns) = (self.network.tx_bytes.max(1), self.network.cycle.ns());
         let cycles = if read { self.host.inputs().len() / tx_bytes } else { 0 };

@@ -25,11 +25,13 @@ use crate::xf::host::{HostError, Wires};
 pub(super) use network::state_of;
 pub(super) use run::run_job;
 
-/// This many cycles after a set of outputs was sent, the engine has certainly polled that it was sent: the fill levels lag
-/// three exchanges of two packets each. The same number applies to the last cycles in OP. \[OURS]
+/// The number of cycles after which the engine has certainly polled that a set of outputs was sent: the fill levels lag
+/// three exchanges of two packets each. After the last cycle in OP the engine has polled all cycles in the same time.
+/// \[OURS]
 const TOLD_LATE: Ns = 6;
 
-/// A preallocated slot for the future of a job. The arguments are the job and [`Running::is_ahead`].
+/// A preallocated, reusable slot for the future of a job, so that a job does not allocate. The arguments of the future
+/// are the job and [`Running::is_ahead`].
 pub(super) type Sequence = Place<(Job, bool), JobDone>;
 
 /// Allocates the slot for the futures of a bus.
@@ -48,7 +50,7 @@ pub(super) struct Running {
     has_begun: bool,
 }
 
-/// Which part of a job is running, as far as this matters to other requests.
+/// Which part of a job is running, if another request has to treat that part in a special way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Any,
@@ -69,7 +71,8 @@ impl Running {
         Self { job: Job::Configure(config), is_ahead: true, deadline: Ns::MAX, has_begun: false }
     }
 
-    /// The result of a running job that cannot be completed, for example after a reset of the chip.
+    /// The result of a running job that cannot be completed, for example after a reset of the chip: no slave found, or
+    /// a refusal by the first slave, which has not answered.
     pub(super) fn cut_off(&self) -> JobDone {
         let first = |slaves: SlaveSet| slaves.iter().next().unwrap_or(1);
         match self.job {
@@ -116,8 +119,8 @@ fn abort_code(error: &HostError) -> AbortCode {
 /// times.
 struct Steps<W> {
     bus: Arc<Mutex<ChipBus<W>>>,
-    /// If the job has found lost slaves, it waits until the engine has polled this loss, at most until this time of the wires'
-    /// clock; `None`: there was no such wait.
+    /// If the job has found lost slaves, it waits until the engine has polled the loss, at most until this time of the
+    /// wires' clock. `None`: the job has not waited for this yet.
     tells_until: Option<Ns>,
 }
 
@@ -173,7 +176,7 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Makes this the running job.
+    /// Makes `job` the running job; `None`: no job runs any more.
     pub(super) fn begin_job(&mut self, job: Option<Running>) {
         (self.job, self.states, self.part) = (job, [None; MAX_SLAVES], Part::Any);
     }

@@ -1,22 +1,24 @@
 //! Which outputs each cycle carried, derived from the chip's fill levels.
 //!
 //! In each cycle the chip takes a set of outputs out of its RxFIFO, if there is one, and puts a set of inputs into its
-//! TxFIFO. A header has the fill levels of both FIFOs at one moment. If `W` sets have been written and `R` cycles read by
-//! then, the number of sets sent is `W` minus the fill level of the RxFIFO, and the number of cycles is `R` plus the fill
-//! level of the TxFIFO. One such pair gives a lower bound for the number of sets sent by any cycle: no cycle sends more
-//! than one set, and each cycle sends one while the RxFIFO is not empty.
+//! TxFIFO. A header has the fill levels of both FIFOs at one moment. If `W` sets have been written and `R` cycles read
+//! by then, the number of sets sent is `W` minus the fill level of the RxFIFO, and the number of cycles is `R` plus the
+//! fill level of the TxFIFO. One header gives such a pair of numbers (sets sent, cycles), and with it a lower bound for
+//! the number of sets sent by any cycle: no cycle sends more than one set, and each cycle sends one while the RxFIFO is
+//! not empty.
 //!
-//! The levels lag behind: they belong to one of the [`LAG`] newest states of `W` and `R`, and it is not known to which. So
-//! the minimum over these states is used. The bound never decreases, and when the FIFO runs dry it is late by at most one
-//! cycle.
+//! The levels of a header lag behind: they belong to one of the [`LAG`] newest states of `W` and `R`, and it is not
+//! known to which. So the minimum over these states is used. The bound never decreases, and when the FIFO runs dry it
+//! is late by at most one cycle.
 
 use std::collections::VecDeque;
 
-/// How many of the newest states of `W` and `R` the levels of a header may belong to (OBS: they lag two exchanges).
+/// How many of the newest states ([`State`]: sets written and cycles read) the levels of a header may belong to (OBS:
+/// they lag two exchanges).
 const LAG: usize = 3;
 /// How many of the newest answer headers are remembered.
 const SAMPLES: usize = 4;
-/// The number of milestones that are remembered: as many as the chip keeps cycles.
+/// The maximum number of entries in [`Ledger::milestones`]: the chip keeps that many cycles until they are read.
 const MILESTONES: usize = 64;
 
 /// The state of the chip at a moment to which the fill levels of a header belong: the number of sets of outputs sent
@@ -30,7 +32,8 @@ struct Moment {
 }
 
 impl Moment {
-    /// The minimum number of sets of outputs that had been sent by the end of the cycle with this number.
+    /// The minimum number of sets of outputs that had been sent by the end of the cycle with this number. Cycles count
+    /// from 1 in the order in which they are read.
     fn sent_in(self, cycle: u64) -> u64 {
         match cycle.checked_sub(self.cycles) {
             Some(later) => self.sent + later.min(self.waiting),
@@ -51,31 +54,31 @@ struct State {
 pub(super) struct Ledger {
     /// The counts after the newest exchanges, the newest last.
     states: [State; LAG],
-    /// For each of the newest headers, the possible moments to which its fill levels may belong.
+    /// For each of the newest headers, the moments to which its fill levels may belong: one for each of the newest
+    /// states.
     samples: [[Option<Moment>; LAG]; SAMPLES],
-    /// Pairs of a cycle and the number of sets of outputs that were certainly sent by its end, because the FIFO contained
-    /// no more. If many cycles wait to be read, the headers about them are older than those in `samples`.
+    /// Pairs of a cycle and the number of sets of outputs that were certainly sent by its end: the sets that the RxFIFO
+    /// contained were then sent. If many cycles wait to be read, the headers that show what these cycles sent are no
+    /// longer in `samples`.
     milestones: VecDeque<(u64, u64)>,
-    /// The number of doubtful sets of outputs: it is not known whether they have reached the RxFIFO. 0 after the FIFO was
-    /// empty.
+    /// The number of doubtful sets of outputs, of which it is not known whether they have reached the RxFIFO and are
+    /// still in it. 0 after the FIFO was empty.
     doubtful: u64,
-    /// For each set of outputs of which it is not known whether it has reached the RxFIFO: how many known sets were written
-    /// before it, and its id.
+    /// The doubtful sets of outputs. For each: how many sets had certainly been written before it, and its id.
     doubts: VecDeque<(u64, u64)>,
-    /// The id of the newest doubtful set of outputs at the time when the FIFO was found empty. If this set had reached the
+    /// The id of the newest doubtful set of outputs when the RxFIFO was last found empty. If this set had reached the
     /// RxFIFO, it was sent by then.
     settled_doubt: Option<u64>,
-    /// The number of further exchanges whose headers may still be from before the newest doubtful set.
+    /// For how many further exchanges the headers may still be older than the newest doubtful set.
     doubt_lag: usize,
-    /// Whether the RxFIFO is stopped or about to be, so that it is unknown whether further cycles send sets of outputs
-    /// from it.
+    /// Whether the RxFIFO is stopped or about to be. From an unknown cycle on it then sends no sets of outputs.
     stopped: bool,
     /// The number of sets of outputs that were certainly sent.
     sent: u64,
     /// The id of the newest set of outputs that was certainly sent.
     newest_sent: Option<u64>,
-    /// The ids of the sets of outputs that may not have been sent yet, the oldest first. The first id belongs to the set
-    /// with the number `sent`, counted from 0.
+    /// The ids of the sets of outputs that may not have been sent yet, the oldest first. The first one is the id of the
+    /// set that follows the `sent` sets that were certainly sent.
     ids: VecDeque<u64>,
 }
 
@@ -128,8 +131,8 @@ impl Ledger {
         self.doubt_lag = LAG;
     }
 
-    /// Called when enough exchanges without process data have passed: the next headers include everything that was
-    /// written and read.
+    /// Called when so many exchanges without process data have passed ([`SETTLED`](super::clear::SETTLED)) that the
+    /// next headers include everything that was written and read.
     pub(super) fn caught_up(&mut self) {
         self.states = [self.newest(); LAG];
     }
@@ -144,7 +147,8 @@ impl Ledger {
         }
         let (doubtful, stopped) = (self.doubtful, self.stopped);
         let moment = |State { written, read }: State| {
-            // The RxFIFO cannot contain more sets of outputs than were written by then.
+            // The RxFIFO cannot contain more sets of outputs than were written by then, so a state with fewer written
+            // sets is ruled out. With doubtful sets it is not: these are in the level but not in `written`.
             let sent = if doubtful > 0 { Some(written.saturating_sub(rx_fifo)) } else { written.checked_sub(rx_fifo) };
             Some(Moment {
                 sent: sent?,
@@ -231,12 +235,12 @@ impl Ledger {
         self.milestones.clear();
     }
 
-    /// Called when the RxFIFO was stopped and then emptied. `rx_fifo` is the fill level of the stopped FIFO, from a header
-    /// after the stop. Returns the id of the newest set of outputs that was sent.
+    /// Called when the RxFIFO was stopped and then emptied. `rx_fifo` is the fill level of the stopped FIFO, from a
+    /// header after the stop. Returns the id of the newest set of outputs that was sent.
     ///
-    /// A set of which it is not known whether it has reached the FIFO counts as if it had \[OURS]. So the result may be too
-    /// new, by the number of such sets, but never too old. An axis then moves on by one target, and never back to a target
-    /// that it has left.
+    /// A set of which it is not known whether it has reached the FIFO counts as if it had \[OURS]. So the result may be
+    /// too new, by the number of such sets, but never too old. If it is too new, an axis moves on by one more target.
+    /// If it were too old, an axis would go back to a target that it has left.
     pub(super) fn cleared(&mut self, rx_fifo: u8) -> Option<u64> {
         let State { written, read } = self.newest();
         let (mut sent, mut doubts) = (written, self.doubts.len());
@@ -254,8 +258,8 @@ impl Ledger {
         self.forget_unsent(State { written: self.sent, read })
     }
 
-    /// Called when the content of the RxFIFO is lost, as by a reset of the chip. It is not known whether the oldest set of
-    /// outputs in it was sent.
+    /// Called when the content of the RxFIFO is lost, as by a reset of the chip. Returns the id of the newest set of
+    /// outputs that was certainly sent. It is not known whether the next set was sent, too.
     pub(super) fn lost(&mut self) -> Option<u64> {
         let State { read, .. } = self.newest();
         self.forget_unsent(State { written: self.sent, read })
@@ -318,8 +322,8 @@ mod tests {
             self.tx.push_back(self.sent);
         }
 
-        /// Makes an exchange, which writes and reads. If the header lags by one exchange, it has the levels from before
-        /// this one.
+        /// Makes an exchange, which writes and reads. If the header lags by one exchange, its levels are those from
+        /// before this exchange.
         fn exchange(&mut self, write: u64, read: usize) {
             let now = (self.rx.len() as u8, self.tx.len() as u8);
             self.levels.push_back(now);

@@ -1,12 +1,14 @@
 //! An estimate of the number of sets of outputs in the chip.
 //!
-//! The [`Ledger`](super::ledger::Ledger) shows which sets were sent, but some cycles late. The decision how many sets to
-//! write next cannot wait for that: with eight sets ahead, hardly any would be in the chip. So the estimate keeps the time
-//! at which the RxFIFO runs empty, at one set per cycle, and each header corrects it, since the two clocks differ.
+//! The [`Ledger`](super::ledger::Ledger) shows which sets were sent, but some cycles late. The decision how many sets
+//! to write next cannot wait for that. If the chip is to hold eight sets, and sets count as being in the chip until the
+//! ledger shows that they were sent, nearly all of the eight are already sent. So the estimate keeps the time at which
+//! the RxFIFO runs empty, at one set per cycle, and each header corrects it, since the two clocks differ.
 
 use crate::ethercat::Ns;
 
-/// The maximum age of the fill level in an answer header, in cycles: three exchanges of two packets each. \[OURS]
+/// The maximum age of the fill level in an answer header, in cycles: the time of three exchanges of two packets each is
+/// not longer. \[OURS]
 const OLD: u64 = 4;
 
 /// An estimate of the fill level of the chip's RxFIFO.
@@ -27,7 +29,8 @@ impl FillLevel {
         self.empty_at = self.empty_at.max(now).saturating_add(sets * cycle_ns);
     }
 
-    /// Corrects the estimate by the fill level in a header, in which the newest `unseen` sets of outputs may be missing.
+    /// Corrects the estimate by the fill level in a header, in which the newest `unseen` sets of outputs may be
+    /// missing. The estimate changes only if it is below the lowest possible level or above the highest one.
     pub(super) fn header(&mut self, now: Ns, level: u8, unseen: u64, cycle_ns: Ns) {
         let level = u64::from(level);
         let least = now.saturating_add(level.saturating_sub(OLD) * cycle_ns);

@@ -16,7 +16,8 @@ const LINES: usize = 6;
 pub struct LocalPins {
     /// Input k is at GPIO pin `inputs[k]` of the chip, 0 to 15; `None`: it is not wired.
     pub inputs: [Option<u8>; LINES],
-    /// Output k is at GPIO `outputs[k]`, 0 to 11: with every firmware the header of a packet drives these pins.
+    /// Output k is at GPIO pin `outputs[k]` of the chip, 0 to 11; `None`: it is not wired. These are the pins that the
+    /// header of a packet drives with every firmware of the chip.
     pub outputs: [Option<u8>; LINES],
 }
 

@@ -54,16 +54,17 @@ use jobs::{Running, Sequence, run_job};
 pub use local_io::LocalPins;
 pub use options::XfBusOptions;
 
-/// The answer to a cycle is polled at most this many cycles late, because the chip keeps this many TxPDOs (XF EN 1236). \[OURS]
+/// The maximum number of cycles by which the engine polls the answer to a cycle late: the chip keeps this many TxPDOs
+/// until they are read (XF EN 1236). \[OURS]
 const ANSWER_DELAY: u16 = 64;
 /// The number of entries that are requested for each of the chip's FIFOs. Fewer are requested if the chip's memory does not
 /// hold them. \[OURS]
 const ENTRIES: usize = 64;
-/// The number of sets of outputs in flight in a steady stream: one waits for its exchange, one is in the running exchange,
-/// and one is in the chip until its next cycle. \[OURS]
+/// The number of sets of outputs that are always on their way in a steady stream: one waits for its exchange, one is in
+/// the running exchange, and one is in the chip until its next cycle. \[OURS]
 const ON_THE_WAY: u64 = 3;
-/// About the time of two exchanges, ns: at 24 MHz the longest packet with its idle time takes less than this, and two of them
-/// hardly more. \[OURS]
+/// An upper limit for about two exchanges, ns: at 24 MHz the longest packet and the idle time after it take less than
+/// this, and two of them take hardly more. \[OURS]
 const CATCH_UP_NS: Ns = 1_000_000;
 /// The size of the chip's memory for both FIFOs together, bytes (XF EN 1236).
 const FIFO_MEMORY: usize = 0x4000;
@@ -79,8 +80,8 @@ pub struct XfBusCounters {
     pub chip_resets: u64,
 }
 
-/// The number of entries of each of the chip's FIFOs, 1..=64, with `process_bytes` bytes of process data in both directions
-/// together.
+/// The number of entries of each of the chip's FIFOs with `process_bytes` bytes of process data in both directions
+/// together. At most 64, fewer if the chip's memory does not hold them, and at least 1.
 pub fn fifo_entries(process_bytes: usize) -> u8 {
     (FIFO_MEMORY / process_bytes.max(1)).clamp(1, ENTRIES) as u8
 }
@@ -295,9 +296,9 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
             if bus.options.real_time {
                 (bus.skew, bus.has_runner) = (Some(now.wrapping_sub(wires)), true);
             }
-            // [OURS] For each part that a late runner catches up on, the bus gets the time of a cycle, or of two exchanges if
-            // these take less. So the chip's FIFO is filled at once after a stall, and a machine that is too slow for its
-            // cycles still makes exchanges.
+            // \[OURS] A late runner catches up in parts. For each part the bus gets real time for exchanges: a cycle,
+            // or [`CATCH_UP_NS`] if that is less. So the chip's FIFO is filled at once after a stall, and a machine
+            // that is too slow for its cycles still makes exchanges.
             let behind_ns = bus.network.cycle.ns().min(CATCH_UP_NS);
             if now < until { bus.wires_time(until) } else { wires.saturating_add(behind_ns) }
         }));
@@ -320,7 +321,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 }
 
-/// The interval at which the bus returns cycles while no slave is in OP, ns: the board's default cycle before OP.
+/// The interval at which the bus returns cycles while no slave is in OP, ns: the cycle time that a board has before OP.
 const fn tick_ns() -> Ns {
     CycleTime::DEFAULT.ns()
 }

@@ -51,9 +51,9 @@ impl MappedObjects {
 impl Mapped {
     pub(super) const ALL: Self = Self { outputs: MappedObjects::ALL, inputs: MappedObjects::ALL, sync: true };
 
-    /// Whether the slave already has the value of this download, so that it is left out. A PDO can be changed only while it is
-    /// not assigned, so its assignment is written with it. The mode of operation is written in each configuration, because a
-    /// host may have written another one.
+    /// Whether the slave already has the value of this download, so that it is left out. A PDO can be changed only
+    /// while it is not assigned, so if a PDO is written, the assignment is written, too. The mode of operation is
+    /// written in each configuration, because a host may have written another one.
     pub(super) const fn has(&self, download: &Download) -> bool {
         match download.direction() {
             Some(direction) => {
@@ -71,7 +71,7 @@ impl Mapped {
         }
     }
 
-    /// Records that the object of the mapping with this content was read and has another value.
+    /// Records that a mapping or assignment object was read and does not have the content `image`.
     pub(super) const fn differs(&mut self, image: &MappingImage) {
         let objects = match image.direction() {
             MappedDirection::Outputs => &mut self.outputs,
@@ -105,7 +105,7 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    /// The result for a slave whose objects all have the values that a configuration writes.
+    /// What is known of a slave whose objects all have the values that a configuration writes.
     pub(super) const fn all(config: SlaveConfig, data: ProcessData) -> Self {
         Self { config, data, mapped: Mapped::ALL, is_as_long: true, at: 0 }
     }
@@ -122,7 +122,7 @@ pub(super) struct Network {
     pub with_dc: SlaveSet,
     /// The state to which the newest job has brought each slave. The slave may have left it by itself.
     pub commanded: [AlState; MAX_SLAVES],
-    /// The process data that are mapped for the role of each slave; `None`: the slave has none.
+    /// The process data that are mapped for the role of each slave; `None`: the slave is unused, or is not configured.
     pub process_data: [Option<ProcessData>; MAX_SLAVES],
     pub places: [Place; MAX_SLAVES],
     /// Slaves that were configured since the network was started. [`Self::with_process_data`] returns those whose process
@@ -131,10 +131,11 @@ pub(super) struct Network {
     /// What is known of the objects of each slave; `None`: nothing is known, or the objects may have changed since they
     /// were read.
     pub seen: [Option<Seen>; MAX_SLAVES],
-    /// Whether the chip's layout of process data matches the mapping of the slaves, and no slave has left PreOP and
-    /// come back since.
+    /// Whether the chip's layout of process data matches the mapping of the slaves, and no change of state to PreOP or
+    /// below was requested since: after such a change the chip makes a new layout.
     pub laid_out: bool,
-    /// Whether the chip has laid out process data and the slaves are configured.
+    /// Whether a requested configuration has mapped the slaves, and the chip has laid out their process data. A
+    /// preparation alone sets only `laid_out`.
     pub mapped: bool,
     /// The number of bytes in one RxPDO of the chip: the outputs of all slaves.
     pub rx_bytes: usize,
@@ -144,8 +145,8 @@ pub(super) struct Network {
     pub entries: u8,
     /// How many exchanges of process data may be in flight, 1 or 2.
     pub in_flight: usize,
-    /// How many sets of outputs have to be on the way to the slaves so that none is late, in addition to those that
-    /// bridge a stall.
+    /// How many sets of outputs have to be on the way to the slaves so that none is late. The sets that bridge a stall
+    /// of the host ([`XfBusOptions::ahead`](super::XfBusOptions::ahead)) come in addition.
     pub transport_sets: u16,
     pub lost: SlaveSet,
     /// The slaves in `lost` that answer, but whose inputs were not used for too long, because the working counter was
@@ -181,7 +182,7 @@ impl Network {
     }
 
     /// Called when the chip's network has stopped. The number of slaves stays known, because only a scan counts them
-    /// again.
+    /// again. Lost slaves stay lost, because only a change of state brings them back.
     pub(super) fn stop(&mut self) {
         let Self { cycle, found, with_dc, lost, stale, lost_from, .. } = *self;
         *self = Self { cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
@@ -226,7 +227,8 @@ impl Network {
         self.seen[usize::from(slave) - 1].filter(holds)
     }
 
-    /// Forgets the objects of a slave, and with them the chip's layout, because they may have changed.
+    /// Forgets the objects of a slave, because they may have changed. The chip's layout counts as invalid, because it
+    /// may not match the new objects.
     pub(super) const fn forget_objects(&mut self, slave: u8) {
         if let Some(n) = (slave as usize).checked_sub(1)
             && n < MAX_SLAVES
@@ -243,8 +245,8 @@ impl Network {
         self.laid_out |= was_laid_out && (data.output_bytes(), data.input_bytes()) == (output_bytes, input_bytes);
     }
 
-    /// Records the state that was read from a slave. A slave in Init, or one that does not answer, may come back with other
-    /// objects; from SafeOP on the objects do not change.
+    /// Updates what is known of a slave's objects by the AL state that was read from it. A slave in Init, or one that
+    /// does not answer, may come back with other objects. From SafeOP on the objects do not change.
     pub(super) fn note_objects(&mut self, slave: u8, state: Option<AlState>, now: Ns) {
         match (state, &mut self.seen[usize::from(slave) - 1]) {
             (None | Some(AlState::Init), _) => self.forget_objects(slave),

@@ -5,12 +5,14 @@ use super::LocalPins;
 /// How an [`XfBus`](super::XfBus) uses its chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct XfBusOptions {
-    /// How many sets of outputs the chip holds for a host that is late, 1 to 60: a host that is late by this many cycles
-    /// interrupts nothing. In addition the bus writes as many sets as the transport takes
-    /// ([`CyclePlan::transport_sets`](super::plan::CyclePlan::transport_sets), 3 to 6 with cycles of 1 ms), in total at
-    /// most as many as the chip's FIFO holds. A target is computed this many cycles before the chip sends it.
+    /// How many sets of outputs the chip holds for a host that is late, 1 to 60: if the host is late by at most this
+    /// number of cycles, the chip still has outputs for each cycle. In addition the bus writes as many sets as the
+    /// transport takes ([`CyclePlan::transport_sets`](super::plan::CyclePlan::transport_sets), 3 to 6 with cycles of 1
+    /// ms), in total at most as many as the chip's FIFO holds. A target is computed that many cycles before the chip
+    /// sends it.
     pub ahead: u16,
-    /// The SPI clock in Hz, by which the bus decides whether a cycle time is possible; `None`: the link has no clock.
+    /// The SPI clock in Hz. With it the bus computes how long packets take, and whether a cycle time is possible.
+    /// `None`: the link has no clock, and packets count as taking no time.
     pub clock_hz: Option<u32>,
     /// Which pins of the chip are the board's local inputs and outputs.
     pub local_pins: LocalPins,

@@ -11,12 +11,13 @@ pub(super) const IN_FLIGHT_MAX: usize = 2;
 /// The maximum number of sets of outputs per exchange that a plan relies on. An exchange carries more only if more sets
 /// wait. \[OURS]
 const SETS_MAX: usize = 8;
-/// The number of packets that a plan allows for per exchange of process data: two for the exchange itself, and two for
-/// a command in between, since the states of the slaves are read while slaves move. \[OURS]
+/// For each exchange of process data, a plan leaves time for this number of packets: two for the exchange itself, and
+/// two for a command in between, since the states of the slaves are read while slaves move. \[OURS]
 const PACKETS_A_TURN: u32 = 4;
-/// For how many half turns (half of [`PACKETS_A_TURN`]) a set of outputs may still count as being in the chip after it was
-/// handed over: it is in flight, and the counts that show it as sent are two exchanges old (OBS). \[OURS] With that many sets
-/// and one more, no cycle of the chip's model repeats its outputs, whatever the packet size.
+/// How long a set of outputs may still count as being in the chip after it was handed over, in half turns: the time of
+/// [`PACKETS_A_TURN`] / 2 packets. The set is first in flight, and later the fill levels that show it as sent are two
+/// exchanges old (OBS). \[OURS] With that many sets and one more, no cycle of the chip's model repeats its outputs,
+/// whatever the packet size.
 const HALF_TURNS_KNOWN: u64 = 5;
 
 /// What a cycle requires of the exchanges with the chip.
@@ -62,19 +63,21 @@ pub struct CycleDemand {
 pub struct CyclePlan {
     /// The data segment size n of the chip's packets.
     pub size: DataSize,
-    /// How many exchanges of process data are in flight, 1 or 2. With 1 no set of outputs is lost as long as packets get
-    /// through at all; with 2 a set that the chip has not accepted is given up and counted.
+    /// How many exchanges of process data are in flight, 1 or 2. With 1 a set of outputs that the chip has not accepted
+    /// is written again, so that none is lost while packets get through at least sometimes. With 2 such a set is given
+    /// up and counted.
     pub in_flight: usize,
     /// How many sets of outputs each packet has to carry to keep the cycle time, at most 8.
     pub sets: u16,
-    /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is on time:
-    /// the sets in flight, and the sets that were sent before the host can know it.
+    /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is on
+    /// time: the sets in flight, and those that the chip has sent while the host does not know it yet.
     pub transport_sets: u16,
 }
 
 impl CycleDemand {
-    /// Finds settings with which the cycle can be held. The present n is tried before others, and one exchange of process
-    /// data in flight before two. An exchange that carries several sets of outputs serves that many cycles.
+    /// Finds settings with which the cycle time can be kept. The present data segment size is tried before others, and
+    /// one exchange of process data in flight before two. An exchange that carries several sets of outputs serves that
+    /// many cycles.
     ///
     /// # Errors
     /// The exchanges take longer than the cycle, or the process data do not fit into a packet.
@@ -90,7 +93,8 @@ impl CycleDemand {
             let others = others.map(|sets| (sets, self.budget(sets, in_flight).choose_size()));
             for (sets, tried) in as_it_is.map(|tried| (sets, tried)).into_iter().chain(others) {
                 match tried {
-                    // [OURS] Two exchanges in flight with several sets of outputs in each were never seen to hold a cycle.
+                    // \[OURS] Plans with two exchanges in flight and several sets of outputs in each are left out: no
+                    // such plan was observed to keep its cycle time.
                     Ok(size) if in_flight > 1 && size.bytes() >= 2 * bytes => {}
                     Ok(size) => {
                         let sets = (size.bytes() / bytes).min(sets_max) as u16;
@@ -128,8 +132,9 @@ impl CycleDemand {
     }
 }
 
-/// The number of exchanges that a plan allows for per exchange of process data. Its answer comes with the next
-/// exchange, and if only one is in flight, a command with two exchanges of its own may come between. \[OURS]
+/// For each exchange of process data, the number of exchanges of packets for which a plan leaves time. The answer to an
+/// exchange comes with the next one. If only one exchange of process data is in flight, a command with two exchanges of
+/// its own may come in between. \[OURS]
 const fn exchanges_of_process_data(in_flight: usize) -> u32 {
     if in_flight > 1 { 2 } else { 4 }
 }

@@ -4,13 +4,13 @@
 //! stops at 255 and by an interrupt flag. The bus then reads the states of all slaves. It also reads them at intervals,
 //! since below SafeOP no cycle shows that a slave is gone. A slave stays lost until a change of state brings it back.
 //!
-//! **Inputs of a cycle with a wrong working counter** are not used \[OURS], as far as the chip reports it: when the header
-//! of an answer counts new errors, the inputs of the next [`DOUBT_CYCLES`] cycles that are read are not used. The chip
-//! reports neither which cycles had the errors nor which slaves, so all slaves keep their previous inputs, and the inputs
-//! of cycles that were read before that header were used. If the errors continue, and the states of all slaves show that
-//! none is lost, the inputs of all slaves are stale and the slaves are lost
-//! ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)). While a slave is lost the chip counts each cycle as wrong, which shows
-//! nothing about the other slaves.
+//! **Inputs of a cycle with a wrong working counter** are not used \[OURS], as far as this is possible: the chip only
+//! counts the errors, in the header of an answer. It reports neither the cycles nor the slaves. So after new errors the
+//! inputs of the next [`DOUBT_CYCLES`] cycles that are read are not used, and all slaves keep their previous inputs.
+//! The inputs of cycles that were read before that header were used already. If the errors continue, and the states of
+//! all slaves show that none is lost, the inputs of all slaves are stale and the slaves are lost
+//! ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)). While a slave is lost every cycle has a wrong working counter, so
+//! the errors show nothing about the other slaves.
 
 use super::ask::{Ask, Asked};
 use super::chip_bus::ChipBus;
@@ -25,8 +25,9 @@ use crate::xf::host::{HostError, HostState, Wires};
 /// The interval at which the states of the slaves are read if nothing requires it earlier, ns. \[OURS]
 const INTERVAL_NS: Ns = 100_000_000;
 
-/// If an answer header counts a new working counter error, the inputs of this many next cycles are in doubt: the header
-/// may be two exchanges old, and between two exchanges there may be no cycle. \[OURS]
+/// If an answer header counts a new working counter error, the inputs of this many next cycles are not used. Any of
+/// them may have had the error: the header may be two exchanges old, and between two exchanges there may be no cycle.
+/// \[OURS]
 const DOUBT_CYCLES: u32 = 4;
 
 /// The present step in reading the states of all slaves.
@@ -40,7 +41,8 @@ enum Step {
     One(u8),
 }
 
-/// The state of the repeated reading of all slaves' states, and the errors that start it earlier.
+/// The state of the repeated reading of all slaves' states, and of the working counter errors that make the next
+/// reading begin early.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Watch {
     asked: Option<Asked>,
@@ -48,31 +50,34 @@ pub(super) struct Watch {
     next_at: Ns,
     wkc_errors: u8,
     is_suspicious: bool,
-    /// The id of the first outputs that may not have reached all slaves that are not lost; `None`: the working counter was
-    /// right since the newest reading.
+    /// The id of the first outputs that may have missed a slave that is not lost; `None`: the working counter was right
+    /// since the newest reading of the states.
     suspect_from: Option<u64>,
     /// Whether the working counter was wrong, or may have been, since the newest reading began.
     has_new_errors: bool,
-    /// The number of cycles with a wrong working counter while no slave was lost, before and since the newest reading
-    /// began.
+    /// The number of cycles with a wrong working counter while no slave was lost: `wrong_before` before the newest
+    /// reading of the states began, `wrong_cycles` since then.
     wrong_before: u64,
     wrong_cycles: u64,
-    /// The id of the first outputs that were not sent when the newest header came, and when the newest reading began.
+    /// The id of the first outputs that were not sent yet: `unsent` when the newest answer header came, `unsent_before`
+    /// when the newest reading of the states began.
     unsent: Option<u64>,
     unsent_before: Option<u64>,
     chip_resets: u64,
     /// The inputs of this many of the next cycles are not used.
     doubt_cycles: u32,
-    /// When the newest reading began that has ended with no slave lost, and when the reading in progress began, on the
-    /// wires' clock.
+    /// Times of the wires' clock. `read_at`: when the newest reading began that has found no slave lost.
+    /// `reading_since`: when the newest reading began.
     read_at: Option<Ns>,
     reading_since: Option<Ns>,
-    /// The number of consecutive cycles whose inputs were not used, and when the first of them ran.
+    /// `held_cycles`: the number of consecutive cycles whose inputs were not used. `held_since`: when the first of them
+    /// ran, on the wires' clock.
     held_cycles: u32,
     held_since: Ns,
 }
 
-/// After the chip has not answered for a while, the slaves may still be in OP: the progress of bringing them to PreOP.
+/// The progress of bringing all slaves to PreOP after the chip has not answered for a while. The slaves may still be in
+/// OP then, because the chip runs its cycles without the host.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum TakingDown {
     No,
@@ -94,8 +99,8 @@ impl<W: Wires> ChipBus<W> {
             TakingDown::Due => TakingDown::Due,
             TakingDown::Asked(asked) => match asked.reply(&mut self.host) {
                 None => TakingDown::Asked(asked),
-                // A chip without an initialised network refuses the command, which is sufficient. If the chip has not
-                // answered, the command is repeated.
+                // If the chip refuses the command, it has no initialised network, so no slave is in OP and nothing is
+                // left to do. If the chip has not answered, the command is repeated.
                 Some(Ok(_) | Err(HostError::Refused { .. } | HostError::Failed { .. })) => TakingDown::No,
                 Some(Err(_)) => TakingDown::Due,
             },
@@ -103,7 +108,8 @@ impl<W: Wires> ChipBus<W> {
         !matches!(self.taking_down, TakingDown::No)
     }
 
-    /// Evaluates the newest answer header, if it was not evaluated yet.
+    /// Evaluates the newest answer header, if it was not evaluated yet: the fill levels, and the errors of the working
+    /// counter. Also notices a reset of the chip.
     pub(super) fn look_at_header(&mut self) {
         let counters = self.host.counters();
         if counters.chip_resets != self.watch.chip_resets {
@@ -124,7 +130,7 @@ impl<W: Wires> ChipBus<W> {
         self.level.header(self.wires.now(), header.rx_fifo, self.ledger.unseen(), cycle_ns);
         let (errors, is_flagged) = (header.wkc_errors, header.interrupts.contains(Interrupts::WORKING_COUNTER));
         let unsent = Some(self.ledger.next_id());
-        // A counter that has reached its maximum shows no new errors, but the interrupt flag still does. While a slave is lost,
+        // The error counter stops at 255. From then on only the interrupt flag shows new errors. While a slave is lost,
         // the flag shows nothing either, because every cycle has a wrong working counter.
         let says_nothing = errors == u8::MAX && !self.network.lost.is_empty();
         let is_full = errors == u8::MAX && !says_nothing;
@@ -154,9 +160,10 @@ impl<W: Wires> ChipBus<W> {
         self.watch.reading_since = Some(self.wires.now());
     }
 
-    /// Called when all states have been read. Each slave that is not lost has received the outputs that were sent before the
-    /// reading began, except in cycles with a wrong working counter: a slave that is still there has missed these, and the chip
-    /// does not report which one.
+    /// Called when all states have been read. A slave that is not lost was in its state all the time, and has received
+    /// the outputs that were sent before the reading began. This does not hold for cycles with a wrong working counter:
+    /// a slave that is still there has missed them, and the chip does not report which one. The outputs of these cycles
+    /// count as lost.
     pub(super) fn end_reading(&mut self) {
         let missed = std::mem::take(&mut self.watch.wrong_before);
         if self.network.lost.is_empty() && self.job.is_none() {
@@ -166,7 +173,8 @@ impl<W: Wires> ChipBus<W> {
         self.watch.suspect_from = self.watch.unsent_before.filter(|_| self.watch.has_new_errors);
     }
 
-    /// Whether the inputs of the cycle that was read next are in doubt. Each call counts one cycle.
+    /// Whether the inputs of the cycle that was just read are in doubt. To be called once for each cycle that was read,
+    /// since each call counts [`Watch::doubt_cycles`] down.
     pub(super) fn takes_in_doubt(&mut self) -> bool {
         let is_doubtful = self.watch.doubt_cycles > 0 && self.network.lost.is_empty();
         self.watch.doubt_cycles = self.watch.doubt_cycles.saturating_sub(1);
@@ -190,7 +198,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The slaves that send inputs and are not lost.
+    /// The slaves that send inputs and are not lost: they were brought to SafeOP or OP, and have inputs in the chip's
+    /// layout.
     pub(super) fn with_inputs(&self) -> SlaveSet {
         let has_inputs = |slave: &u8| self.network.places[usize::from(*slave) - 1].input_bytes > 0;
         self.network.at_least(AlState::SafeOp).difference(self.network.lost).iter().filter(has_inputs).collect()
@@ -214,11 +223,11 @@ impl<W: Wires> ChipBus<W> {
         if let Some(asked) = self.watch.asked {
             let Some(reply) = asked.reply(&mut self.host) else { return };
             self.watch.asked = None;
-            // The chip has answered that it could not read a slave. This shows that the slave is silent, whereas a chip
-            // that does not answer shows nothing.
+            // If the chip has answered that it could not read a slave, this slave is silent, and the reading goes on.
+            // If the chip itself does not answer, nothing is known of the slaves, and the reading ends.
             let unreadable = matches!(reply, Err(HostError::Refused { .. } | HostError::Failed { .. }));
             let next = match self.watch.step {
-                // A running job reads the states of the slaves itself.
+                // A running job reads the states of the slaves itself, so the reading ends then, too.
                 _ if self.job.is_some() || reply.is_err() && !unreadable => None,
                 Step::Renew if unreadable => Some(Step::One(1)),
                 Step::Renew => Some(Step::All),
@@ -260,7 +269,7 @@ impl<W: Wires> ChipBus<W> {
         self.watch.asked = ask.submit(&mut self.host, now).ok();
     }
 
-    /// Whether the lowest state of all slaves shows that all are in OP, and all were brought there.
+    /// Whether all slaves are in OP, as their lowest state shows, and jobs have brought all of them to OP.
     fn are_all_in_op(&self, lowest: Option<AlState>) -> bool {
         let network = &self.network;
         lowest == Some(AlState::Op) && network.lost.is_empty() && network.in_op() == SlaveSet::first(network.found)
@@ -298,8 +307,8 @@ impl<W: Wires> ChipBus<W> {
         }
         self.end_ahead();
         let in_op = self.network.in_op();
-        // It can no longer be found out which slaves have missed earlier outputs, so all outputs up to now count as
-        // missed.
+        // The chip no longer shows which slaves have missed earlier outputs. So for every slave in OP all outputs count
+        // as missed that are not known to be sent, and those from `suspect_from` on if there are any.
         let next = self.ledger.next_id();
         let missed_from = self.watch.suspect_from.map_or(next, |from| from.min(next));
         let all = SlaveSet::first(self.network.found);

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
 
-/// By how many bits an answer may be shifted so that the shift is still recognised as the fault. \[OURS]
+/// The numbers of bits for which [`AnswerCheck::explain`] tries whether the answers are shifted by as many bits, too
+/// early or too late. \[OURS]
 const SHIFT_BITS: std::ops::RangeInclusive<usize> = 1..=32;
 
 /// The wiring fault that invalid answers of the board indicate.
@@ -70,16 +71,17 @@ pub enum WiringFault {
 /// How many invalid answers are kept. A fault is reported only if it explains all of them. \[OURS]
 const INVALID_KEPT: usize = 4;
 
-/// How many answers with different valid CRCs show that the board sends CRCs. An invalid answer has a valid CRC by
-/// chance once in 256 times. \[OURS]
+/// How many answers with different valid CRCs show that the board sends CRCs. One is not enough, because the CRC of an
+/// invalid answer is valid by chance once in 256 times. \[OURS]
 const VALID_CRCS_MIN: u8 = 2;
 
 /// Checks the answers of one board.
 #[derive(Clone, Debug)]
 pub struct AnswerCheck {
     size: SlotSize,
-    /// Number of answers with a valid CRC, each different from the one before, since the latest answer without a valid
-    /// CRC. Once the number has reached [`VALID_CRCS_MIN`] it stays.
+    /// Number of answers with a valid CRC since the latest answer with 0 in place of the CRC. An answer with the same
+    /// CRC as the one before does not count. Once the number has reached [`VALID_CRCS_MIN`] it does not change any
+    /// more.
     valid_crcs: u8,
     /// The CRC of the latest answer that `valid_crcs` counts.
     crc: u8,
@@ -101,7 +103,8 @@ impl AnswerCheck {
     /// Checks an answer and decodes its slot 0.
     ///
     /// # Errors
-    /// [`InvalidAnswer`]; [`Self::explain`] then returns the likely wiring fault.
+    /// [`InvalidAnswer`]: the CRC is wrong or, in an answer without a CRC, the bytes do not have the form of a report.
+    /// [`Self::explain`] then returns the likely wiring fault.
     pub fn check(&mut self, answer: &Frame) -> Result<MasterResponse, InvalidAnswer> {
         if !self.fits(answer) {
             if self.invalid.back() != Some(answer) {
@@ -117,7 +120,8 @@ impl AnswerCheck {
         Ok(MasterResponse::decode(&answer.slot(self.size, 0)))
     }
 
-    /// Notes the CRC of a valid answer. A CRC of 0 is not evidence, since the board may leave it out.
+    /// Notes the CRC of a valid answer. A CRC of 0 does not show that the board sends CRCs, since a board that leaves
+    /// them out sends 0.
     const fn note_crc(&mut self, crc: u8) {
         if self.fills_crc() || crc == self.crc {
             return;
@@ -157,11 +161,13 @@ impl AnswerCheck {
     fn explain_by(&self, policy: CrcPolicy) -> Option<WiringFault> {
         let all = |is: &dyn Fn(&[u8]) -> bool| self.invalid.iter().all(|answer| is(answer.wire(self.size)));
         let other = self.size.other();
-        // The end of the longer frame was not received. It belongs to the SDO slot, which is mostly 0.
+        // If the other slot size has the longer frame, the end of the frame was not received and is taken as 0. This
+        // does not spoil the check, because the end belongs to the SDO slot, which is mostly 0.
         if all(&|bytes| is_answer(&Frame::from_prefix(bytes), other, policy)) {
             return Some(WiringFault::SlotSize { set: self.size.bytes(), fits: other.bytes() });
         }
-        // Without a CRC, a shift by whole bytes cannot be distinguished from other faults.
+        // Without a CRC a shift by whole bytes cannot be told from other faults, so only shifts by up to 7 bits are
+        // tried.
         let most = if policy == CrcPolicy::Strict { *SHIFT_BITS.end() } else { 7 };
         let mut shifts = SHIFT_BITS.take_while(|bits| *bits <= most).flat_map(|bits| [(bits, true), (bits, false)]);
         let (bits, late) = shifts.find(|shift| all(&|bytes| self.is_shifted(bytes, *shift, policy)))?;
@@ -189,7 +195,8 @@ impl AnswerCheck {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvalidAnswer;
 
-/// The possible command ids in slot 0 of the first answers: GET_STATUS, LIO_RD, and the cyclic response in OP.
+/// The possible command ids in slot 0 of the first answers. The first frames contain GET_STATUS and LIO_RD, and a board
+/// in OP sends the cyclic response.
 const FIRST_ANSWER_IDS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::LocalRead.code(), MASTER_CYCLIC];
 
 /// Whether a frame has both a fitting CRC and the form of an answer. A CRC alone fits by chance once in 256 times.
@@ -204,7 +211,8 @@ fn same(bytes: &[u8], value: u8) -> bool {
     bytes.iter().all(|byte| *byte == value)
 }
 
-/// Undoes a shift by `bits` bits. The bits that the shift has pushed out are lost and become 0.
+/// Undoes a shift by `bits` bits. The bits that the shift has moved out of the frame are lost and become 0: the last
+/// ones if the answer was late, the first ones if it was early.
 fn unshift(bytes: &[u8], bits: usize, late: bool) -> Vec<u8> {
     let (whole, part) = (bits / 8, bits % 8);
     let at = |index: isize| usize::try_from(index).ok().and_then(|index| bytes.get(index)).copied().unwrap_or(0);

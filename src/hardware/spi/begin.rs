@@ -12,20 +12,22 @@ use crate::sk::{CommandId, Frame, MasterCommand, MasterResponse, MasterState, Ra
 const RESET_LOW: Duration = Duration::from_micros(100);
 /// How many valid answers in a row show that a board is there. \[OURS]
 const VALID_ANSWERS_MIN: u32 = 2;
-/// How many invalid answers, without a valid one in between, show that a wire is faulty, unless the board may still be
-/// starting up. \[OURS]
+/// How many invalid answers, without a valid one in between, show that a wire is faulty. Zeros from a board without a
+/// BUSY line do not show this before the time limit, because the board may still be starting up. \[OURS]
 const INVALID_ANSWERS_MAX: u32 = 8;
-/// How many answers are accepted as "not yet confirmed": they have no CRC and the form of a report, but do not answer
-/// LIO_RD. Beyond that they count as invalid. \[OURS]
+/// How many answers are accepted that seem valid but may be shifted by some bits: they have the form of a report and no
+/// CRC, and do not answer LIO_RD. Further such answers count as invalid. \[OURS]
 const UNCONFIRMED_ANSWERS_MAX: u32 = 12;
-/// The pause between two of the first exchanges: longer than a cycle below OP, and longer than the shortest period
-/// without BUSY. \[OURS]
+/// The pause between two of the first exchanges. It is longer than a cycle below OP, so that each answer is a new one,
+/// and longer than the shortest period of a board without BUSY
+/// ([`PERIOD_WITHOUT_BUSY`](super::options::PERIOD_WITHOUT_BUSY)). \[OURS]
 const EXCHANGE_INTERVAL: Duration = Duration::from_micros(1500);
-/// A byte in the first frames, at a position that no board answers. If it comes back, MISO is connected to MOSI.
-/// \[OURS]
+/// A byte in the SDO slot of the first frames. No board has this byte there in its answer, so if it comes back, MISO is
+/// connected to MOSI. \[OURS]
 const ECHO_MARK: u8 = 0x5A;
 
-/// Exchanges frames until the board answers reliably; returns its latest answer.
+/// Exchanges frames until enough answers in a row were valid ([`VALID_ANSWERS_MIN`]) and one of them has shown that no
+/// bit is shifted; returns the latest answer. The error says which wire is faulty, or that BUSY stays high.
 pub(super) fn begin(
     name: &str,
     wires: &mut dyn BusyWires,
@@ -38,8 +40,8 @@ pub(super) fn begin(
     wires.reset(RESET_LOW).map_err(link_error)?;
     let mut answer = Frame::new();
     let (mut exchanges, mut valid, mut invalid, mut rises) = (0, 0, 0, false);
-    // Answers that are shifted by some bits may look valid. So a wiring fault that an earlier invalid answer has shown
-    // is kept, even if valid answers follow.
+    // Answers that are shifted by some bits may look valid. So if an invalid answer has shown a wiring fault, and valid
+    // answers follow, but none that proves the wiring, that fault is the reason of the error.
     let mut known_fault = WiringFault::Garbled;
     loop {
         let left = options.open_limit.saturating_sub(began.elapsed());
@@ -90,8 +92,8 @@ pub(super) fn begin(
     }
 }
 
-/// A frame with GET_STATUS in every slot. In some of the frames slot 0 has LIO_RD instead, so that the answers differ:
-/// without a CRC, only an answer with that command id shows that no bit is shifted.
+/// A frame with GET_STATUS in every slot, or with LIO_RD instead in slot 0; two frames of each kind alternate. So the
+/// answers differ: without a CRC, only an answer with the command id of LIO_RD shows that no bit is shifted.
 fn question(options: &SpiOptions, number: u32) -> Frame {
     let mut frame = Frame::new();
     if number >= VALID_ANSWERS_MIN && number / 2 % 2 == 1 {

@@ -5,14 +5,14 @@
 //! whether it writes or not. For this the link has a thread that makes one exchange per cycle, timed by a [`Pacer`]. An
 //! exchange carries the oldest frame that the program has written, or else a frame of GET_STATUS commands.
 //!
-//! The price: if the program has no frame ready for a cycle, the GET_STATUS frame puts an entry without targets between
-//! two entries with targets, and the axes stand still for one cycle. A program that writes ahead avoids this. For a
-//! program that is occasionally late there is the key `prefill=`: the board's FIFO is filled with that many entries
-//! first, and while they last the link sends no GET_STATUS frame.
+//! The price: if the program has no frame ready for a cycle, the link sends a frame of GET_STATUS commands. It becomes
+//! an entry without targets, between two entries with targets, in the board's FIFO, and the axes stand still for one
+//! cycle. A program that writes ahead avoids this. For a program that is occasionally late there is the key `prefill=`:
+//! the board's FIFO is filled with that many entries first, and while they last the link sends no GET_STATUS frame.
 //!
-//! The number of free FIFO entries in a report is the number of frames that the program may still write: 160 less its
-//! own entries in the board's FIFO and less its frames that the link has not sent yet. Entries that the link has added
-//! itself are not counted.
+//! The number of free FIFO entries in a report is the number of frames that the program may still write: 160 less the
+//! program's entries in the board's FIFO and less the program's frames that the link has not sent yet. Entries that the
+//! link has added itself are not counted.
 //!
 //! Files, in the order in which to read them:
 //!
@@ -73,7 +73,8 @@ pub struct SpiLink {
     counts: CallCounts,
 }
 
-/// Counters of a link on SPI, in addition to those that every link has.
+/// Counters of the exchanges, frames and invalid answers of a link on SPI, in addition to the counters that every link
+/// has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpiStats {
     /// Counters of the exchanges with the board.
@@ -102,7 +103,8 @@ impl SpiLink {
     /// and waits until the board answers.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`], which says which wire is faulty and what to do; [`LinkError::Io`].
+    /// [`LinkError::NoBoard`], which says which wire is faulty and what to do. [`LinkError::Io`] or
+    /// [`LinkError::InUse`]: the SPI device or a GPIO line cannot be used.
     pub fn over(
         name: &str,
         mut wires: Box<dyn BusyWires>,
@@ -128,7 +130,8 @@ impl SpiLink {
             cycle_us: AtomicU64::new(options.cycle.us().into()),
             invalid_answers: AtomicU64::new(0),
         });
-        // The pacer counts its first period from the last exchange of `begin`, which ends here.
+        // The last exchange of `begin` ends here. The shortest time between two exchanges counts from this exchange,
+        // too.
         pacer.ended(shared.now());
         let runner =
             Runner { shared: shared.clone(), wires, options: options.clone(), pacer, answer_check, reset_doubt: 0 };
@@ -151,6 +154,7 @@ impl SpiLink {
     }
 
     /// Refuses a frame that selects a cycle time (SET_DC) or requests OP, if the wires are too slow for the cycle time.
+    /// All other frames are allowed.
     fn refuse(&self, frame: &Frame) -> Result<(), LinkError> {
         let size = self.options.slot;
         let cycle = match MasterCommand::decode(&frame.slot(size, 0), size) {
@@ -191,7 +195,7 @@ impl Link for SpiLink {
     fn close(&self) {
         self.shared.queues.close(Instant::now() + CLOSE_LIMIT);
         if let Some(thread) = self.thread.lock().take() {
-            // A panic of the link's thread was reported when it happened, and its result is not needed.
+            // If the link's thread has panicked, its message was printed at that time, and its result is not needed.
             let _ = thread.join();
             let unsent = self.shared.queues.counts().unsent;
             if unsent > 0 {

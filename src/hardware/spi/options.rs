@@ -8,11 +8,13 @@ use crate::address::uri::{LinkUri, UriError, slot_size};
 use crate::io::spi::{GpioLine, SpiSettings};
 use crate::sk::{CycleTime, SlotSize};
 
-/// SK-10: the shortest time between the starts of two exchanges without BUSY.
+/// SK-10: the shortest time between the starts of two exchanges if BUSY is not connected. Then nothing else shows when
+/// the board is ready.
 pub(super) const PERIOD_WITHOUT_BUSY: Duration = Duration::from_micros(800);
-/// SK-10: the shortest cycle without BUSY.
+/// SK-10: the shortest cycle time if BUSY is not connected.
 const LEAST_CYCLE_WITHOUT_BUSY_US: u32 = 1000;
-/// SK-10: a cycle of 250 us needs 24 MHz, one of 1 ms 6 MHz; other cycles in proportion \[OURS].
+/// SK-10: how many clocks of SCLK a cycle has to last at least. A cycle of 250 us needs 24 MHz, one of 1 ms 6 MHz,
+/// which both are 6000 clocks; other cycles in proportion \[OURS].
 const LEAST_CLOCKS_PER_CYCLE: u64 = 6000;
 /// How long a board may take to answer when its link is opened, since it may still be starting up. \[OURS]
 const OPEN_LIMIT: Duration = Duration::from_secs(3);
@@ -28,7 +30,8 @@ pub struct SpiOptions {
     pub speed_hz: u32,
     /// The cycle time in OP, until the program sets another one by SET_DC.
     pub cycle: CycleTime,
-    /// How many command frames to keep in the board's FIFO ahead of their execution: 0..=120.
+    /// How many command frames to keep in the board's FIFO ahead of their execution, 0..=120 (`prefill=`). While they
+    /// last, a cycle for which the program has no frame does not interrupt the motion.
     pub prefill: u16,
     /// How long a board may take to answer when its link is opened, since it may still be starting up.
     pub open_limit: Duration,
@@ -81,13 +84,14 @@ impl SpiOptions {
         };
         match options.refuses(options.cycle, places.busy.is_some()) {
             Some(why) if options.cycle != CycleTime::DEFAULT => Err(bad_cycle(uri, why)),
-            // The default cycle is checked only when OP is requested: below OP these wires may be fast enough.
+            // The default cycle time is checked only when OP is requested: a program that stays below OP, or sets a
+            // longer cycle, can use these wires.
             _ => Ok((options, places)),
         }
     }
 
-    /// Why OP with that cycle time does not work over these wires, and what to do; `None` if it works. `busy` says
-    /// whether BUSY is connected.
+    /// Returns the text that says why OP with that cycle time does not work over these wires, and what to do; `None` if
+    /// it works. `busy`: whether BUSY is connected.
     pub(super) fn refuses(&self, cycle: CycleTime, busy: bool) -> Option<String> {
         if !busy && cycle.us() < LEAST_CYCLE_WITHOUT_BUSY_US {
             return Some(format!(
@@ -114,7 +118,7 @@ impl SpiOptions {
     }
 }
 
-/// The spidev file of a link; `allowed` is the expected form of a link, for the error text.
+/// The path of the spidev file in a link. `allowed`: the expected form of a link, for the error text.
 pub(crate) fn device(uri: &LinkUri, allowed: &'static str) -> Result<PathBuf, UriError> {
     if uri.path().starts_with('/') && !uri.path().contains('\0') {
         return Ok(PathBuf::from(uri.path()));

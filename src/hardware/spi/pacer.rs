@@ -4,8 +4,9 @@
 //! On SPI every exchange carries a command frame. In OP each command frame takes an entry of the board's FIFO, from
 //! which the board removes one entry per cycle. So the link makes one exchange per cycle, timed by this machine's
 //! clock. That clock and the board's clock differ a little, so the FIFO level in the reports slowly rises or falls. If
-//! the level is above the target, an exchange is skipped; if it is below, the next frames of the program are sent
-//! earlier. Reports lag behind by about one exchange, so after each such correction some reports are ignored.
+//! the level is above the target, an exchange is skipped; if it is below, the next frames of the program are sent in
+//! extra exchanges. Reports show the level of about one exchange before, so after each such correction some reports are
+//! ignored.
 
 use super::sent_frames::SentFrames;
 use crate::ethercat::Ns;
@@ -16,27 +17,30 @@ use crate::sk::{
 /// The target level without prefill: one entry, so that the FIFO is not empty when an exchange is a little late.
 /// \[OURS]
 const LEVEL_MIN: u16 = 1;
-/// Exchanges are skipped if the level is this far above the target. A difference of one is only the phase between the
-/// two clocks. \[OURS]
+/// Exchanges are skipped if the level is at least this far above the target. A difference of one is no drift of the
+/// clocks: it depends on whether an exchange is just before or just after the board takes an entry. \[OURS]
 const LEVEL_SLACK: u16 = 2;
-/// The maximum number of exchanges that are skipped in a row. The next one is made in any case, so that reports
-/// continue. \[OURS]
+/// The maximum number of exchanges that are skipped in a row. The next one is made in any case, because only exchanges
+/// bring reports. \[OURS]
 const SKIPPED_IN_A_ROW_MAX: u16 = 8;
 /// After a skipped or an extra exchange, the FIFO levels in this many reports are ignored: they are from before it.
 /// \[OURS]
 const IGNORED_REPORTS: u8 = 2;
-/// While the FIFO level is this high, no frame of the program is sent: frames wait in the link. \[OURS]
+/// While the FIFO level is this high, no frame of the program is sent: frames wait in the link. Two entries stay free
+/// as a margin. \[OURS]
 const LEVEL_MAX: u16 = FIFO_ENTRIES - 2;
-/// The maximum reserve: extra entries that are kept in the FIFO because this machine was late recently. \[OURS]
+/// The maximum of [`Pacer::reserve`]: extra entries that are kept in the FIFO for some time after this machine was
+/// late. \[OURS]
 const RESERVE_MAX: u16 = 32;
 /// After this many regular exchanges without a late one the reserve shrinks by one entry. \[OURS]
 const RESERVE_DECAY_EXCHANGES: u32 = 2000;
-/// The number of newest frames that may be missing from the FIFO level in an answer, because reports lag behind.
-/// \[OURS]
+/// How many of the newest frames the FIFO level in an answer may not include yet, because the answer is older than they
+/// are. \[OURS]
 const UNREPORTED_ENTRIES_MAX: u16 = 2;
-/// The maximum age of the board's state in an answer, in cycles. \[OURS]
+/// The maximum age, in cycles, of the FIFO level and the other state that an answer shows. \[OURS]
 const ANSWER_AGE_MAX_CYCLES: Ns = 2;
-/// The maximum target for the FIFO level, even if a program sets a higher threshold. \[OURS]
+/// The maximum target for the FIFO level, even if a program sets a higher threshold. It is below the size of the FIFO,
+/// so that the level can be above the target without a loss of frames. \[OURS]
 const TARGET_LEVEL_MAX: u16 = FIFO_ENTRIES - 5;
 
 /// What command frame an exchange sends.
@@ -48,8 +52,8 @@ pub enum ExchangeContent {
     Status,
     /// SET_FIFO with the threshold for the prefill: the board executes nothing until that many entries have arrived.
     Prefill,
-    /// SET_FIFO with the default threshold: the board executes the entries in its FIFO although the prefill is not
-    /// complete.
+    /// SET_FIFO with the default threshold: the link is being closed during the prefill, and the board shall execute
+    /// the entries in its FIFO without waiting for more.
     Release,
 }
 
@@ -62,7 +66,7 @@ pub enum PacerPlan {
     Exchange {
         /// What command frame the exchange sends.
         content: ExchangeContent,
-        /// Whether the exchange is in addition to the regular one of the cycle.
+        /// Whether the exchange is an extra one, besides the regular exchange that each cycle has.
         extra: bool,
     },
 }
@@ -100,7 +104,7 @@ enum PrefillState {
     Unset,
     /// The threshold is set and the board waits for more entries; this many have been sent since.
     Waiting(u16),
-    /// The FIFO was filled up to the threshold, or the program sets thresholds itself.
+    /// No prefill is needed any more: the FIFO was filled up to the threshold, or the program sets thresholds itself.
     Done,
 }
 
@@ -113,13 +117,14 @@ pub struct PacerCounts {
     pub host: u64,
     /// Number of exchanges in addition to one per cycle.
     pub extra: u64,
-    /// Number of cycles in which the exchange was skipped because the FIFO level was too high, since the clocks differ.
+    /// Number of cycles in which the exchange was skipped because the FIFO level was too high. This happens because the
+    /// clocks of this machine and of the board differ.
     pub skipped: u64,
-    /// Number of cycles in which the exchange was skipped because the program had no frame and the prefill was not used
-    /// up.
+    /// Number of cycles in which the exchange was skipped because the program had no frame and entries of the prefill
+    /// were still in the FIFO.
     pub skipped_with_prefill: u64,
-    /// Number of the program's commands for slaves that no answer has shown, because they were rejected or were
-    /// executed between two answers.
+    /// Number of the program's commands for slaves whose answer was in no report: they were rejected, or were executed
+    /// between two answers.
     pub unanswered: u64,
 }
 
@@ -134,7 +139,8 @@ pub struct Pacer {
     /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs its shortest
     /// period.
     not_before: Ns,
-    /// The target for the FIFO level, measured after the board has taken an entry out.
+    /// The target for the FIFO level. As in the reports, the level is the number of entries after the board has taken
+    /// one out in a cycle.
     target_level: u16,
     /// The estimated present level of the board's FIFO.
     level: u16,
@@ -142,8 +148,8 @@ pub struct Pacer {
     reported: u16,
     /// Whether there has been an extra exchange since the last regular one.
     had_extra: bool,
-    /// The largest number of cycles by which this machine was late recently. That many extra entries are kept in the
-    /// FIFO.
+    /// The largest number of cycles by which this machine was late. It shrinks by one after each
+    /// [`RESERVE_DECAY_EXCHANGES`] exchanges in time. That many extra entries are kept in the FIFO.
     reserve: u16,
     /// Number of regular exchanges since this machine was last late.
     on_time: u32,
@@ -214,19 +220,21 @@ impl Pacer {
         }
     }
 
-    /// Whether the board waits for prefill entries that will not come because the link is being closed.
+    /// Whether the board still waits for prefill entries. If the link is closed now, none will come, and the link has
+    /// to send an [`ExchangeContent::Release`] first.
     pub fn owes_release(&self) -> bool {
         matches!(self.prefill, PrefillState::Waiting(_)) && self.op()
     }
 
-    /// Whether the FIFO has room for a frame even if the newest answer is as old as possible.
+    /// Whether the FIFO has room for a frame, even if its level in the newest answer does not include the newest
+    /// frames.
     const fn has_room(&self) -> bool {
         self.level < LEVEL_MAX && self.reported < LEVEL_MAX - UNREPORTED_ENTRIES_MAX
     }
 
     /// Restarts the timing if this machine was late by more than a cycle. Missed cycles are not made up for: the next
-    /// exchange is due now. If frames of the program were waiting meanwhile, the FIFO ran low although they could have
-    /// been sent: for a while more entries are kept in it.
+    /// exchange is due now. If frames of the program were waiting, the lateness has let the FIFO run low, so for a
+    /// while more entries are kept in it.
     fn handle_lateness(&mut self, now: Ns, held: WaitingFrames) {
         if now <= self.tick + self.period() {
             return;
@@ -241,7 +249,8 @@ impl Pacer {
         }
     }
 
-    /// The target for the FIFO level. The reserve counts only while frames of the program are waiting.
+    /// The target for the FIFO level. The reserve counts only while frames of the program are waiting, because it
+    /// consists of these.
     fn level_for(&self, held: usize) -> u16 {
         if held > 0 && self.reserve > 0 { self.target_level.max(self.reserve + LEVEL_MIN) } else { self.target_level }
     }
@@ -259,7 +268,8 @@ impl Pacer {
         if held.last && held.frames > 0 {
             return true;
         }
-        // During the prefill, a frame that was sent early replaces the regular exchange of its cycle.
+        // During the prefill, the frame of an extra exchange replaces the regular exchange of its cycle: a GET_STATUS
+        // frame would be an entry without targets.
         if self.had_extra && held.frames == 0 && matches!(self.prefill, PrefillState::Waiting(_)) {
             return true;
         }
@@ -292,7 +302,8 @@ impl Pacer {
             self.ignored_reports = IGNORED_REPORTS;
             self.had_extra = true;
         } else {
-            // The next exchange is timed from the due time, so a small delay does not accumulate.
+            // The next exchange is due one period after this one was due, whenever this one began, so that small delays
+            // do not add up.
             self.pass_tick();
             self.on_time += 1;
             if self.on_time >= RESERVE_DECAY_EXCHANGES {
@@ -322,7 +333,8 @@ impl Pacer {
         }
     }
 
-    /// Records that the exchange has ended. Its transfer began at least one transfer time ago.
+    /// Records that the exchange has ended. Its transfer began at least one transfer time ago, and the shortest period
+    /// of the board counts from there.
     pub fn ended(&mut self, now: Ns) {
         let began = now.saturating_sub(self.options.wires_ns);
         if self.options.period_ns > 0 {
@@ -340,7 +352,8 @@ impl Pacer {
                 self.restart_fifo();
                 self.sent.forget_earlier();
             }
-            // If the program sets a threshold to fill the FIFO before it starts, that level becomes the target.
+            // If the program sets a threshold, the board starts when fewer than `free` entries of the FIFO are free.
+            // The number of used entries at that moment becomes the target.
             Ok(MasterCommand::SetFifo(FifoAction::Threshold(free))) if self.op() => {
                 let free = free.min(FIFO_ENTRIES.into()) as u16;
                 self.prefill = PrefillState::Done;
@@ -392,8 +405,9 @@ impl Pacer {
     }
 
     /// Turns a valid answer into the report for the program. The report shows the number of FIFO entries that the
-    /// program may still write, and the answers of the slots to the program's own commands. Returns whether the report
-    /// differs from the answer, so that its CRC has to be computed again.
+    /// program may still write, and in each slot the answer to the program's own command, even if the board has
+    /// answered a frame of the link since. Returns whether the report differs from the answer, so that its CRC has to
+    /// be computed again.
     pub fn to_report(&mut self, answer: &mut Frame, held: usize) -> bool {
         let size = self.options.slot;
         let mut board = answer.slot(size, 0);

@@ -19,7 +19,7 @@ const FRAMES_MAX: usize = FIFO_ENTRIES as usize;
 pub(super) struct QueueState {
     /// Frames of the program that are waiting to be sent, oldest first.
     held: VecDeque<Frame>,
-    /// Unread reports, each with its time and its report number, oldest first.
+    /// Unread reports, oldest first, each with the time at which its exchange began, and its report number.
     reports: VecDeque<(Frame, Ns, u64)>,
     /// How many unread reports are kept at most.
     queue: usize,
@@ -32,15 +32,15 @@ pub(super) struct QueueState {
     unsent: u64,
     /// The error of all further calls, once the board is lost or the link is closed.
     over: Option<LinkError>,
-    /// Until when waiting frames are still sent after the program has closed the link; `None`: the program has not
-    /// closed it.
+    /// The time until which waiting frames are still sent after the program has closed the link; `None`: the program
+    /// has not closed it.
     closing: Option<Instant>,
-    /// How often waiting calls were cancelled so far, one count for each direction.
+    /// How often waiting calls were cancelled so far, one count for each direction, indexed by `Dir as usize`.
     cancels: [u64; 2],
     op: bool,
 }
 
-/// How the frames and reports of a link have passed through its queues.
+/// Counters of the frames and reports that have passed through a link's queues.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct QueueCounts {
     pub dropped: u64,
@@ -84,7 +84,8 @@ impl FrameQueues {
         self.state.lock()
     }
 
-    /// For the program: queues a frame, waiting for room for up to `limit`.
+    /// For the program: queues a frame, waiting for room for up to `limit`. Fails if the limit has passed, the call was
+    /// cancelled, the board is lost, or the link is closed.
     pub fn write(&self, frame: &Frame, size: SlotSize, limit: Option<Duration>) -> Result<(), LinkError> {
         let began = Instant::now();
         let mut state = self.state.lock();
@@ -109,13 +110,14 @@ impl FrameQueues {
         Ok(())
     }
 
-    /// For the program: takes the oldest report, waiting for one for up to `limit`.
+    /// For the program: takes the oldest report, waiting for one for up to `limit`. Fails as [`Self::write`] does.
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<ReadMeta, LinkError> {
         let began = Instant::now();
         let mut state = self.state.lock();
         let cancels = state.cancels;
         loop {
-            // Reports that came before the board was lost can still be read, but nothing can be read after closing.
+            // After the loss of the board, reports from before can still be read, because they may show its cause.
+            // After closing, nothing can be read.
             if state.closing.is_some() {
                 state.check_open()?;
             }
@@ -176,7 +178,8 @@ impl FrameQueues {
         self.readable.notify_all();
     }
 
-    /// For the link's thread: records an invalid answer. Its report number stays unused, which shows as a gap.
+    /// For the link's thread: records an invalid answer. Its report number stays unused, so that readers see a gap in
+    /// [`ReadMeta::sequence`].
     pub fn no_report(&self) {
         self.state.lock().next_report += 1;
     }
@@ -223,8 +226,8 @@ impl QueueState {
         self.over.clone().map_or(Ok(()), Err)
     }
 
-    /// Fails if calls in this direction were cancelled since a call began; `before` has the numbers of cancellations at
-    /// its beginning.
+    /// Fails if calls in this direction were cancelled since a call began. `before`: the counts of cancelled calls when
+    /// the call began.
     fn check_cancelled(&self, dir: Dir, before: [u64; 2]) -> Result<(), LinkError> {
         if self.cancels[dir as usize] == before[dir as usize] { Ok(()) } else { Err(LinkError::Cancelled { dir }) }
     }

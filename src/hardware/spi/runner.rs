@@ -22,13 +22,15 @@ const CLOSE_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 const INVALID_ANSWERS_MAX: u32 = 16;
 /// The reason that the link gives for the loss of the board after SW_RESET.
 const WAS_RESET: &str = "it was reset (SW_RESET)";
-/// A board processes a frame in less than a cycle. If BUSY stays high for longer than this after a SW_RESET, the board
-/// is starting up. \[OURS]
+/// BUSY is high while a board processes a frame, which takes less than a cycle. If BUSY stays high for longer than this
+/// after a SW_RESET, the board is starting up. \[OURS]
 const BUSY_AFTER_RESET_MAX: Duration = Duration::from_millis(20);
 /// After this many valid answers since a SW_RESET, the board has refused the command: a board that executes it starts
-/// up and gives no valid answers. One answer would not be enough, since it may be from before the command. \[OURS]
+/// up and gives no valid answers. One answer is not enough, since the first answers may be from before the command.
+/// \[OURS]
 const ANSWERS_AFTER_RESET: u32 = 4;
-/// How many exchanges pass between two checks that BUSY still changes. The kernel stores 16 edges. \[OURS]
+/// How many exchanges pass between two checks that BUSY has fallen, as it does in each exchange: otherwise the line is
+/// not that of BUSY. The kernel stores 16 edges of a line until they are read. \[OURS]
 const EXCHANGES_PER_EDGE_CHECK: u32 = 16;
 
 /// What the link's thread and the link share.
@@ -69,8 +71,8 @@ pub(super) struct Runner {
     pub options: SpiOptions,
     pub pacer: Pacer,
     pub answer_check: AnswerCheck,
-    /// How many more valid answers have to come until a SW_RESET counts as refused by the board; 0: no SW_RESET is in
-    /// doubt.
+    /// How many more valid answers have to come until a SW_RESET counts as refused by the board; 0: no SW_RESET was
+    /// sent whose effect is unknown.
     pub reset_doubt: u32,
 }
 
@@ -139,7 +141,8 @@ impl Runner {
         let resets = content == ExchangeContent::Host
             && matches!(MasterCommand::decode(&command.slot(size, 0), size), Ok(MasterCommand::SoftReset));
         if resets {
-            // A board that checks CRCs refuses a SW_RESET with a wrong CRC; the next answers show whether it did.
+            // A SW_RESET with a right CRC is executed. If its CRC is wrong, a board that checks CRCs refuses it: the
+            // next answers show whether the board does.
             if command.check_crc(size, CrcPolicy::Strict).is_ok() {
                 return Err(EndReason::Lost(WAS_RESET.to_owned()));
             }
@@ -148,7 +151,7 @@ impl Runner {
         Ok(())
     }
 
-    /// Waits until an exchange is due.
+    /// Waits until an exchange is due. Returns what it carries, and whether it is an extra one.
     fn wait_for_turn(&mut self) -> Result<(ExchangeContent, bool), EndReason> {
         let shared = Arc::clone(&self.shared);
         let mut state = shared.queues.lock();

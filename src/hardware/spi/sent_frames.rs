@@ -5,8 +5,8 @@
 use crate::ethercat::Ns;
 use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKind, SlotSize};
 
-/// How many of the newest entries count as being in the FIFO however low its reported level is: the frame of this
-/// exchange, and the frames that are newer than the answer. \[OURS]
+/// How many of the newest entries count as being in the FIFO even if its reported level is lower: the frame of this
+/// exchange, and two frames that may be newer than the answer. \[OURS]
 const UNREPORTED_ENTRIES: u16 = 3;
 const MAX_SLOTS: usize = SlotSize::Bytes12.slots();
 /// The number of frames that are kept: as many as the FIFO can hold, and those that its reported level may not include.
@@ -36,7 +36,8 @@ enum Entry {
 #[derive(Clone, Copy)]
 struct Answered {
     slot: RawSlot,
-    /// The number of the frame whose command the slot has answered, as far as is known: the true one may be newer.
+    /// The number of the frame whose command the slot has answered, as far as is known. It may be too low if a later
+    /// frame has the same command.
     entry: u64,
 }
 
@@ -53,15 +54,17 @@ pub(super) struct SentFrames {
     done_before: u64,
     /// The answer of each slot to the latest command of the program.
     answers: [Option<Answered>; MAX_SLOTS],
-    /// The slaves that have answered IO_RD or IO_WR; bit N is slave N.
+    /// The slots of slaves that have answered IO_RD or IO_WR, as [`Self::io_answer`] needs to know: bit N is slot N.
     io_slaves: u64,
     /// Whether the board's answers repeat the index of a command, as those of firmware 1.7 do.
     repeats_index: bool,
-    /// The board's counters of frames that it did not execute: its error count and its full count.
+    /// The board's two counters of frames that it did not execute, as in the newest answer in OP: its error count and
+    /// its full count. `None`: the board is not in OP.
     error_counts: Option<(u8, u16)>,
-    /// Frames with a smaller number may be among those that the board did not execute.
+    /// Frames with a smaller number may be among those that the board did not execute, so no answer is derived from
+    /// them.
     doubtful_before: u64,
-    /// Number of commands of the program for slaves that no answer has shown.
+    /// Number of commands of the program for slaves whose answer was in no report.
     unanswered: u64,
 }
 
@@ -117,22 +120,24 @@ impl SentFrames {
         self.pushed += 1;
     }
 
-    /// The time up to which sent frames are certainly included in an answer. The answer shows a cycle at most `old`
-    /// ago, or the end of the previous exchange.
+    /// The time up to which sent frames are certainly included in an answer. The answer shows the board in a cycle at
+    /// most `old` before the newest exchange, or at the end of the exchange before it. The earlier of these times
+    /// counts.
     fn reported_until(&self, old: Ns) -> Ns {
         let began = |back: u64| self.pushed.checked_sub(back).map_or(0, |number| self.times[ring_index(number)]);
         began(1).saturating_sub(old).min(began(2).saturating_sub(1))
     }
 
     /// The maximum number of entries of the program in the FIFO, if the newest answer reports the FIFO level `level`.
+    /// Newer frames than the answer count as being in the FIFO.
     pub fn host_entries_max(&self, level: u16) -> u16 {
         let newest = u64::from((level + 1).max(UNREPORTED_ENTRIES)).min(ENTRIES_KEPT as u64);
         let newest = self.pushed.saturating_sub(newest)..self.pushed;
         newest.filter(|number| matches!(self.entries[ring_index(*number)], Entry::Host(_))).count() as u16
     }
 
-    /// The number of the first frame that may not have been executed yet, according to an answer that reports the FIFO
-    /// level `level`, in which frames sent after `since` may be missing.
+    /// The number of the oldest frame that may not have been executed yet: all frames before it have been. The answer
+    /// reports the FIFO level `level`; frames that were sent after `since` may be missing from this level.
     fn executed_before(&self, level: u16, since: Ns) -> u64 {
         let unknown =
             (self.oldest()..self.pushed).rev().take_while(|number| self.times[ring_index(*number)] > since).count();
@@ -144,9 +149,9 @@ impl SentFrames {
         self.pushed.saturating_sub(ENTRIES_KEPT as u64)
     }
 
-    /// Replaces the answers to the link's own GET_STATUS commands by the answers to the program's latest commands: the
-    /// command id, the index, and the data of IO_WR. On USB no GET_STATUS commands come in between, so there the
-    /// earlier answers stay.
+    /// Puts the answers to the program's latest commands (command id, index, and the data of IO_WR) into an answer to
+    /// the link's own GET_STATUS commands. On USB a board gets no such commands, and keeps the answers to the program's
+    /// latest commands in its reports.
     ///
     /// `level` is the FIFO level in this answer, `old` the largest age of the answer, and `op` whether the board was in
     /// OP. Returns whether the answer was changed.
@@ -166,7 +171,8 @@ impl SentFrames {
                 self.answers[slot] = Some(Answered { slot: answered, entry });
                 self.note_io_slave(slot, &answered, entry);
             } else if answered.index != 0 && self.host_asked_status(slot, answered.index) {
-                // The program itself has sent this GET_STATUS, which has an index: its answer is shown unchanged.
+                // The GET_STATUS command has an index, which those of the link do not have. So it is the program's, and
+                // its answer is shown unchanged.
                 self.answers[slot] = None;
             }
         }
@@ -189,7 +195,7 @@ impl SentFrames {
     }
 
     /// The number of the newest frame with the command `id` in this slot that the board may have executed by this
-    /// answer. Without such a frame: the number before the first frame that may not have been executed yet.
+    /// answer. If there is none: one less than the number of the first frame that may not have been executed yet.
     fn newest_with(&self, slot: usize, id: u8, level: u16) -> u64 {
         let end = self.pushed.saturating_sub(u64::from(level) + 1);
         let has = |number: &u64| matches!(self.entries[ring_index(*number)], Entry::Host(commands) if commands[slot].id == id);
@@ -220,8 +226,8 @@ impl SentFrames {
         (self.done_before.max(self.oldest())..self.pushed).any(asks)
     }
 
-    /// Records that the program's command in that slot has been executed, so that the answer to an earlier command no
-    /// longer applies.
+    /// Records that the program's command in that slot has been executed. If the slot has no answer to it, the answer
+    /// to an earlier command is not shown any more.
     fn mark_executed(&mut self, slot: usize, command: Command, number: u64) {
         let fits = match self.answers[slot] {
             Some(answers) => answers.entry >= number || (answers.slot.id == command.id && !is_io(command.id)),
@@ -231,15 +237,16 @@ impl SentFrames {
             return;
         }
         // No answer has shown the command: it was executed between two answers, or rejected. For an IO slave the answer
-        // can be derived from the command.
+        // follows from the command alone ([`Self::io_answer`]).
         self.answers[slot] = self.io_answer(slot, command, number).map(|slot| Answered { slot, entry: number });
         if slot > 0 && command.id != GET_STATUS && self.answers[slot].is_none() {
             self.unanswered += 1;
         }
     }
 
-    /// The answer to IO_RD and IO_WR. A slave that has answered such a command accepts further ones (SK-4), and answers
-    /// IO_WR with the outputs that were written. \[OURS]
+    /// The answer to an IO_RD or IO_WR that no report has shown. It is known only for a slave that has answered such a
+    /// command before, so that it accepts further ones (SK-4): it answers IO_WR with the outputs that were written.
+    /// \[OURS]
     fn io_answer(&self, slot: usize, command: Command, number: u64) -> Option<RawSlot> {
         let known = self.io_slaves >> slot & 1 == 1 && is_io(command.id) && number >= self.doubtful_before;
         let index = if self.repeats_index { command.index } else { 0 };
@@ -251,8 +258,8 @@ impl SentFrames {
         self.io_slaves = 0;
     }
 
-    /// Number of the program's commands for slaves that no answer has shown, because they were rejected or were
-    /// executed between two answers.
+    /// Number of the program's commands for slaves whose answer was in no report: they were rejected, or were executed
+    /// between two answers.
     pub const fn unanswered(&self) -> u64 {
         self.unanswered
     }
@@ -263,11 +270,12 @@ const fn ring_index(number: u64) -> usize {
     (number % ENTRIES_KEPT as u64) as usize
 }
 
-/// A slot's answer to GET_STATUS, changed to look like its answer to an earlier command.
+/// The slot of an answer to GET_STATUS with the command id, the index and the outputs of the answer to an earlier
+/// command.
 fn shown_slot(now: &RawSlot, answers: &RawSlot, slot: usize) -> RawSlot {
     let mut shown = RawSlot { id: answers.id, ..*now };
-    // Byte 1 is left as it is in slot 0, where it counts errors, and with firmware 1.5, where it holds a drive's mode
-    // after any command.
+    // Byte 1, the index, is left as it is in two cases. In slot 0 it counts errors. With firmware 1.5 it holds a
+    // drive's mode of operation, whatever the command was.
     if slot > 0 && now.index == 0 {
         shown.index = answers.index;
     }

@@ -6,15 +6,16 @@ use super::options::UsbOptions;
 use crate::io::hid::{FoundDevice, NotTheBoard, ReportInterface, Sysfs};
 use crate::link::LinkError;
 
-/// The only board with the serial number and path of the link, as far as these are given.
+/// Selects the only board among the found devices. If the link gives a serial number or a path, the board has to have
+/// it. The error says why no board or no single board fits.
 pub(super) fn choose<'a>(
     name: &str,
     found: &'a [FoundDevice],
     options: &UsbOptions,
     system: &Sysfs,
 ) -> Result<(&'a FoundDevice, ReportInterface), LinkError> {
-    // On Windows the serial number may have to be read from the device itself, which is not done if there is only one
-    // device.
+    // On Windows the serial number may have to be read from the device itself. This is done only if it is needed: if
+    // the link gives one, or there are several devices.
     let may_ask = options.serial.is_some() || found.len() > 1;
     let facts: Vec<Facts<'_>> = found.iter().map(|found| Facts::of(found, system, may_ask)).collect();
     let index =
@@ -95,7 +96,8 @@ fn why_none(found: &[Facts<'_>], options: &UsbOptions) -> String {
     if others.is_empty() {
         return format!("there is none{wanted}; plug it in, set CONFIG0 to USB, and give it power enough");
     }
-    // Many hobby devices have the same vendor and product id as the board.
+    // Many hobby devices have the same vendor and product id as the board, so the error lists the devices that were
+    // found.
     format!("there is none{wanted}, only other devices with its ids ({}); plug the board in", others.join("; "))
 }
 
@@ -141,8 +143,8 @@ mod tests {
         assert_eq!(index_of_board(&both(), &with(Some("8"), Some("1-2.3"))), Ok(1));
     }
 
-    /// WIRE-80, SK-9.17 If there is a board without an active configuration, the error is about that board and not
-    /// about other devices with its ids.
+    /// WIRE-80, SK-9.17 A device that has the board's ids and no active configuration may be the board. The error is
+    /// about this device, and not about others with these ids, which are certainly no boards.
     #[test]
     fn a_board_that_is_not_switched_on_is_named_before_other_devices() {
         let off = Facts { why_no_board: Some(NotTheBoard::Unconfigured), ..board("1-3", "7") };

@@ -47,12 +47,13 @@ struct Place {
     /// Bus and ports as Linux names them, or the device instance on Windows.
     path: String,
     high_speed: bool,
-    /// How many over-currents the port had counted when the board was opened.
+    /// How many over-currents the port had counted when the board was opened. If the board is lost and the port has
+    /// counted more, an over-current is the cause.
     over_currents: u32,
 }
 
-/// Opens the board that the URI names. With `uncounted`, reports that the program does not read may be dropped without
-/// being counted.
+/// Opens the board that the URI names. `uncounted`: the caller does not need the number of dropped reports, so the pipe
+/// may pause its input while the program does not read.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();

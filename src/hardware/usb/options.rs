@@ -10,7 +10,8 @@ pub(super) struct UsbOptions {
     /// Where the board is plugged in: bus and ports as Linux names them, or the device instance on Windows; `None` for
     /// anywhere.
     pub path: Option<String>,
-    /// How many transfers for reports are pending in the operating system at the same time.
+    /// How many transfers for reports are pending in the operating system at the same time, 1 to 64 (`transfers=`):
+    /// with several, no report is missed between two reads.
     pub transfers: usize,
 }
 

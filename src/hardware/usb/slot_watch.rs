@@ -3,10 +3,11 @@
 
 use crate::sk::{Frame, SlotForm, SlotSize};
 
-/// How many reports in a row prove a slot size by their CRC. \[OURS] A single report fits the wrong size by chance once in
-/// 65,000 times.
+/// How many reports in a row prove a slot size by their CRC. \[OURS] One is not enough: a report fits only the wrong
+/// size by chance once in 65,000 times.
 const REPORTS_WITH_CRC_MIN: u32 = 3;
-/// How many reports in a row prove a slot size by the form of their slots, if the board sends no CRC. \[OURS]
+/// How many reports in a row prove a slot size by the form of their slots, if the board sends no CRC. The form proves
+/// less than a CRC, so more reports are needed. \[OURS]
 const REPORTS_WITHOUT_CRC_MIN: u32 = 32;
 
 /// The board's slot size, as far as the reports have shown it.
@@ -22,7 +23,8 @@ enum State {
     Open {
         /// How many reports in a row fit the given size.
         given: u32,
-        /// Reports in a row that fit the other size: first by their CRC, second by the form of their slots.
+        /// How many reports in a row fit the other size: `other[0]` by their CRC, `other[1]` by the form of their
+        /// slots.
         other: [u32; 2],
     },
     /// The reports have proven the given size.
@@ -102,7 +104,8 @@ mod tests {
         frame
     }
 
-    /// The number of the report, counted from 1, with which the other slot size is proven, and that size.
+    /// Evaluates the reports that `report` makes for the numbers 1, 2 and so on. Returns the number of the report with
+    /// which the other slot size is proven, and that size.
     fn proven_at(given: SlotSize, mut report: impl FnMut(u32) -> Frame) -> Option<(u32, SlotSize)> {
         let mut watch = SlotWatch::new(given);
         (1..1000).find_map(|number| Some((number, watch.check_report(&report(number))?)))
@@ -113,7 +116,8 @@ mod tests {
     fn another_slot_size_is_known_by_the_crc() {
         for (given, of_board) in SIZES {
             let (number, found) = proven_at(given, |number| with_crc(of_board, number)).unwrap();
-            // A valid CRC may be 0, which proves nothing; so a few more reports may be needed.
+            // If a valid CRC is 0, the report counts as one without a CRC and proves nothing. So a few more reports may
+            // be needed.
             assert!((3..=5).contains(&number) && found == of_board, "{number}: {found:?}");
             assert_eq!(proven_at(of_board, |number| with_crc(of_board, number)), None);
         }

@@ -9,14 +9,14 @@ use super::interface::{Interface, InterfaceError};
 /// A claim on a network interface, held until it is dropped or the process ends. No other claim on the interface
 /// succeeds meanwhile.
 ///
-/// The claim is an abstract socket. Its name exists only once in a network namespace, as does the number of the
-/// interface.
+/// The claim is an abstract socket whose name contains the number of the interface. In a network namespace there is
+/// only one interface with this number, and only one socket with this name.
 pub struct Claim {
     _listener: UnixListener,
 }
 
 impl Claim {
-    /// Reserves an interface until the claim is dropped: no other process with this library can open it meanwhile.
+    /// Reserves an interface until the claim is dropped: no other process that uses this library can open it meanwhile.
     ///
     /// # Errors
     /// [`InterfaceError::InUse`] if another claim exists; [`InterfaceError::System`] if the system refuses the socket.

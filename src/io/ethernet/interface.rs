@@ -31,7 +31,7 @@ pub enum InterfaceError {
          sudo ip link set {name} mtu {MTU_MIN}"
     )]
     ShortFrames { name: String, mtu: u32 },
-    /// The interface has an IP address, so it belongs to another network.
+    /// The interface has an IP address, so another network uses it.
     #[error(
         "the network interface {name} has the address {address}, so that it belongs to another network; name an interface \
          that belongs to EtherCAT alone, or take the address away: sudo ip address flush dev {name}"
@@ -94,7 +94,7 @@ impl Interface {
     /// Whether the interface may be used for EtherCAT frames without disturbing another network.
     ///
     /// \[OURS] An IPv6 link-local address does not count as an address, since every interface has one. An interface
-    /// with the default route has an address too, so a caller that allows the default route allows the address as well.
+    /// with the default route also has an IP address. If the default route is allowed, the address is not checked.
     ///
     /// # Errors
     /// [`InterfaceError`], the first reason that is found.
@@ -134,7 +134,7 @@ impl Interface {
 pub enum DefaultRoute {
     /// An interface with the default route may be used.
     Allowed,
-    /// The interface is refused. The error names the option that allows it, if there is one.
+    /// The interface is refused. If the program has an option that allows it, the error text names this option.
     Refused {
         /// The command-line option with which a user allows it, for the error text; `None`: there is none.
         override_option: Option<&'static str>,
@@ -168,7 +168,7 @@ const fn is_of_link(address: &IpAddr) -> bool {
 /// The error of the system, if it cannot list them.
 pub fn interfaces() -> io::Result<Vec<Interface>> {
     let mut all = listed()?;
-    // If these files are missing, the kernel has no IP and so no route.
+    // If the kernel's lists of routes below `/proc` are missing, the kernel has no IP and so no route.
     let read = |file: &str| std::fs::read_to_string(file).unwrap_or_default();
     let routes = [
         default_routes_v4(&read("/proc/thread-self/net/route")),
@@ -207,7 +207,8 @@ fn mtu(asked: &OwnedFd, name: &str) -> Option<u32> {
     u32::try_from(unsafe { request.ifr_ifru.ifru_mtu }).ok()
 }
 
-/// Lists the interfaces without looking for their routes.
+/// Lists the interfaces with their addresses. The routes and the MTU, which `getifaddrs` does not give, are not filled
+/// in.
 fn listed() -> io::Result<Vec<Interface>> {
     let mut all: Vec<Interface> = Vec::new();
     let mut first = std::ptr::null_mut();

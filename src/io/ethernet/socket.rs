@@ -17,8 +17,8 @@ use super::interface::{Interface, InterfaceError, request_about};
 ///
 /// | code | what has happened | what it means |
 /// | --- | --- | --- |
-/// | `ENXIO`, `ENODEV` | the interface of the socket does not exist any more: its adapter was pulled, or it was deleted or moved to another namespace | [`SocketError::Gone`]: a later interface with the same name is another one, which this socket never reaches |
-/// | `ENETDOWN` | the interface is down; from `recv` also once when it was deleted | [`SocketError::System`]: the frame is lost; frames pass again when the interface is up |
+/// | `ENXIO`, `ENODEV` | the interface of the socket does not exist any more: its adapter was pulled, or it was deleted or moved to another namespace | [`SocketError::Gone`]: an interface that gets the same name later is another one, which this socket never reaches |
+/// | `ENETDOWN` | the interface is down; `recv` also returns this code, once, when the interface was deleted | [`SocketError::System`]: the frame is lost; frames pass again when the interface is up |
 /// | `ENOBUFS`, `EAGAIN`, `ENOMEM` | there is no room for the frame | the frame is lost, as on a cable |
 /// | `EMSGSIZE` | the frame is longer than the MTU, which was lowered since the interface was opened | the frame is lost |
 /// | `EINTR` | a signal interrupted the call | a frame to send is lost; a received frame is returned by the next call |
@@ -63,7 +63,8 @@ impl EthernetSocket {
     /// Opens a socket at the interface for frames of that EtherType.
     ///
     /// # Errors
-    /// [`InterfaceError::NoRight`], [`InterfaceError::System`].
+    /// [`InterfaceError::NoRight`]: this program has no permission for raw frames. [`InterfaceError::System`]: the
+    /// system refuses the socket for another reason.
     pub fn open(interface: &Interface, ethertype: u16) -> Result<Self, InterfaceError> {
         let name = &interface.name;
         Self::open_raw(interface.index, ethertype).map_err(|source| match source.kind() {
@@ -78,8 +79,8 @@ impl EthernetSocket {
 
     fn open_raw(index: i32, ethertype: u16) -> io::Result<Self> {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-        // The socket is created without a protocol, so that it receives nothing yet. With one it would receive frames
-        // of all interfaces until it is bound.
+        // The socket is created without a protocol, so that it receives nothing before it is bound. With a protocol it
+        // would receive frames of all interfaces until then.
         let fd = socket_with(AddressFamily::PACKET, SocketType::RAW, flags, None)?;
         let address = libc::sockaddr_ll {
             sll_family: libc::AF_PACKET as u16,
@@ -90,7 +91,8 @@ impl EthernetSocket {
             sll_halen: 0,
             sll_addr: [0; 8],
         };
-        // In promiscuous mode the card accepts frames to any MAC address; otherwise it would drop most of them.
+        // In promiscuous mode the card accepts frames to any MAC address. Otherwise it would drop frames that are
+        // addressed to other devices.
         let membership = libc::packet_mreq {
             mr_ifindex: index,
             mr_type: libc::PACKET_MR_PROMISC as u16,
@@ -114,7 +116,8 @@ impl EthernetSocket {
         if results.contains(&-1) { Err(io::Error::last_os_error()) } else { Ok(Self { fd, index }) }
     }
 
-    /// The state of the link. The interface may have been renamed since it was opened.
+    /// The state of the link. The kernel gives it for a name, so the present name of the interface is looked up first:
+    /// the interface may have been renamed since it was opened.
     pub fn link_state(&self) -> LinkState {
         let Ok(name) = index_to_name_inlined(&self.fd, self.index) else { return LinkState::Gone };
         let Some(mut request) = request_about(name.as_str()) else { return LinkState::Gone };
@@ -140,7 +143,8 @@ impl EthernetSocket {
         }
     }
 
-    /// Sends a frame. The call never waits: if there is no room the frame is lost, as on a cable.
+    /// Sends a frame. The call never waits: if the system has no room for the frame, the frame is lost and the call
+    /// fails.
     ///
     /// # Errors
     /// [`SocketError`], if the frame was not sent.

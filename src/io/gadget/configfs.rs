@@ -8,30 +8,30 @@ use std::path::{Path, PathBuf};
 /// The folder with all gadgets of this machine.
 pub const CONFIGFS: &str = "/sys/kernel/config/usb_gadget";
 
-/// The language of the texts: English (United States).
+/// The language of the device's texts (manufacturer, product, serial number): English (United States).
 const LANGUAGE: &str = "0x409";
-/// The folder of the only configuration, whose name ends with bConfigurationValue.
+/// The folder of the gadget's only configuration. The number in its name is bConfigurationValue.
 const CONFIGURATION: &str = "c.1";
-/// bcdUSB.
+/// bcdUSB of the device: USB 2.0.
 const USB_VERSION: u16 = 0x0200;
-/// A controller that can do more is held to high speed, for which alone the function has descriptors. Kernels before 5.11 do
-/// not have this file.
+/// File and text that limit a faster controller to high speed, since the function has descriptors for high speed only.
+/// Kernels before 5.11 do not have this file.
 const MAX_SPEED: (&str, &str) = ("max_speed", "high-speed");
 
-/// What the device descriptor, the strings and the configuration descriptor of a gadget say.
+/// The values of a gadget in its device descriptor, strings and configuration descriptor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeviceIds {
-    /// idVendor.
+    /// idVendor of the device descriptor.
     pub vendor: u16,
-    /// idProduct.
+    /// idProduct of the device descriptor.
     pub product: u16,
-    /// bcdDevice.
+    /// bcdDevice of the device descriptor: the release number of the device.
     pub release: u16,
     /// bmAttributes of the configuration.
     pub attributes: u8,
     /// The largest current from the bus, in mA.
     pub power_ma: u16,
-    /// iManufacturer, iProduct and iSerialNumber, in this order.
+    /// The texts of iManufacturer, iProduct and iSerialNumber, in this order.
     pub texts: [String; 3],
 }
 
@@ -42,9 +42,9 @@ pub enum Step {
     Make(PathBuf),
     /// Writes a text into a file that the kernel has made.
     Write(PathBuf, String),
-    /// As [`Step::Write`], if the kernel has such a file.
+    /// As [`Step::Write`], but without the file nothing is done: older kernels do not have it.
     WriteIfThere(PathBuf, String),
-    /// Makes a link: first its target, then where it stands.
+    /// Makes a symbolic link. The first path is its target, the second one is the link.
     Link(PathBuf, PathBuf),
     /// Removes a link.
     RemoveLink(PathBuf),
@@ -65,10 +65,10 @@ pub struct StepError {
 }
 
 impl Step {
-    /// Carries it out.
+    /// Carries out the step.
     ///
     /// # Errors
-    /// [`StepError`].
+    /// [`StepError`]: the kernel has refused the step.
     pub fn apply(&self) -> Result<(), StepError> {
         let (what, path, done) = match self {
             Self::Make(path) => ("make", path, fs::create_dir(path)),
@@ -84,7 +84,8 @@ impl Step {
     }
 }
 
-/// Writes in one call, without making the file.
+/// Writes a text into a file that the kernel has made, by one call: the kernel takes each call as a whole value. Fails
+/// if the file does not exist.
 fn write(path: &Path, text: &str) -> io::Result<()> {
     use std::io::Write;
 
@@ -111,8 +112,9 @@ pub fn steps(gadget: &Path, function: &str, ids: &DeviceIds) -> Vec<Step> {
         let texts = gadget.join("strings").join(LANGUAGE);
         steps.push(Step::Make(texts.clone()));
         for (file, text) in ["manufacturer", "product", "serialnumber"].into_iter().zip(&ids.texts) {
-            // The kernel takes no write without bytes, and leaves out one line feed at the end. A text that was never
-            // written would hide those after it.
+            // An empty text is written as a line feed: the kernel ignores a write without bytes, and removes one line
+            // feed at the end. It has to be written, because the kernel's list of texts ends at the first one that was
+            // never written.
             let text = if text.is_empty() { "\n" } else { text };
             steps.push(Step::Write(texts.join(file), text.to_owned()));
         }
@@ -127,7 +129,8 @@ pub fn steps(gadget: &Path, function: &str, ids: &DeviceIds) -> Vec<Step> {
     steps
 }
 
-/// The steps that remove whatever is in the folder `gadget`, which is not bound to a controller any more.
+/// The steps that remove the gadget in the folder `gadget` with all that the folder contains. The gadget is not bound
+/// to a controller any more.
 pub fn removal(gadget: &Path) -> Vec<Step> {
     let below = |folder: &Path, is_link: bool| {
         let entries = fs::read_dir(folder).into_iter().flatten().flatten();
@@ -151,15 +154,15 @@ pub fn removal(gadget: &Path) -> Vec<Step> {
     steps
 }
 
-/// A gadget that this process has made. It is removed when this is dropped.
+/// A gadget that this process has made. It is removed when this value is dropped.
 #[derive(Debug)]
 pub struct Gadget {
     folder: PathBuf,
 }
 
 impl Gadget {
-    /// Makes the gadget `name` below the folder `gadgets`. One that stands there already is removed first: the caller knows
-    /// that it is the leftover of a process that has ended.
+    /// Makes the gadget `name` below the folder `gadgets`. If a gadget of this name exists already, it is removed
+    /// first. The caller makes sure, by a [`Claim`](super::Claim), that it is the leftover of a process that has ended.
     ///
     /// # Errors
     /// [`StepError`]; nothing is left then.
@@ -182,7 +185,7 @@ impl Gadget {
         Step::Write(self.folder.join("UDC"), controller.to_owned()).apply()
     }
 
-    /// Takes the gadget from its controller: for a host the device is pulled.
+    /// Takes the gadget from its controller. For a host this looks as if the device was unplugged.
     pub fn unbind(&self) {
         unbind(&self.folder);
     }
@@ -192,13 +195,13 @@ impl Drop for Gadget {
     fn drop(&mut self) {
         self.unbind();
         for step in removal(&self.folder) {
-            // What cannot be removed now is a leftover, which the next run removes.
+            // Anything that cannot be removed now is a leftover, which the next run removes.
             let _ = step.apply();
         }
     }
 }
 
-/// The kernel refuses it for a gadget that has no controller, which is what was wanted.
+/// Takes a gadget from its controller. The kernel's error is ignored: it means that the gadget has no controller.
 fn unbind(gadget: &Path) {
     let _ = write(&gadget.join("UDC"), "\n");
 }
@@ -284,7 +287,8 @@ mod tests {
         assert_eq!(link, gadget.join("functions/ffs.e"));
     }
 
-    /// Whatever is there of a gadget is removed from its links outwards; what is not there is not missed.
+    /// A leftover is removed from the inside out: first its links, at last its own folder. Folders that do not exist
+    /// are skipped.
     #[test]
     fn a_leftover_is_removed_in_order() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -13,31 +13,33 @@ pub const UDC_CLASS: &str = "/sys/class/udc";
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ControllerError {
-    /// The machine has none.
+    /// The machine has no USB device controller.
     #[error(
         "this machine has no USB device controller ({} lists none); on a Raspberry Pi write dtoverlay=dwc2,dr_mode=peripheral into \
          config.txt and start it again; for a trial without a cable `sudo modprobe dummy_hcd`",
         class.display()
     )]
     None { class: PathBuf },
-    /// There is none of that name.
+    /// The machine has no USB device controller with the name that was given.
     #[error("there is no USB device controller {wanted}; there is: {}; name one with --udc", there.join(", "))]
     Unknown { wanted: String, there: Vec<String> },
-    /// There are several, and none was named.
+    /// The machine has several USB device controllers, and no name was given.
     #[error("this machine has several USB device controllers; name one with --udc: {}", there.join(", "))]
     Several { there: Vec<String> },
-    /// Another process of this project serves it.
+    /// Another process of this project uses the controller.
     #[error("the USB device controller {name} is served by another program of ecmsk; end that one first")]
     InUse { name: String },
-    /// The system did not provide a socket for the claim.
+    /// The system did not provide the socket that stands for the claim.
     #[error("cannot claim the USB device controller {name}: {source}; free some files, then start it again")]
     System { name: String, source: io::Error },
 }
 
-/// The controller to use: the one of that name, or the only one in the folder `class`.
+/// The name of the controller to use: `wanted`, or the only controller of the machine. `class`: the folder in which the
+/// kernel lists the controllers ([`UDC_CLASS`]).
 ///
 /// # Errors
-/// [`ControllerError`].
+/// [`ControllerError::None`], [`ControllerError::Unknown`] if there is no controller of that name,
+/// [`ControllerError::Several`] if no name was given.
 pub fn choose(class: &Path, wanted: Option<&str>) -> Result<String, ControllerError> {
     let entries = fs::read_dir(class).into_iter().flatten().flatten();
     let mut there: Vec<String> = entries.filter_map(|entry| entry.file_name().into_string().ok()).collect();
@@ -53,8 +55,8 @@ pub fn choose(class: &Path, wanted: Option<&str>) -> Result<String, ControllerEr
     }
 }
 
-/// A claim on a controller, held until it is dropped or the process ends. As long as it is held, what configfs has of this
-/// project for that controller is no leftover.
+/// A claim on a controller, held until it is dropped or the process ends. While the process holds it, no other process
+/// of this project has a gadget for that controller: one that exists in configfs is a leftover.
 pub struct Claim {
     _listener: UnixListener,
 }
@@ -63,7 +65,8 @@ impl Claim {
     /// Claims a controller.
     ///
     /// # Errors
-    /// [`ControllerError::InUse`] if another claim exists; [`ControllerError::System`].
+    /// [`ControllerError::InUse`] if another claim exists; [`ControllerError::System`] if the system refuses the
+    /// socket.
     pub fn new(controller: &str) -> Result<Self, ControllerError> {
         let name = || controller.to_owned();
         let address = SocketAddr::from_abstract_name(format!("ecmsk/udc/{controller}"));

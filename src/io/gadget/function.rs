@@ -1,4 +1,5 @@
-//! The function of a gadget: its mount, endpoint 0, and the files of its two interrupt endpoints.
+//! The function (FunctionFS) of a gadget: the mount of its file system, endpoint 0, and the files of its two interrupt
+//! endpoints.
 
 use std::ffi::CStr;
 use std::fs::{self, File, OpenOptions};
@@ -12,18 +13,18 @@ use rustix::mount::{MountFlags, UnmountFlags, mount, unmount};
 use super::transfers::Transfers;
 use super::wire::{self, EVENT_LEN, Event};
 
-/// The folder below which functions are mounted.
+/// The folder below which the file systems of USB functions (FunctionFS) are mounted.
 pub const MOUNTS: &str = "/run/ecmsk";
 
-/// Where a function is mounted, until this is dropped.
+/// The mount of a function's file system. It is removed when this value is dropped.
 #[derive(Debug)]
 struct Mount {
     folder: PathBuf,
 }
 
 impl Mount {
-    /// Mounts the function `name` below `mounts`. A mount that stands there already is the leftover of a process that has
-    /// ended.
+    /// Mounts the function `name` below `mounts`. An existing mount is removed first: it is the leftover of a process
+    /// that has ended.
     fn new(mounts: &Path, name: &str) -> io::Result<Self> {
         let folder = mounts.join(name);
         release(&folder);
@@ -42,16 +43,18 @@ impl Drop for Mount {
 /// Removes a mount and its folder, if they are there.
 fn release(folder: &Path) {
     while unmount(folder, UnmountFlags::DETACH).is_ok() {}
-    // Without the mount it is empty; if it is not there, nothing is to be done.
+    // Without the mount the folder is empty. If it does not exist, nothing has to be done.
     let _ = fs::remove_dir(folder);
 }
 
-/// Endpoint 0. While a request waits for its answer, the next event is that answer's end.
+/// Endpoint 0 of a function. A request has to be answered before the next event is read: the kernel would take that
+/// read as the answer to the request.
 #[derive(Debug)]
 pub struct ControlEndpoint(File);
 
 impl ControlEndpoint {
-    /// The next event; `None` if there is none, or if the request that was answered last was given up by the host.
+    /// The next event. `None`: there is none yet, or the kernel has reported instead that the host has given up the
+    /// request that was answered last.
     ///
     /// # Errors
     /// Errors of the kernel: the function cannot be used any more.
@@ -68,24 +71,27 @@ impl ControlEndpoint {
         }
     }
 
-    /// Answers a request to the host with these bytes. If the host has given the request up, nothing happens.
+    /// Answers a request to the host with these bytes. If the host has given the request up, the kernel discards the
+    /// answer.
     pub fn answer(&self, bytes: &[u8]) {
         let _ = (&self.0).write(bytes);
     }
 
-    /// Takes the bytes of a request to the device, and acknowledges it; `None` if the host has given it up.
+    /// Takes the data of a request to the device into `bytes`, which also acknowledges the request. Returns the number
+    /// of bytes; `None` if the host has given the request up.
     pub fn take(&self, bytes: &mut [u8]) -> Option<usize> {
         (&self.0).read(bytes).ok()
     }
 
-    /// Acknowledges a request to the device that has no bytes. If the host has given the request up, nothing happens.
+    /// Acknowledges a request to the device that has no data, by a read of no bytes. If the host has given the request
+    /// up, nothing happens.
     pub fn acknowledge(&self) {
         let _ = (&self.0).read(&mut []);
     }
 
-    /// Stalls a request: by a transfer in the direction that it does not have.
+    /// Stalls a request. For this the kernel wants a transfer in the direction opposite to that of the request.
     pub fn stall(&self, to_host: bool) {
-        // Both fail, by their purpose.
+        // The result is ignored, because such a transfer always fails.
         let _ = if to_host { (&self.0).read(&mut []) } else { (&self.0).write(&[]) };
     }
 }
@@ -96,20 +102,21 @@ impl AsFd for ControlEndpoint {
     }
 }
 
-/// A function with an interrupt endpoint in each direction, until this is dropped.
+/// A function with an interrupt endpoint in each direction. When this value is dropped its mount is removed.
 #[derive(Debug)]
 pub struct Function {
     _mount: Mount,
 }
 
 impl Function {
-    /// Removes the mount of a process that has ended, if it is there.
+    /// Removes the mount `name` below `mounts`, if it exists. The caller makes sure, by a [`Claim`](super::Claim), that
+    /// the process that has made it has ended.
     pub fn remove_leftover(mounts: &Path, name: &str) {
         release(&mounts.join(name));
     }
 
-    /// Mounts the function `name` of a gadget that is not bound yet, and gives it its descriptors: an interface with an IN
-    /// endpoint, followed by an OUT endpoint. Returns it with its endpoint 0 and its transfers, which end before it.
+    /// Mounts the function `name` of a gadget that is not bound yet, and gives it its descriptors: an interface with an
+    /// IN endpoint, followed by an OUT endpoint. Returns it with its endpoint 0 and its transfers.
     ///
     /// # Errors
     /// Errors of the kernel.
@@ -121,14 +128,16 @@ impl Function {
                 return Err(io::ErrorKind::WriteZero.into());
             }
         }
-        // The endpoints' files have the numbers of their descriptors.
+        // The kernel numbers the files of the endpoints in the order of their descriptors: first the IN endpoint, then
+        // the OUT endpoint.
         let [input, output] = ["ep1", "ep2"].map(|file| open(&mount.folder.join(file)).map(OwnedFd::from));
         let transfers = Transfers::new(input?, output?)?;
         Ok((Self { _mount: mount }, ControlEndpoint(control), transfers))
     }
 }
 
-/// Opens an endpoint. Transfers of an endpoint that is not at work fail at once instead of waiting.
+/// Opens the file of an endpoint. While no host has selected the configuration, the endpoint is off: its transfers then
+/// fail at once instead of waiting.
 fn open(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).write(true).custom_flags(libc::O_NONBLOCK).open(path)
 }

@@ -1,5 +1,5 @@
-//! Transfers of the two interrupt endpoints, one under way in each direction, by Linux' asynchronous I/O: a report that the
-//! host does not fetch can be taken back.
+//! Transfers of the two interrupt endpoints, one under way in each direction, by Linux' asynchronous I/O. With it the
+//! transfer of a report that the host does not fetch can be cancelled.
 //!
 //! Sources: io_setup(2), io_submit(2), io_cancel(2), io_getevents(2); include/uapi/linux/aio_abi.h of Linux.
 
@@ -13,17 +13,18 @@ use rustix::event::{EventfdFlags, eventfd};
 /// The size of a packet in bytes, either way.
 pub const PACKET: usize = 512;
 
-/// `IOCB_CMD_PREAD`, `IOCB_CMD_PWRITE` and `IOCB_FLAG_RESFD`.
+/// Constants of the header: `IOCB_CMD_PREAD`, `IOCB_CMD_PWRITE` and `IOCB_FLAG_RESFD`, in this order.
 const READ: u16 = 0;
 const WRITE: u16 = 1;
 const TELL_BY_EVENT_FD: u32 = 1;
 
-/// `struct iocb`.
+/// `struct iocb`: a request to the kernel's asynchronous I/O.
 #[repr(C)]
 #[derive(Clone, Copy)]
 struct ControlBlock {
     data: u64,
-    /// `aio_key`, which the kernel writes, and `aio_rw_flags`; their order depends on the byte order.
+    /// Two fields: `aio_key`, which the kernel writes, and `aio_rw_flags`. They are an array because their order
+    /// depends on the byte order of the machine; both are 0 here.
     key_and_flags: [u32; 2],
     opcode: u16,
     priority: i16,
@@ -36,7 +37,7 @@ struct ControlBlock {
     event_fd: u32,
 }
 
-/// `struct io_event`.
+/// `struct io_event`: the end of such a request.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 struct CompletionEvent {
@@ -60,24 +61,25 @@ pub enum Direction {
 /// A transfer that has ended.
 #[derive(Debug)]
 pub struct End {
-    /// Its direction.
+    /// The direction of the transfer.
     pub direction: Direction,
-    /// How many bytes were moved. The kernel's error: ECONNRESET for a transfer that was taken back, ESHUTDOWN and EAGAIN
-    /// when the endpoint is not at work.
+    /// How many bytes were moved, or the kernel's error: ECONNRESET for a cancelled transfer, ESHUTDOWN or EAGAIN if
+    /// the endpoint is off because no host has selected the configuration.
     pub result: io::Result<usize>,
 }
 
-/// What the kernel reads and writes while a transfer is under way. The address of a value is that of its block.
+/// The memory that the kernel reads and writes while a transfer is under way. The control block comes first, so its
+/// address is also that of this value.
 #[repr(C)]
 struct Memory {
     block: ControlBlock,
     bytes: [u8; PACKET],
 }
 
-/// One endpoint, and the place for its transfer.
+/// One endpoint, with the memory for its transfer.
 struct Slot {
     _file: OwnedFd,
-    /// Made by a `Box`, which nobody else has. The kernel alone uses it while `under_way`.
+    /// Comes from a `Box` and has no other owner. While `under_way`, only the kernel uses it.
     memory: NonNull<Memory>,
     under_way: bool,
 }
@@ -108,7 +110,7 @@ impl Slot {
     }
 }
 
-/// The transfers of both endpoints. Dropping them takes back what is under way.
+/// The transfers of both endpoints. When this value is dropped, transfers that are under way are cancelled.
 pub struct Transfers {
     context: libc::c_ulong,
     ended: OwnedFd,
@@ -136,7 +138,7 @@ impl Transfers {
         Ok(Self { context, ended, input, output })
     }
 
-    /// A descriptor that can be read when a transfer has ended, see [`Self::next_end`].
+    /// A descriptor to wait for: it becomes readable when a transfer has ended, see [`Self::next_end`].
     pub fn waited(&self) -> BorrowedFd<'_> {
         self.ended.as_fd()
     }
@@ -149,7 +151,8 @@ impl Transfers {
         }
     }
 
-    /// Gives the controller a packet for the host. Nothing happens while one is under way.
+    /// Starts the transfer of a packet to the host. If another one is still under way, the call does nothing, and this
+    /// packet is not sent.
     ///
     /// # Errors
     /// Errors of the kernel: no transfer was begun.
@@ -162,7 +165,7 @@ impl Transfers {
         submit(self.context, &mut self.input)
     }
 
-    /// Has the controller take a packet of the host. Nothing happens while one is awaited.
+    /// Starts the transfer of a packet from the host. If one is under way already, the call does nothing.
     ///
     /// # Errors
     /// Errors of the kernel: no transfer was begun.
@@ -170,12 +173,13 @@ impl Transfers {
         if self.output.under_way { Ok(()) } else { submit(self.context, &mut self.output) }
     }
 
-    /// Asks the kernel to take the packet for the host back. [`Self::next_end`] says whether the host was faster.
+    /// Asks the kernel to cancel the transfer of a packet to the host. The result of [`Self::next_end`] shows whether
+    /// the host has fetched the packet before.
     pub fn take_back(&mut self) {
         if self.input.under_way {
             let mut unused = CompletionEvent::default();
-            // SAFETY: the block lives as long as this value, and the kernel writes at most one event to `unused`. An error
-            // means that the transfer has ended, or that its end comes later.
+            // SAFETY: the block lives as long as this value, and the kernel writes at most one event to `unused`. An
+            // error means that the transfer has ended already, or will be reported as cancelled by `next_end`.
             unsafe {
                 libc::syscall(libc::SYS_io_cancel, self.context, self.input.memory.as_ptr(), &raw mut unused);
             }
@@ -184,7 +188,7 @@ impl Transfers {
 
     /// The next transfer that has ended, if there is one.
     pub fn next_end(&mut self) -> Option<End> {
-        // What ends after this makes the descriptor readable again.
+        // The read resets the descriptor, so that transfers that end from now on make it readable again.
         let mut count = [0; 8];
         let _ = rustix::io::read(&self.ended, &mut count);
         let mut event = CompletionEvent::default();
@@ -207,7 +211,7 @@ impl Transfers {
         Some(End { direction, result })
     }
 
-    /// The packet that was received last; nothing while one is awaited.
+    /// The packet that was received last; empty while the next transfer from the host is under way.
     pub fn received(&self) -> &[u8] {
         if self.output.under_way {
             return &[];
@@ -217,7 +221,7 @@ impl Transfers {
     }
 }
 
-/// Begins the transfer of a slot that has none under way.
+/// Begins the transfer of a slot. No transfer of this slot may be under way.
 fn submit(context: libc::c_ulong, slot: &mut Slot) -> io::Result<()> {
     let (count, mut block): (libc::c_long, _) = (1, slot.memory.as_ptr());
     // SAFETY: `block` is the address of a valid control block, whose memory nobody uses until the transfer has ended; the
@@ -253,7 +257,8 @@ impl fmt::Debug for Transfers {
 mod tests {
     use super::*;
 
-    /// Transfers over two files, which move at once; `None` where the kernel has no asynchronous I/O.
+    /// Transfers over two files instead of endpoints: they end without a host. `None` where the kernel has no
+    /// asynchronous I/O.
     fn over_files() -> Option<(Transfers, tempfile::NamedTempFile)> {
         let file = tempfile::NamedTempFile::new().expect("a file");
         let input = file.reopen().expect("it opens");
@@ -297,7 +302,7 @@ mod tests {
         assert!(transfers.next_end().is_none(), "nothing is under way");
     }
 
-    /// A packet that is shorter says so, and an error of the kernel is the end of a transfer.
+    /// The result of a transfer of a shorter packet is its length, and a failed transfer ends with the kernel's error.
     #[test]
     fn ends_say_what_was_moved() {
         let Some((mut transfers, file)) = over_files() else { return };
@@ -310,7 +315,7 @@ mod tests {
         let read_only = std::fs::File::open(file.path()).expect("it opens");
         let output = file.reopen().expect("it opens");
         let mut transfers = Transfers::new(read_only.into(), output.into()).expect("as before");
-        // The kernel says so at once or at the end.
+        // The kernel reports the error at once, or as the end of the transfer.
         let error = match transfers.send(&[1; PACKET]) {
             Err(error) => error,
             Ok(()) => next(&mut transfers).result.expect_err("it cannot be written"),

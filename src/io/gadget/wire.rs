@@ -1,17 +1,19 @@
-//! The bytes of FunctionFS: the one file with its offsets. Numbers are little-endian; a setup packet is as on the bus.
+//! The bytes that are written to and read from endpoint 0 of FunctionFS. No other file knows their offsets. Numbers are
+//! little-endian; a setup packet is as on the bus.
 //!
 //! Source: include/uapi/linux/usb/functionfs.h of Linux.
 
-/// `FUNCTIONFS_DESCRIPTORS_MAGIC_V2`.
+/// `FUNCTIONFS_DESCRIPTORS_MAGIC_V2`: the first number of the write with the descriptors.
 const DESCRIPTORS: u32 = 3;
-/// `FUNCTIONFS_STRINGS_MAGIC`.
+/// `FUNCTIONFS_STRINGS_MAGIC`: the first number of the write with the strings.
 const STRINGS: u32 = 2;
-/// `FUNCTIONFS_HAS_HS_DESC`: descriptors for high speed, and by leaving out the others none for another speed.
+/// `FUNCTIONFS_HAS_HS_DESC`: the descriptors that follow are for high speed. As no other flag is set, there are none
+/// for other speeds.
 const HIGH_SPEED: u32 = 2;
 
-/// Magic, length, flags and the number of descriptors.
+/// The length in bytes of four numbers: magic, length, flags, and the number of descriptors.
 const DESCRIPTORS_HEAD: usize = 16;
-/// Magic, length, the number of strings and of languages.
+/// The length in bytes of four numbers: magic, length, the number of strings and the number of languages.
 const STRINGS_HEAD: usize = 16;
 
 /// The length of `struct usb_functionfs_event` in bytes: a setup packet, the type, and three unused bytes.
@@ -23,7 +25,8 @@ pub const SETUP_LEN: usize = 8;
 /// other.
 pub fn descriptors(descriptors: &[u8]) -> Vec<u8> {
     let (mut count, mut rest) = (0_u32, descriptors);
-    // Each begins with its length. A length of 0, which no descriptor has, would have no end.
+    // Each descriptor begins with its length. No descriptor has the length 0; the loop ends there, because it would not
+    // advance.
     while let [length @ 1..=u8::MAX, ..] = rest {
         rest = rest.get(usize::from(*length)..).unwrap_or_default();
         count += 1;
@@ -47,7 +50,7 @@ pub enum Event {
     Bound,
     /// The gadget was taken from its controller.
     Unbound,
-    /// A host has selected the configuration: the endpoints are at work.
+    /// A host has selected the configuration: from now on the endpoints can transfer reports.
     Enabled,
     /// The host is gone, has reset the device or deselected the configuration.
     Disabled,
@@ -87,7 +90,7 @@ mod tests {
         let two = [4, 1, 0xAA, 0xBB, 2, 5];
         let expected = [&[3, 0, 0, 0, 22, 0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0][..], &two].concat();
         assert_eq!(descriptors(&two), expected);
-        // What is no list of descriptors the kernel refuses; here it ends.
+        // The kernel refuses bytes that are no list of descriptors. The count ends there.
         for wrong in [&[0, 1, 2][..], &[9, 4], &[1]] {
             assert_eq!(descriptors(wrong).len(), 16 + wrong.len());
         }

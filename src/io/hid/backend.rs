@@ -1,4 +1,5 @@
-//! The interface between a pipe and the system that transfers its reports: libusb or Windows' HID driver.
+//! The interface between a [`Pipe`](super::Pipe), which is an open device with its queue of reports, and the system
+//! that transfers the reports: libusb or Windows' HID driver.
 
 use std::time::Duration;
 
@@ -23,20 +24,21 @@ pub(super) enum Outcome {
 
 /// Receives the end of each transfer from the backend. The pipe's state implements it.
 pub(super) trait TransferListener: Send + Sync {
-    /// Transfer `number` to the host has ended with `bytes`. `resubmit` submits the transfer again; it may be called
-    /// only during this call.
+    /// The transfer with the number `number` ([`Backend::submit_input`]) to the host has ended with `bytes`. `resubmit`
+    /// submits this transfer again. The listener may call it only before it returns, because the backend reuses the
+    /// transfer's memory.
     fn input_ended(&self, number: usize, outcome: Outcome, bytes: &[u8], resubmit: &dyn Fn() -> Result<(), UsbError>);
     /// The transfer to the device has ended. `moved` is the number of bytes transferred.
     fn output_ended(&self, outcome: Outcome, moved: usize);
-    /// [`Self::input_ended`] or [`Self::output_ended`] has panicked, so it is unknown whether that transfer was counted
-    /// as ended.
+    /// A call of [`Self::input_ended`] or [`Self::output_ended`] has panicked. So it is unknown whether that transfer
+    /// was counted as ended, and no thread may wait for its end any more.
     #[cfg_attr(windows, allow(dead_code, reason = "there a thread of this crate calls, and no foreign code"))]
     fn panicked(&self);
 }
 
-/// Transfers the reports of an open device. Every submitted transfer ends, and the listener is then called by the
-/// thread in [`Backend::handle_events`] or in [`Backend::await_output`]. A backend is dropped only after all its
-/// transfers have ended.
+/// Transfers the reports of an open device. Every submitted transfer ends. Its end is reported to the listener in a
+/// call of [`Backend::handle_events`] or [`Backend::await_output`], by the thread that makes this call. A backend is
+/// dropped only after all its transfers have ended.
 pub(super) trait Backend: Send + Sync {
     /// The number of transfers to the host that are submitted at the same time.
     fn inputs(&self) -> usize;
@@ -51,9 +53,9 @@ pub(super) trait Backend: Send + Sync {
         true
     }
 
-    /// Sets how many reports, the newest ones, the system queues while no transfer to the host is submitted; `None` for
-    /// the maximum. Returns `false` if the system cannot queue that many. The caller makes sure that the system's queue
-    /// is empty during the call.
+    /// Sets the length of the queue in which the system keeps the newest reports while no transfer to the host is
+    /// submitted; `None`: the maximum. Returns `false` if the system does not allow that length. The caller makes sure
+    /// that the queue is empty during the call, so that the change of its length drops no report.
     fn set_system_queue(&self, reports: Option<usize>) -> bool;
 
     /// Whether the device is still connected, for a caller that would not notice the loss because no transfer to the
@@ -81,8 +83,8 @@ pub(super) trait Backend: Send + Sync {
     /// Ends the wait in [`Backend::handle_events`], from another thread.
     fn interrupt(&self);
 
-    /// Whether [`Self::handle_events`] does not report the end of the transfer to the device, so that the writing
-    /// thread has to wait for it in [`Backend::await_output`].
+    /// Whether [`Self::handle_events`] does not report the end of the transfer to the device. The thread of the program
+    /// that writes then has to wait for it in [`Backend::await_output`].
     fn waits_for_output_apart(&self) -> bool {
         false
     }

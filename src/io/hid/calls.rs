@@ -25,8 +25,8 @@ pub fn in_time<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> 
     ended.recv_timeout(PATIENCE).expect("it does not end")
 }
 
-/// Runs `work` in a thread, and ends that thread by force, so that nothing of it is freed. This happens 30 ms after
-/// `works_until` has returned true, so that the thread waits in `work` by then.
+/// Runs `work` in a thread, and ends that thread by force, so that nothing of it is freed. `works_until` has to return
+/// true once the thread is about to wait in `work`. The thread is ended 30 ms later, when it certainly waits there.
 #[cfg(target_os = "linux")]
 pub fn end_thread_in(work: impl FnOnce() + Send + 'static, mut works_until: impl FnMut() -> bool) {
     use std::os::unix::thread::JoinHandleExt as _;

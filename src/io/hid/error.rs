@@ -9,7 +9,7 @@ pub enum UsbError {
     /// The transfer failed on the wire.
     #[error("input/output error")]
     Io,
-    /// An argument is invalid, or the kernel supports no transfer of that kind.
+    /// The system refuses a call as invalid: an argument is wrong, or the kernel supports no transfer of that kind.
     #[error("invalid parameter")]
     Invalid,
     /// The user has no permission.

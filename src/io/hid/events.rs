@@ -3,9 +3,9 @@
 //! pipe's own thread handles events, so that reports are received whatever the program does.
 //!
 //! A call that returns does not wake the pipe's thread, since that would cost a context switch again. Instead the
-//! pipe's thread checks at an interval whether calls still come. During a long wait of a single call the pipe's thread
-//! sleeps, and that call wakes it at its end. If the thread of that call was ended by force, the pipe's thread takes
-//! over.
+//! pipe's thread checks at an interval whether the program still calls the pipe. During a long wait of a single call
+//! the pipe's thread sleeps, and that call wakes it at its end. If the thread of that call was ended by force, the
+//! pipe's thread takes over.
 
 use std::mem;
 use std::thread;
@@ -20,13 +20,15 @@ use crate::threads::{CallingThread, WaitQueue};
 
 /// The maximum time for which a thread waits for events before it checks the pipe's state. \[OURS]
 const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
-/// While calls come and go, the pipe's thread checks for events that the calls have not handled, at this interval times
-/// the number of transfers to the host. It is half of the shortest cycle (250 us), so that transfers are resubmitted
-/// before the last one is used. \[OURS]
+/// While a program makes calls, but none waits at the moment, the pipe's thread handles events that the calls have left
+/// over. It checks for them at this interval times the number of transfers to the host. The interval is half of the
+/// shortest cycle (250 us), in which one report comes, so that transfers are resubmitted while others are still
+/// pending. \[OURS]
 const CHECK_INTERVAL_PER_TRANSFER: Duration = Duration::from_micros(125);
 /// The longest interval at which the pipe's thread checks for events, for any number of transfers. \[OURS]
 const CHECK_INTERVAL_MAX: Duration = Duration::from_millis(1);
-/// Interval at which a thread checks that another one, for which it waits, still exists. \[OURS]
+/// The interval at which a thread of the pipe that waits for a thread of the program checks whether that thread still
+/// exists. \[OURS]
 pub(super) const CALLER_CHECK_INTERVAL: Duration = Duration::from_millis(100);
 /// How long to wait for the end of a transfer whose thread was ended by force. \[OURS]
 const ABANDONED_LIMIT: Duration = Duration::from_secs(1);
@@ -35,8 +37,8 @@ const RETRY_AFTER: Duration = Duration::from_millis(10);
 /// After this many errors of the event handling in a row, one second in all, the device counts as lost. \[OURS]
 const EVENT_ERRORS_MAX: u32 = 100;
 
-/// The interval at which the pipe's thread checks for events while calls come and go, for a number of transfers to the
-/// host.
+/// The interval at which the pipe's thread checks for events while a program makes calls, for a number of transfers to
+/// the host.
 fn check_interval(transfers: usize) -> Duration {
     u32::try_from(transfers).map_or(CHECK_INTERVAL_MAX, |transfers| {
         CHECK_INTERVAL_PER_TRANSFER.saturating_mul(transfers).min(CHECK_INTERVAL_MAX)
@@ -44,8 +46,8 @@ fn check_interval(transfers: usize) -> Duration {
 }
 
 impl Shared {
-    /// The body of the pipe's thread. It runs until the pipe is closed and all transfers have ended, or until their end
-    /// can no longer be reported.
+    /// The body of the pipe's thread. It runs until the pipe is closed and all transfers have ended, or until event
+    /// handling has failed, so that the end of transfers can no longer be reported.
     pub fn handle_events(&self, backend: &dyn Backend) {
         let check_interval = check_interval(backend.inputs());
         let mut state = self.state.lock();
@@ -103,8 +105,9 @@ impl Shared {
         state.thread_asleep = false;
     }
 
-    /// Called by a read or write: waits for a change of the state. The wait may end early, or up to 1 ms after `limit`,
-    /// since operating systems count waits in milliseconds.
+    /// Called by a read or write: waits for a change of the state. The wait may end without a change, so the caller
+    /// checks the state and waits again. It may also end up to 1 ms after `limit`, since operating systems count waits
+    /// in milliseconds.
     pub fn wait(
         &self,
         changed: &WaitQueue,
@@ -119,7 +122,8 @@ impl Shared {
         Self::wait_at(changed, state, limit);
     }
 
-    /// Called by a write: waits for the end of its transfer, otherwise like [`Shared::wait`].
+    /// Called by a write: waits for the end of its transfer, as [`Shared::wait`] does. If the backend reports this end
+    /// only in [`Backend::await_output`], waits there.
     pub fn wait_written(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend, limit: Option<Duration>) {
         if !backend.waits_for_output_apart() {
             return self.wait(&self.writable, state, backend, limit);
@@ -127,7 +131,8 @@ impl Shared {
         state.call_count += 1;
         self.call_unlocked(state, || backend.await_output(limit.unwrap_or(EVENT_WAIT_MAX).min(EVENT_WAIT_MAX)));
         if state.closing && state.output_result.is_some() {
-            // The pipe's thread may be waiting for the end of this transfer, which only this wake-up reports to it.
+            // The pipe's thread may be waiting for the end of this transfer. The backend does not report the end to
+            // that thread, so it is woken here.
             self.wake_all(state, backend);
         }
     }
@@ -150,8 +155,8 @@ impl Shared {
     pub fn poll_events(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend) {
         if !backend.lets_calls_handle_events() {
             if state.reports.is_empty() {
-                // This call may not handle events itself: it gives the pipe's thread a moment to handle the pending
-                // ones.
+                // This call may not handle events itself. It waits for up to 1 ms, in which the pipe's thread handles
+                // the pending ones.
                 Self::wait_at(&self.readable, state, Some(CHECK_INTERVAL_MAX));
             }
         } else if state.event_handler.is_none() && !state.events_failed {
@@ -182,7 +187,7 @@ impl Shared {
         state.event_handler = Some(CallingThread::current());
         self.call_unlocked(state, || backend.handle_events(limit));
         state.event_handler = None;
-        // Waiting reads and writes are woken, so that one of them takes over the handling of events.
+        // No thread handles events now. Waiting reads and writes are woken, so that one of them takes over.
         self.readable.notify_all();
         self.writable.notify_all();
     }
@@ -208,8 +213,8 @@ impl Shared {
 mod tests {
     use super::*;
 
-    /// With any number of transfers, the check interval is short enough to resubmit them before all are used up at the
-    /// shortest cycle.
+    /// With any number of transfers, the check interval is at most half the time in which reports of the shortest cycle
+    /// use up all of them, so that they are resubmitted in time.
     #[test]
     fn transfers_are_looked_after_in_time() {
         let cycle = Duration::from_micros(250);

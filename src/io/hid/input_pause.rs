@@ -1,6 +1,6 @@
-//! Pauses the input of a pipe while a program does not read: its reports then stay in the system's queue, which keeps
-//! the newest ones as the pipe's queue does. Receiving every report would cost processor time that the program's writes
-//! lack, since Windows requires a call for each one.
+//! Pauses the input of a pipe while a program does not read: its reports then stay in the system's queue. That queue
+//! drops the oldest reports when it is full, as the pipe's own queue does. Without a pause the pipe would make a call
+//! of Windows for each report, which takes processor time from the program's writes.
 //!
 //! The system does not count the reports that it drops meanwhile, so a pipe pauses its input only if its owner allows
 //! it ([`PipeOptions::may_pause_input`]). If the device is lost during a pause, the next call notices it.
@@ -16,7 +16,8 @@ use crate::threads::CallingThread;
 
 /// A pause of the input begins when no call has read for this long. \[OURS]
 const PAUSE_AFTER_UNREAD: Duration = Duration::from_millis(250);
-/// How long the first read after a pause waits at most until it has received the reports in the system's queue. \[OURS]
+/// The maximum time for which the first read after a pause waits until the pipe has received the reports in the
+/// system's queue. \[OURS]
 const CATCH_UP_WITHIN: Duration = Duration::from_millis(50);
 
 /// Whether a pipe's input is paused, and what is needed to begin and end a pause.
@@ -46,7 +47,7 @@ enum Phase {
     },
 }
 
-/// A pipe has this state if its owner has not allowed it to pause the input.
+/// The state of a pipe whose owner has not allowed it to pause the input.
 impl Default for InputPause {
     fn default() -> Self {
         let held_back = Vec::new();
@@ -73,7 +74,8 @@ impl InputPause {
         self.phase == Phase::Paused
     }
 
-    /// Whether the input is paused and all `inputs` transfers to the host have ended.
+    /// Whether the input is paused and all `inputs` transfers to the host have ended, so that the pipe's thread has no
+    /// events to wait for.
     pub fn is_complete(&self, inputs: usize) -> bool {
         self.phase == Phase::Paused && self.held_back.len() == inputs
     }
@@ -101,8 +103,9 @@ impl InputPause {
         }
     }
 
-    /// How much longer to wait for the remaining reports of the system's queue. `None` once all are received or the
-    /// time is over; then the system's queue gets its maximum length again.
+    /// How much longer to wait for the remaining reports of the system's queue, which the pause has shortened to the
+    /// length of the pipe's queue. `None` once all are received or the time is over; this call then gives the system's
+    /// queue its maximum length again.
     fn catch_up_time_left(&mut self, backend: &dyn Backend) -> Option<Duration> {
         let Phase::CatchingUp { missing, until } = self.phase else { return None };
         let left = until.saturating_duration_since(Instant::now());

@@ -14,15 +14,16 @@ use super::reports::{GONE, Shared, State};
 use super::{FoundDevice, REPORT_LEN, ReportInterface};
 use crate::threads::{self, CallingThread};
 
-/// Options for opening a pipe.
+/// Options for [`Pipe::open`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PipeOptions {
-    /// Number of transfers to the host that are submitted at the same time, 1 or more.
+    /// Number of transfers to the host that are submitted at the same time, 1 or more. The more there are, the longer
+    /// may the process be late without losing a report.
     pub transfers: usize,
     /// Capacity of the queue of unread reports, 1 or more; the newest ones are kept.
     pub queue: usize,
-    /// Whether reports may stay in the system's queue while a program does not read, if the system keeps the newest
-    /// ones. Reports that the system drops are not counted.
+    /// Whether reports may stay in the system's queue while the program does not read, which saves processor time. This
+    /// happens only on Windows, whose queue keeps the newest reports. Reports that Windows drops are not counted.
     pub may_pause_input: bool,
 }
 
@@ -35,7 +36,7 @@ pub enum PipeError {
     /// The call was cancelled by [`Pipe::cancel_reads`] or [`Pipe::cancel_writes`].
     #[error("the call was cancelled")]
     Cancelled,
-    /// The pipe is closed.
+    /// The pipe was closed by [`Pipe::close`].
     #[error("it is closed")]
     Closed,
     /// The device was unplugged or no longer answers, for this reason.
@@ -110,12 +111,15 @@ impl Pipe {
         Ok(pipe)
     }
 
-    /// Reads the oldest unread report. Returns the time at which this process received it, and its number from 0. The
-    /// time is that of the system's event while a call waits, or if no call has waited for a moment; between two calls
-    /// it may be up to a millisecond late. Without a `limit` the call waits until a report comes.
+    /// Reads the oldest unread report. Returns the time at which this process received it, and its number, counted from
+    /// 0. Without a `limit` the call waits until a report comes.
+    ///
+    /// A report that comes while a call waits has the time of the system's event. A report that comes between two calls
+    /// may have a time that is up to a millisecond late, since the pipe's thread then looks for events at intervals.
     ///
     /// # Errors
-    /// [`PipeError`]; `report` is then unchanged.
+    /// [`PipeError::Timeout`], [`PipeError::Cancelled`] by [`Self::cancel_reads`], [`PipeError::Closed`], or
+    /// [`PipeError::Lost`]. `report` is then unchanged.
     pub fn read(&self, report: &mut [u8; REPORT_LEN], limit: Option<Duration>) -> Result<(Instant, u64), PipeError> {
         let mut state = self.shared.state.lock();
         state.input_pause.begin_read();
@@ -166,7 +170,9 @@ impl Pipe {
     /// Sends one report to the device. Without a `limit` the call waits until the device accepts it.
     ///
     /// # Errors
-    /// [`PipeError`]. No byte was transferred, except with [`PipeError::Partial`].
+    /// [`PipeError::Timeout`], [`PipeError::Cancelled`] by [`Self::cancel_writes`], [`PipeError::Closed`],
+    /// [`PipeError::Stalled`], [`PipeError::Usb`]: no byte was transferred. [`PipeError::Partial`]: a part of the
+    /// report was transferred before the write had to end. [`PipeError::Lost`]: the device is gone.
     pub fn write(&self, report: &[u8; REPORT_LEN], limit: Option<Duration>) -> Result<(), PipeError> {
         let began = Instant::now();
         let turn = self.turn_to_write(began, limit)?;
@@ -296,7 +302,7 @@ impl Pipe {
     /// Checks that the pipe is open and the device is connected.
     ///
     /// # Errors
-    /// [`PipeError::Closed`], [`PipeError::Lost`].
+    /// [`PipeError::Closed`] after [`Self::close`], [`PipeError::Lost`] once the device is gone.
     pub fn check(&self) -> Result<(), PipeError> {
         let mut state = self.shared.state.lock();
         if state.input_pause.is_paused() && state.check().is_ok() && !self.backend.is_there() {
@@ -305,7 +311,7 @@ impl Pipe {
         state.check()
     }
 
-    /// The counters since the pipe was opened.
+    /// The counters of received, dropped, short and failed reports since the pipe was opened.
     pub fn stats(&self) -> PipeStats {
         self.shared.state.lock().stats
     }
@@ -325,7 +331,8 @@ impl Pipe {
     }
 }
 
-/// The last steps of the pipe's thread, when all transfers have ended or their end can no longer be reported.
+/// Cleans up at the end of the pipe's thread: clears a halt of the input endpoint and releases the device. At this time
+/// all transfers have ended, or their ends can no longer be reported.
 fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
     let (stalled, leaked) = {
         let state = shared.state.lock();

@@ -38,7 +38,7 @@ pub(super) const ABANDONED: &str = "a thread of the program was ended in a write
 pub(super) const EVENTS_FAILED: &str = "this system does not say any more what becomes of its transfers; pull it and plug it in \
                                again, and look at the system's log";
 
-/// A report from the device.
+/// A report from the device, in the queue of the pipe.
 pub(super) struct Report {
     pub bytes: [u8; REPORT_LEN],
     /// The time at which this process received the report from the system.
@@ -50,17 +50,17 @@ pub(super) struct Report {
 #[derive(Default)]
 pub(super) struct State {
     pub reports: VecDeque<Report>,
-    /// How many transfers are submitted and have not ended.
+    /// How many transfers are submitted and have not ended, in both directions together.
     pub submitted: usize,
     /// The thread that writes, followed by the threads that wait for their turn.
     pub writers: VecDeque<CallingThread>,
-    /// Whether the transfer to the device is submitted.
+    /// Whether the transfer to the device is submitted and has not ended.
     pub output_submitted: bool,
     /// The end of the transfer to the device, with the number of bytes transferred; `None` until it has ended.
     pub output_result: Option<(Outcome, usize)>,
     /// Why the device is lost, as a text for the user; `None` while it is connected.
     pub lost: Option<&'static str>,
-    /// Whether the endpoint to the host has stalled, so that its halt has to be cleared at the end.
+    /// Whether the endpoint to the host has stalled. Its halt is then cleared when the pipe is closed.
     pub stalled: bool,
     pub closing: bool,
     /// Number of cancellations of reads. A read that sees a change of it ends.
@@ -69,8 +69,8 @@ pub(super) struct State {
     pub cancelled_writes: u64,
     /// The thread that is in [`Backend::handle_events`](super::backend::Backend::handle_events); `None`: no thread is.
     pub event_handler: Option<CallingThread>,
-    /// Counts how often a call has begun to wait or has stopped handling events. If the count changes, the pipe's
-    /// thread knows that the program still makes calls.
+    /// Counts how often a call has begun to wait or has stopped handling events. While the count changes, the program
+    /// makes calls, which handle events themselves; the pipe's thread then only checks for events at an interval.
     pub call_count: u64,
     /// Whether the pipe's thread sleeps until the call that handles events returns.
     pub thread_asleep: bool,
@@ -127,7 +127,8 @@ impl Shared {
         }
     }
 
-    /// Waits in this queue of threads; the lock is released during the wait.
+    /// Waits until `queue` is notified, or for at most `limit`; without a limit as long as it takes. The state is
+    /// unlocked during the wait.
     pub fn wait_at(queue: &WaitQueue, state: &mut MutexGuard<'_, State>, limit: Option<Duration>) {
         let ticket = queue.ticket();
         MutexGuard::unlocked(state, || queue.wait(ticket, limit));

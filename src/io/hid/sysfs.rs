@@ -1,5 +1,5 @@
-//! Information about a device on the bus that Linux provides in sysfs and /proc, besides its descriptors. Nothing is
-//! sent to the device. On other systems everything here is empty.
+//! Information about a USB device that Linux provides in sysfs and /proc, besides the device's descriptors. Nothing is
+//! sent to the device. On other systems all results are empty.
 
 use std::fmt;
 use std::fs;
@@ -76,7 +76,7 @@ impl fmt::Display for DeviceHolder {
 }
 
 impl Sysfs {
-    /// Reads the real files of this machine.
+    /// The system of this machine. Its files are read anew at each call.
     pub fn of_this_machine() -> Self {
         Self { root: cfg!(target_os = "linux").then(|| "/".into()) }
     }
@@ -92,7 +92,8 @@ impl Sysfs {
         self.attribute(path, "product")
     }
 
-    /// The warnings about the connection of the device at `path`.
+    /// What the user should know about the connection of the device at `path`: low speed, autosuspend, over-currents.
+    /// `high_speed` is whether the device runs at 480 Mbit/s.
     pub fn warnings(&self, path: &str, high_speed: bool) -> Vec<DeviceWarning> {
         let mut remarks = Vec::new();
         if !high_speed {
@@ -112,7 +113,8 @@ impl Sysfs {
         remarks
     }
 
-    /// How many times the port of the device at `path` has cut the power because of an over-current.
+    /// How many times the port of the device at `path` has cut the power because of an over-current, since its hub was
+    /// connected.
     pub fn over_currents(&self, path: &str) -> u32 {
         // The folder of a port is below its hub's interface: 1-2-port3 of hub 1-2, usb1-port2 of the root hub of bus 1.
         let (hub, interface, port) = match (path.rsplit_once('.'), path.split_once('-')) {
@@ -152,7 +154,7 @@ impl Sysfs {
 }
 
 fn first_line(file: &Path) -> Option<String> {
-    // The texts are read as bytes, since those of a device need not be UTF-8.
+    // The file is read as bytes, since a string descriptor of a device, such as its name, need not be UTF-8.
     let bytes = fs::read(file).ok()?;
     let text = String::from_utf8_lossy(&bytes).trim().to_owned();
     (!text.is_empty()).then_some(text)

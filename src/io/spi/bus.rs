@@ -8,10 +8,10 @@ use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
 
 use super::{SpiError, list_devices};
 
-/// The number of bits of an SPI word.
+/// Bytes are transferred as SPI words of 8 bits, most significant bit first.
 const WORD_BITS: u8 = 8;
 
-/// An open spidev device.
+/// A spidev device that is open and locked.
 pub(super) struct SpiBus {
     name: String,
     spi: Spidev,
@@ -36,7 +36,7 @@ impl SpiBus {
         Ok(Self { name, spi })
     }
 
-    /// Makes one full-duplex transfer under one chip select.
+    /// Makes one full-duplex transfer of `tx` and `rx`, which have the same length, under one chip select.
     pub fn exchange(&self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError> {
         let mut transfer = SpidevTransfer::read_write(tx, rx);
         self.spi.transfer(&mut transfer).map_err(|error| {

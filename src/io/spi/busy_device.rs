@@ -7,7 +7,7 @@ use super::bus::SpiBus;
 use super::lines::{Level, ReadyLine, ResetLine};
 use super::{BusyWires, GpioLine, SpiError};
 
-/// Which spidev device and GPIO lines the wires to a device are, and the settings of SPI.
+/// The connection to a device: its spidev file, its GPIO lines, and the settings of SPI.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpiSettings {
     /// The spidev file, such as `/dev/spidev0.0`.
@@ -33,7 +33,8 @@ impl BusyDevice {
     /// Opens the wires and locks them against other programs that use this library.
     ///
     /// # Errors
-    /// [`SpiError`], which names the device or line.
+    /// [`SpiError`] if the spidev file or a line does not exist, may not be used by this user, is in use, or is of
+    /// another kind; it names the file or the line.
     pub fn open(settings: &SpiSettings) -> Result<Self, SpiError> {
         let bus = SpiBus::open(&settings.device, settings.speed_hz, settings.mode)?;
         let busy = settings.busy.as_ref().map(|place| ReadyLine::open(place, Level::Low)).transpose()?;

@@ -8,7 +8,7 @@ use super::bus::SpiBus;
 use super::lines::{InputLine, Level, ReadyLine, ResetLine};
 use super::{EdgeWires, GpioLine, SpiError};
 
-/// Which spidev device and GPIO lines the wires to a device are, and the settings of SPI.
+/// The connection to a device: its spidev file, its GPIO lines, and the settings of SPI.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EdgeSettings {
     /// The spidev file, such as `/dev/spidev0.0`.
@@ -21,7 +21,7 @@ pub struct EdgeSettings {
     pub ready: Option<GpioLine>,
     /// The level of the ready line while the device is ready.
     pub ready_level: Level,
-    /// The interrupt line, if it is wired.
+    /// The interrupt line of the device, if it is wired. A setting of the device decides which level is active.
     pub interrupt: Option<GpioLine>,
     /// The reset line, if it is wired: low resets the device.
     pub reset: Option<GpioLine>,
@@ -40,7 +40,8 @@ impl EdgeDevice {
     /// Opens the wires and locks them against other programs that use this library.
     ///
     /// # Errors
-    /// [`SpiError`], which names the device or line.
+    /// [`SpiError`] if the spidev file or a line does not exist, may not be used by this user, is in use, or is of
+    /// another kind; it names the file or the line.
     pub fn open(settings: &EdgeSettings) -> Result<Self, SpiError> {
         let bus = SpiBus::open(&settings.device, settings.speed_hz, settings.mode)?;
         let ready = settings.ready.as_ref().map(|place| ReadyLine::open(place, settings.ready_level)).transpose()?;

@@ -40,12 +40,12 @@ impl std::fmt::Display for GpioLine {
     }
 }
 
-/// The level of a GPIO line.
+/// The level of a GPIO line, as the voltage at the pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// Low.
+    /// The voltage of logic 0.
     Low,
-    /// High.
+    /// The voltage of logic 1.
     High,
 }
 

@@ -22,7 +22,7 @@ pub trait BusyWires: Send {
     /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.
     ///
     /// # Errors
-    /// [`SpiError`]; it is then unknown how many bytes were exchanged.
+    /// [`SpiError::Refused`] if the kernel refuses the transfer; it is then unknown how many bytes were exchanged.
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError>;
 
     /// Whether a BUSY line is wired, which is low when the next exchange may begin.
@@ -31,31 +31,32 @@ pub trait BusyWires: Send {
     /// Whether the BUSY line is high; `false` if none is wired.
     ///
     /// # Errors
-    /// [`SpiError`].
+    /// [`SpiError::Refused`] if the kernel cannot read the line.
     fn is_busy(&mut self) -> Result<bool, SpiError>;
 
-    /// Waits until the BUSY line is low, for at most `limit`; returns whether it is. The line may have fallen and risen
-    /// again meanwhile.
+    /// Waits until the BUSY line is low, for at most `limit`; returns whether it has become low. When the call returns,
+    /// the line may be high again.
     ///
     /// # Errors
-    /// [`SpiError`].
+    /// [`SpiError::Refused`] if the kernel cannot read the line.
     fn wait_ready(&mut self, limit: Duration) -> Result<bool, SpiError>;
 
-    /// Whether the BUSY line has fallen since the last call of this function.
+    /// Whether the BUSY line has fallen since the last call of this function or since it was opened.
     ///
     /// # Errors
-    /// [`SpiError`].
+    /// [`SpiError::Refused`] if the kernel cannot read the line.
     fn busy_has_fallen(&mut self) -> Result<bool, SpiError>;
 
-    /// Pulls the reset line low for at least `low` and releases it. Returns `false`, and does nothing, if none is wired.
+    /// Pulls the reset line low for at least `low` and then high again. Returns `false`, and does nothing, if no reset
+    /// line is wired.
     ///
     /// # Errors
-    /// [`SpiError`].
+    /// [`SpiError::Refused`] if the kernel cannot set the line.
     fn reset(&mut self, low: Duration) -> Result<bool, SpiError>;
 }
 
-/// The wires to one device that signals by an edge when it has become ready, with their clock; only the owner of this
-/// value uses them.
+/// The wires to one device that signals by an edge when it has become ready, with a clock. Only the owner of this value
+/// uses the wires.
 pub trait EdgeWires: Send {
     /// The time in nanoseconds; its zero point is arbitrary.
     fn now_ns(&self) -> u64;
@@ -66,35 +67,38 @@ pub trait EdgeWires: Send {
     /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.
     ///
     /// # Errors
-    /// [`SpiError`]; it is then unknown how many bytes were exchanged.
+    /// [`SpiError::Refused`] if the kernel refuses the transfer; it is then unknown how many bytes were exchanged.
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError>;
 
-    /// Whether the ready line is wired.
+    /// Whether the ready line is wired, whose edge shows that the next exchange may begin.
     fn has_ready_line(&self) -> bool;
 
     /// Discards all edges of the ready line so far, so that [`Self::wait_edge`] waits for a later one.
     ///
     /// # Errors
-    /// [`SpiError`].
+    /// [`SpiError::Refused`] if the kernel cannot read the line.
     fn forget_edges(&mut self) -> Result<(), SpiError>;
 
-    /// Waits for an edge to ready since [`Self::forget_edges`], for at most `limit`; returns whether there was one, and
-    /// forgets it. Returns `false` at once if the line is not wired.
+    /// Waits until the ready line has an edge to its ready level, for at most `limit`; edges before
+    /// [`Self::forget_edges`] do not count. Returns whether there was an edge, and forgets it. Returns `false` at once
+    /// if the line is not wired.
     ///
     /// # Errors
-    /// [`SpiError`].
+    /// [`SpiError::Refused`] if the kernel cannot read the line.
     fn wait_edge(&mut self, limit: Duration) -> Result<bool, SpiError>;
 
-    /// Whether the interrupt line is high; `None` if it is not wired.
+    /// Whether the interrupt line is high; `None` if it is not wired. A setting of the device decides which level is
+    /// active.
     ///
     /// # Errors
-    /// [`SpiError`].
+    /// [`SpiError::Refused`] if the kernel cannot read the line.
     fn interrupt_is_high(&mut self) -> Result<Option<bool>, SpiError>;
 
-    /// Pulls the reset line low for at least `low` and releases it. Returns `false`, and does nothing, if none is wired.
+    /// Pulls the reset line low for at least `low` and then high again. Returns `false`, and does nothing, if no reset
+    /// line is wired.
     ///
     /// # Errors
-    /// [`SpiError`].
+    /// [`SpiError::Refused`] if the kernel cannot set the line.
     fn reset(&mut self, _low: Duration) -> Result<bool, SpiError> {
         Ok(false)
     }
@@ -114,7 +118,7 @@ pub enum SpiError {
     /// This user has no permission to use the device or line.
     #[error("{what} may not be used by this user")]
     Denied { what: String },
-    /// The file is not a device of the expected kind.
+    /// The device file is not a spidev device or not a GPIO chip, whichever was expected.
     #[error("{what} is no device of that kind; {there}")]
     WrongKind {
         what: String,

@@ -12,7 +12,8 @@ use crate::xf::DataSize;
 pub struct ChipOptions {
     /// The pause after each exchange (`idle_us=`), in nanoseconds.
     pub idle_ns: Ns,
-    /// The data size n to which the driver sets the chip at the start (`use_n=`); `None`: the chip keeps its data size.
+    /// The length of a packet's data (n) that the driver sets in the chip at the start (`use_n=`), bytes. A larger n
+    /// carries more process data in a packet; `None`: the chip keeps its present value.
     pub use_n: Option<DataSize>,
 }
 
@@ -33,7 +34,7 @@ impl ChipOptions {
     }
 }
 
-/// Parses a data size n.
+/// Parses the length n of a packet's data, bytes; `None` if the chip does not allow this length.
 pub(crate) fn data_size(value: &str) -> Option<DataSize> {
     DataSize::new(value.parse().ok()?)
 }
@@ -43,7 +44,7 @@ pub(crate) fn record(uri: &LinkUri) -> Option<PathBuf> {
     uri.value("record").map(PathBuf::from)
 }
 
-/// The frequency of the SPI clock (`speed_hz=`).
+/// The frequency of the SPI clock in Hz (`speed=`). A URI without the key has the default of its scheme.
 pub(crate) fn speed_hz(uri: &LinkUri) -> Result<u32, UriError> {
     uri.required("speed", |value| keys::hertz(value)?.try_into().ok())
 }

@@ -72,7 +72,7 @@ impl Clock {
         Stamp(self.opened_at.0.saturating_add(u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)))
     }
 
-    /// Begins a call with that timeout.
+    /// Begins a read or a write that may wait as `wait` says.
     pub(super) fn call(&self, dir: Dir, wait: Wait) -> Result<Call, LinkError> {
         let cancels = self.cancellation.lock().cancels[dir as usize];
         let deadline = match wait.limit() {
@@ -92,7 +92,7 @@ impl Clock {
         if cancelled { Err(LinkError::Cancelled { dir: call.dir }) } else { Ok(()) }
     }
 
-    /// How much longer the call may wait; `latest` may shorten that.
+    /// How much longer the call may wait: until its deadline, or until the time `latest` if that is earlier.
     pub(super) fn remaining(&self, call: &Call, latest: Option<Duration>) -> Result<Wait, LinkError> {
         let end = call.deadline.into_iter().chain(latest).min();
         let Some(end) = end else { return Ok(Wait::Forever) };
@@ -122,7 +122,7 @@ impl Clock {
         Ok(self.now()? >= time)
     }
 
-    /// Ends the present waits in one direction.
+    /// Ends the present waits of reads or of writes.
     pub(super) fn cancel(&self, dir: Dir) {
         self.cancellation.lock().cancels[dir as usize] += 1;
         self.changed.notify_all();

@@ -9,20 +9,20 @@ use crate::address::uri::{LinkUri, UriError};
 /// The fault rates of one direction: for each fault the fraction of frames that it affects, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultRates {
-    /// Frames that are lost.
+    /// The fraction of frames that are lost.
     pub drop: Fraction,
-    /// Frames in which one bit is flipped.
+    /// The fraction of frames in which one bit is flipped.
     pub corrupt: Fraction,
-    /// Frames that arrive twice.
+    /// The fraction of frames that arrive twice.
     pub duplicate: Fraction,
-    /// Frames that arrive late, by [`FaultOptions::delay`].
+    /// The fraction of frames that arrive late, by [`FaultOptions::delay`].
     pub delay: Fraction,
 }
 
-/// The faults that a link injects.
+/// The faults that a link injects: how often, and which pseudorandom sequence chooses the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultOptions {
-    /// The seed of the pseudorandom sequences.
+    /// The seed of the pseudorandom sequences. The same seed gives the same faults.
     pub seed: u64,
     /// Faults of command frames.
     pub write: FaultRates,
@@ -30,9 +30,10 @@ pub struct FaultOptions {
     pub read: FaultRates,
     /// How long a delayed frame is held back.
     pub delay: Duration,
-    /// The number of frames, in both directions together, after which the board is disconnected: 1 or more.
+    /// The number of frames written and read after which the board is disconnected, 1 or more; calls that failed do not
+    /// count. `None`: never.
     pub disconnect_after: Option<u64>,
-    /// The time after the opening of the link at which the board is disconnected.
+    /// The time after the opening of the link at which the board is disconnected; `None`: never.
     pub disconnect_at: Option<Duration>,
 }
 
@@ -51,10 +52,10 @@ impl Default for FaultOptions {
 }
 
 impl FaultOptions {
-    /// The faults in a URI.
+    /// Reads the faults to inject from the keys `fault.*` of a URI.
     ///
     /// # Errors
-    /// [`UriError`] if the table of keys allows a value that these types do not.
+    /// [`UriError::BadValue`] if a value does not fit the type of its option.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         let share = |kind: &str, direction: &str| {
             let both = uri.required(&format!("fault.{kind}"), Fraction::parse)?;

@@ -6,7 +6,7 @@ use super::FaultRates;
 use crate::address::Fraction;
 use crate::link::Dir;
 
-/// The faults of one frame.
+/// The faults to inject into one frame; several may come together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FrameFaults {
     pub(super) drop: bool,
@@ -16,7 +16,7 @@ pub(super) struct FrameFaults {
     pub(super) delay: bool,
 }
 
-/// The sequence of faults in one direction.
+/// The pseudorandom sequence of faults in one direction.
 #[derive(Clone, Debug)]
 pub(super) struct FaultSequence {
     random: Rand64,

@@ -2,27 +2,27 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Injected faults in one direction.
+/// The numbers of injected faults in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultCounts {
-    /// Frames that were lost.
+    /// Number of frames that were lost.
     pub dropped: u64,
-    /// Frames in which one bit was flipped.
+    /// Number of frames in which one bit was flipped.
     pub corrupted: u64,
-    /// Frames that arrived twice.
+    /// Number of frames that arrived twice.
     pub duplicated: u64,
-    /// Frames that were delayed.
+    /// Number of frames that were delayed.
     pub delayed: u64,
 }
 
-/// Injected faults of a link since it was opened.
+/// The faults that a link has injected since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultStats {
     /// Faults of command frames.
     pub write: FaultCounts,
     /// Faults of reports.
     pub read: FaultCounts,
-    /// Whether the board was disconnected.
+    /// Whether a fault has disconnected the board.
     pub disconnected: bool,
 }
 

@@ -1,8 +1,10 @@
-//! Writes a recording in the format for weeks ([`ecmrec`](crate::recording::file_formats::ecmrec)).
+//! Writes a recording as `.ecmrec`, the format for recordings that last for weeks
+//! ([`ecmrec`](crate::recording::file_formats::ecmrec)).
 //!
-//! New entries go to the file at once, as a piece: packed, but hardly compressed. Once there are enough of them a
-//! compressed block replaces the pieces. So a program that is killed leaves all but its last milliseconds in the file, and
-//! the file is small all the same. A pipe keeps the pieces.
+//! An entry is a frame of a board or a network, or a packet of a chip. New entries go to the end of the file at once,
+//! as a piece: stored as differences from the entries before, but not compressed. Once there are [`BLOCK`] entries, a
+//! compressed block replaces their pieces. So a program that is killed leaves all but its last milliseconds in the
+//! file, and the file is small all the same. What was written to a pipe cannot be replaced, so there the pieces stay.
 
 use std::io;
 
@@ -19,45 +21,47 @@ use crate::recording::{Clock, RecordMeta};
 /// The number of entries of a block: half a second of both directions with a cycle of 1 ms. \[OURS]
 const BLOCK: usize = 1024;
 
-/// A recording that is being written.
+/// Writes a recording as `.ecmrec`, block by block.
 pub(super) struct BlockWriter<E> {
     loss: Loss,
     sink: Sink,
-    /// Whether entries are stored in the order of their times.
+    /// Whether entries are stored in the order of their times: if they may come late, and written bytes can be
+    /// replaced.
     sorts: bool,
-    /// The entries of the present block. On the real clock the newest ones stay here for the next block, because an
-    /// entry that comes late may belong before them.
+    /// The entries that are not in a block yet. If entries are sorted, the newest ones stay here for the next block,
+    /// because an entry that comes late may belong before them.
     entries: Vec<E>,
-    /// The number of them that are in the file as pieces.
+    /// How many of `entries` are in the file already, as pieces.
     in_pieces: usize,
-    /// The number of pieces in the file, and of their bytes.
+    /// The number of pieces behind the last block, and the number of their bytes at the end of the file.
     pieces: u32,
     pieces_bytes: u64,
-    /// The number of blocks, and of their packets.
+    /// The number of blocks so far, and of the entries in them.
     number: u32,
     packets: u64,
-    /// The bytes of the recording without the pieces.
+    /// The length of the recording without the pieces at its end, bytes.
     length: u64,
-    /// The last block if it is still the end of those bytes: its length and its packets.
+    /// The length of the last block in bytes and the number of its entries; `None` if an index stands behind it. The
+    /// block is removed if a full disk has no room for the end of the recording.
     last_block: Option<(u64, u64)>,
-    /// The blocks that no index in the file has.
+    /// The blocks that are not listed in an index of the file yet.
     index: Vec<BlockAt>,
     /// The offset of the last index in the recording; 0 if there is none.
     index_at: u64,
-    /// The latest time of all entries.
+    /// The latest time stamp of the entries so far, nanoseconds.
     last_ns: u64,
     pack: Packing,
 }
 
-/// What packs and compresses, and its memory.
+/// Stores entries as differences and compresses them, in buffers that are used again.
 struct Packing {
-    /// For blocks, and for pieces, which continue each other.
+    /// Packs blocks; each block begins anew.
     blocks: Packer,
     pieces: Packer,
     compressor: Compressor,
     packed: Vec<u8>,
     compressed: Vec<u8>,
-    /// What goes to the file with the next write.
+    /// The bytes of the next write to the file.
     out: Vec<u8>,
 }
 
@@ -106,7 +110,7 @@ impl<E: Entry> BlockWriter<E> {
         Ok(writer)
     }
 
-    /// The number of newest entries that wait for the next block.
+    /// The number of newest entries that are left for the next block when a block is written.
     const fn held_back(&self) -> usize {
         if self.sorts { SORTED_FRAMES } else { 0 }
     }
@@ -130,7 +134,8 @@ impl<E: Entry> BlockWriter<E> {
         Ok(())
     }
 
-    /// Appends the entries from `from` on to the next write, as the first piece of a block or the next one.
+    /// Appends a piece with the entries from the index `from` on to the buffer of the next write. It is the first piece
+    /// behind a block, or it continues the piece before.
     fn add_piece(&mut self, from: usize, is_first: bool) {
         if is_first {
             self.pieces = 0;
@@ -205,14 +210,14 @@ impl<E: Entry> BlockWriter<E> {
         Ok(())
     }
 
-    /// Forgets the first entries, which the file has as a block.
+    /// Removes the first entries from memory, because a block in the file has them.
     fn written(&mut self, count: usize) {
         self.entries.drain(..count);
         (self.number, self.packets) = (self.number + 1, self.packets + count as u64);
         (self.in_pieces, self.pieces) = (0, 0);
     }
 
-    /// Makes the block of the first entries the next write. Returns what an index has of it.
+    /// Begins the next write with a block of the first `count` entries. Returns the entry for this block in an index.
     fn add_block(&mut self, count: usize) -> BlockAt {
         let header = self.header(Kind::Packets, &self.entries[..count]);
         let Packing { blocks, compressor, packed, compressed, out, .. } = &mut self.pack;
@@ -227,7 +232,8 @@ impl<E: Entry> BlockWriter<E> {
         BlockAt { at: self.length, packets, has_orders, is_piece: false, times_ns }
     }
 
-    /// Appends an index of the latest blocks to the next write, which will stand at `at` in the recording.
+    /// Appends an index of the blocks since the last one to the next write. `at` is the offset of the index in the
+    /// recording.
     fn add_index(&mut self, at: u64) {
         let back = if self.index_at > 0 { at - self.index_at } else { 0 };
         let header = self.header(Kind::Index, &[]);
@@ -235,8 +241,8 @@ impl<E: Entry> BlockWriter<E> {
         Header { back, unpacked: bytes.len() as u32, ..header }.write(&bytes, &mut self.pack.out);
     }
 
-    /// Writes the end, and before it with `has_index` the last index. Without, whoever needs one reads the headers of all
-    /// blocks.
+    /// Writes the end of the recording, with `has_index` also an index before it. If there is no index, readers of the
+    /// file read the headers of all blocks instead.
     fn write_end(&mut self, has_index: bool) -> io::Result<()> {
         let (missing, _) = self.loss.missing();
         let why = (missing > 0).then(|| self.loss.why().to_owned());
@@ -254,7 +260,8 @@ impl<E: Entry> BlockWriter<E> {
         self.sink.put(0, &self.pack.out)
     }
 
-    /// Writes the end to a disk that has no room for it and the index: without an index, or else in place of the last block.
+    /// Writes the end of the recording to a disk that has no room for an index and the end. First it leaves out the
+    /// index. If that fails as well it removes the last block and writes the end in its place.
     fn write_end_alone(&mut self, error: &io::Error) {
         self.loss.note(error);
         if self.write_end(false).is_ok() {
@@ -270,8 +277,9 @@ impl<E: Entry> BlockWriter<E> {
         }
     }
 
-    /// Stops the recording. On a full disk the entries may still find room as a block, which is shorter than the pieces
-    /// that it replaces; if not, as many of them do as there are in the pieces.
+    /// Stops the recording after an error. On a full disk a block of all entries may still fit, since it is shorter
+    /// than the pieces that it replaces. Otherwise the entries that are not in the file yet are dropped, and a block of
+    /// the others is tried. If that fails too, the pieces are removed.
     fn fail(&mut self, error: &io::Error) {
         let mut written = self.write_block(0);
         if written.is_err() {

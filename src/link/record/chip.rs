@@ -1,6 +1,6 @@
-//! The key `record=` of a link to a chip: a [`ChipLink`] that wraps another one and writes every exchange to a pcapng
-//! file, which [`recording::exchanges`](crate::recording::exchanges) reads. It uses the same file handling, queue and
-//! thread as recordings of a board, so that on the real clock no exchange waits for the disk.
+//! The key `record=` of a link to a chip: a [`ChipLink`] that wraps another one and writes every exchange to a file,
+//! which [`recording::exchanges`](crate::recording::exchanges) reads. It uses the same file handling, queue and thread
+//! as recordings of a board, so that on the real clock no exchange waits for the disk.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Writing frames that were recorded before to another file, as for another format.
+//! Copies the frames of a recording to a new file, which may have another format.
 
 use std::io;
 use std::path::Path;
@@ -11,9 +11,11 @@ use super::writer::{Capture, FrameEntry, Writer};
 use crate::recording::file_formats::ecmrec;
 use crate::recording::{Lacks, RecordMeta, Recorded};
 
-/// A recording to which frames of another one are written. The name of the file decides its format, as with `record=`.
+/// A recording that gets its frames from another recording, not from a link. The extension of its file name decides its
+/// format, as with `record=`.
 ///
-/// Each recording in the other file becomes one in this file: later ones of this process are appended.
+/// A source file may hold several recordings, one after the other. Each becomes one in the new file: if this process
+/// has written to that file before, the recording is appended.
 pub struct RecordingCopy {
     writer: Box<dyn Writer<FrameEntry>>,
 }
@@ -34,7 +36,7 @@ impl RecordingCopy {
         Ok(Self { writer })
     }
 
-    /// Adds a frame with its time in the file.
+    /// Adds a frame of the source recording, with its time stamp.
     ///
     /// # Errors
     /// The frames so far cannot be written; the error says why.
@@ -44,7 +46,8 @@ impl RecordingCopy {
         self.check()
     }
 
-    /// Ends the recording. It lacks what the other one lacks.
+    /// Ends the recording. `lacks` is what the source recording lacks: its missing frames count as missing in the copy,
+    /// and if it was not ended, neither is the copy.
     ///
     /// # Errors
     /// The end cannot be written; the error says why.

@@ -156,10 +156,10 @@ fn open_at_once(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     options.open(path)
 }
 
-/// Fails unless the file is empty or a recording of ecmsk, whose section header names the application.
+/// Makes sure that the file is empty or a recording of ecmsk, whose section header names the application.
 ///
 /// # Errors
-/// [`io::ErrorKind::AlreadyExists`], and errors of the operating system.
+/// [`io::ErrorKind::AlreadyExists`] if it is any other file; errors of the operating system.
 fn check_replaceable(path: &Path) -> io::Result<()> {
     let mut start = Vec::new();
     File::open(path)?.take(SECTION_HEADER_BYTES_MAX).read_to_end(&mut start)?;
@@ -203,8 +203,9 @@ impl RecordingFile {
     /// The metadata of a recording that begins when the link's clock shows `link_time`. Its times continue those of the
     /// previous recording in the same file. \[OURS]
     ///
-    /// If the link's clock has continued, perhaps more slowly than real time (`rate=`, `catch_up_ms=`), it shows how
-    /// much time has passed since. If it has started again, the real time since then counts.
+    /// If the link's clock has run on since the previous recording, perhaps more slowly than real time (`rate=`,
+    /// `catch_up_ms=`), it shows how much time lies between the two. If the clock has started again from its zero, the
+    /// real time since the end of the previous recording is used; in virtual time none is.
     pub(in crate::link) fn continued(&self, meta: &RecordMeta, link_time: Stamp) -> RecordMeta {
         let mut meta = meta.clone();
         let Some(path) = &self.path else { return meta };
@@ -222,8 +223,9 @@ impl RecordingFile {
         meta
     }
 
-    /// Replaces the last `back` bytes of the file by `bytes`. If the disk is full, only bytes beyond the present end of the
-    /// file fail. Where both consist of whole frames of one length, the file then still ends with a whole frame.
+    /// Replaces the last `back` bytes of the file by `bytes`. If the disk is full, only bytes beyond the present end of
+    /// the file fail. If the replaced bytes and the new ones are whole blocks of one length, the file then still ends
+    /// with a whole block.
     fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
         let Some(length) = &mut self.length else { return self.file.write_all(bytes) };
         if let Some(syncing) = &self.syncing {
@@ -284,7 +286,7 @@ impl Drop for RecordingFile {
 pub(in crate::link) enum Sink {
     /// A file, pipe or device.
     File(RecordingFile),
-    /// Any other writer.
+    /// A writer that is neither a file nor a pipe, such as a buffer in memory.
     Other(Box<dyn Write + Send>),
 }
 

@@ -9,7 +9,7 @@ use super::tell::tell;
 /// The reason for missing frames that messages give if no write has failed.
 const TOO_SLOW: &str = "the disk was too slow";
 
-/// What a recording lacks.
+/// Counts the frames that are missing from a recording, and keeps the reason.
 pub(super) struct Loss {
     /// The name of the file in messages.
     name: String,
@@ -19,7 +19,7 @@ pub(super) struct Loss {
     told: bool,
     /// The error of a failed write. After it nothing more is written, and every frame is counted as missing.
     failed: Option<String>,
-    /// Why frames were missing before they came here.
+    /// Why frames are missing that the source recording lacked already; only for a copy of a recording.
     inherited: Option<String>,
 }
 
@@ -33,12 +33,12 @@ impl Loss {
         self.failed.is_some()
     }
 
-    /// Counts frames as missing.
+    /// Counts `frames` more frames as missing.
     pub fn add(&self, frames: u64) {
         self.dropped.fetch_add(frames, Ordering::Relaxed);
     }
 
-    /// Counts frames that were missing before they came here.
+    /// Counts frames that the source recording of a copy lacked already, with the reason that it states.
     pub fn inherit(&mut self, frames: u64, why: String) {
         self.add(frames);
         self.inherited = Some(why);
@@ -57,7 +57,8 @@ impl Loss {
         tell(format!("recording to {} has stopped: {error}; frames from here on are counted only", self.name));
     }
 
-    /// Notes why the end of the recording could not be written at once.
+    /// Keeps the error of the first attempt to write the end of the recording as the reason for missing frames, unless
+    /// a write has failed before. The end is then written in place of the last frames.
     pub fn note(&mut self, error: &io::Error) {
         self.failed.get_or_insert_with(|| error.to_string());
     }

@@ -12,8 +12,8 @@
 //! - `mod.rs`: [`RecordLink`], which hands every frame to the recorder's thread
 //! - `recorder.rs`: a running recording, and its end
 //! - `queue.rs`: the queue of frames, or of a chip's packets, to the recorder's thread; `ring.rs`: its ring buffer
-//! - `writer.rs`: the recorder's thread, which writes frames as pcapng blocks, and the end of the recording; `blocks.rs`:
-//!   the same in the format for weeks; `loss.rs`: what the file lacks
+//! - `writer.rs`: the recorder's thread, which writes frames as pcapng blocks, and the end of the recording;
+//!   `blocks.rs`: the same in the format `.ecmrec`; `loss.rs`: what the file lacks
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and the handling of a full disk
 //! - `copy.rs`: writing frames of another recording
 //! - `network.rs`: recordings of EtherCAT frames on a network

@@ -14,8 +14,8 @@ use crate::fieldbus::Ns;
 use crate::recording::RecordMeta;
 use crate::recording::file_formats::ecmrec::header::What;
 
-/// The most frames that wait for a slow disk: those of a cycle of 250 us, there and back, for half a second. The 6 MB
-/// are allocated when the recording begins. \[OURS]
+/// The most frames that wait for a slow disk: both directions of a cycle of 250 us for half a second. The 6 MB are
+/// allocated when the recording begins. \[OURS]
 const QUEUE: usize = 4096;
 
 /// A frame that is queued for the file.

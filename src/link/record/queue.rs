@@ -1,4 +1,4 @@
-//! The queue to the recorder's thread. On the real clock no call waits for room in it.
+//! The queue from the program's calls to the recorder's thread. On the real clock no call waits for room in it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -16,7 +16,8 @@ const LOOKS_MAX: u32 = 200;
 /// and before it has woken the recorder's thread; the entry then waits at most this long. \[OURS]
 pub(super) const UNTOLD_MAX: Duration = Duration::from_millis(100);
 
-/// The ring buffer of entries, and the signals around it.
+/// The ring buffer of entries, and what its threads tell each other: that there is room, and that the recording has
+/// ended.
 pub(super) struct Queue<E> {
     pub(super) ring: Ring<E>,
     /// Signalled when the queue has room again.

@@ -20,7 +20,7 @@ use crate::threads::{self, CallingThread, sync};
 /// is closed. \[OURS]
 const CALLS_LIMIT: Duration = Duration::from_secs(10);
 
-/// A running recording.
+/// A recording in progress: its queue and its thread. Calls of the program add entries; [`Recorder::finish`] ends it.
 pub(in crate::link) struct Recorder<E> {
     /// The time in the file minus the time of the link, nanoseconds.
     base_ns: u64,
@@ -121,7 +121,8 @@ impl<E: Entry> Recorder<E> {
         }
     }
 
-    /// Waits for room in the queue. The wait for the reader of a pipe has a limit, since it may never read.
+    /// Waits for room in the queue and adds the entry; returns whether it was added. The reader of a pipe may never
+    /// read, so this wait ends after `stall_max` without success; so does it when the recording ends.
     fn wait_and_add(&self, mut entry: E) -> bool {
         let queue = &self.queue;
         let began = Instant::now();

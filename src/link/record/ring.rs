@@ -46,7 +46,7 @@ impl<E> Ring<E> {
         &self.places[(number % self.places.len() as u64) as usize]
     }
 
-    /// Whether the queue has no room.
+    /// Whether as many entries are in the queue as it has places.
     pub fn is_full(&self) -> bool {
         let next = self.next.load(Ordering::SeqCst);
         next.saturating_sub(self.oldest.load(Ordering::SeqCst)) >= self.places.len() as u64

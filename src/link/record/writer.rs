@@ -1,5 +1,5 @@
 //! The recorder's thread: writes frames of a board, or packets of a chip, to the file. [`Capture`] writes them as
-//! pcapng blocks, `blocks.rs` in the format for weeks.
+//! pcapng blocks, `blocks.rs` in the format `.ecmrec`.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -32,7 +32,8 @@ const AROUND_PACKET: usize = 32;
 /// The most frames of one write to the file.
 const BATCH_FRAMES: usize = BATCH_BYTES / (PACKET_LEN + AROUND_PACKET);
 /// How many frames at the end of the file can be rewritten to insert a late frame before them. On the real clock the
-/// reading thread may be late by all reports of its queue, with a command for each. \[OURS]
+/// reading thread may be late by a whole queue of reports (`queue=`, 32 by default), during which as many commands are
+/// written; 128 frames are twice of that. \[OURS]
 pub(super) const SORTED_FRAMES: usize = 128;
 /// The most bytes of the blocks that end a section. A recording begins only if the disk has room for them. \[OURS]
 pub(super) const SECTION_END_BYTES_MAX: usize = 512;
@@ -41,7 +42,7 @@ const NANOSECONDS: u8 = 9;
 
 /// The content of one block of a recording, queued for the file.
 pub(in crate::link) trait Entry: Send + 'static {
-    /// The link type of the packets in the file.
+    /// The link type of pcapng (LINKTYPE_..., for example Ethernet), which says how a reader decodes the packets.
     const LINK_TYPE: DataLink;
     /// The name of the recorded hardware in the file.
     const HARDWARE: &'static str;
@@ -50,7 +51,7 @@ pub(in crate::link) trait Entry: Send + 'static {
     const MAY_COME_LATE: bool;
     /// The largest number of bytes of a packet.
     const PACKET_MAX: usize;
-    /// What the packets are, in a recording in blocks.
+    /// The kind of the packets as the headers of an `.ecmrec` file have it: of a board, a chip or a network.
     const WHAT: What;
 
     /// The time stamp in the file, in nanoseconds.
@@ -63,11 +64,11 @@ pub(in crate::link) trait Entry: Send + 'static {
     /// packets of a section from 0.
     fn packet(&self, id: u64, packet: &mut [u8]) -> usize;
 
-    /// The bytes themselves, without the header that a packet of pcapng has.
+    /// The bytes of the frame or packet, without the header that it has in pcapng (such as that of usbmon).
     fn bytes(&self) -> &[u8];
 
-    /// Whether it is a command for the board itself that is more than a query. What comes later can be understood only
-    /// with it.
+    /// Whether the entry is a command to the board itself (in slot 0) other than GET_STATUS. Such a command changes the
+    /// state of the board, so a program that reads only a part of the recording needs the commands before that part.
     fn is_order(&self) -> bool {
         false
     }
@@ -118,7 +119,7 @@ impl Entry for FrameEntry {
     }
 }
 
-/// A recording that is being written, in one of the formats.
+/// A recording that is being written, as pcapng or as `.ecmrec`.
 pub(super) trait Writer<E>: Send + 'static {
     /// Adds an entry. It need not be in the file before [`Self::flush`].
     fn push(&mut self, entry: E);
@@ -126,10 +127,10 @@ pub(super) trait Writer<E>: Send + 'static {
     /// Writes all entries to the file.
     fn flush(&mut self);
 
-    /// Writes what is left and the end of the recording.
+    /// Writes the entries that are not in the file yet, and the end of the recording.
     fn end(&mut self);
 
-    /// What the recording lacks.
+    /// The counter of frames that the recording lacks, with the reason.
     fn loss(&mut self) -> &mut Loss;
 }
 
@@ -178,7 +179,7 @@ pub(super) struct Capture<E> {
     last_block: u64,
     /// A buffer for one packet.
     packet: Box<[u8]>,
-    /// The latest time of all frames.
+    /// The latest time stamp of the frames so far, nanoseconds.
     last_ns: u64,
 }
 
@@ -231,8 +232,8 @@ impl<E: Entry> Capture<E> {
         Ok(capture)
     }
 
-    /// Writes the waiting frames in the order of their times. Frames of the file that belong behind the first of them
-    /// are written again.
+    /// Writes the waiting frames in the order of their times. Frames in the file with later times are written again
+    /// behind them.
     fn write_out(&mut self) -> io::Result<()> {
         let mut again = 0;
         if self.sorts {
@@ -263,7 +264,8 @@ impl<E: Entry> Capture<E> {
             last_block = (self.blocks.get_ref().len() - before) as u64;
             id += 1;
         }
-        // The frames that are replaced all have the same length.
+        // The replaced frames are the last ones of the file and have one length ([`Entry::MAY_COME_LATE`]), so their
+        // number gives the number of bytes.
         self.put(again * (E::PACKET_MAX + AROUND_PACKET))?;
         self.last_block = last_block;
         self.frames_written += self.waiting.len() as u64;

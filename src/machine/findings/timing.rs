@@ -9,7 +9,8 @@ use crate::span::Span;
 /// \[OURS] If one wake-up in a hundred is later than this, half a cycle of 1 ms, real-time priority is advised.
 const P99_LATENESS_MAX: Duration = Duration::from_micros(500);
 
-/// Judges the resolution of the machine's timers.
+/// Judges the resolution of the machine's timers: wrong if it is coarser than 100 us on Linux or 1 ms on Windows, which
+/// cannot keep cycles.
 pub fn timer(resolution: Duration) -> Finding {
     const CHECK: &str = "timer";
     let nanoseconds = i64::try_from(resolution.as_nanos()).unwrap_or(i64::MAX);
@@ -81,7 +82,8 @@ mod tests {
         assert!(coarse.next.is_some_and(|next| next == FINER));
     }
 
-    /// The text of a lateness counts cycles; half a cycle of 1 ms is too late.
+    /// The finding about a lateness of several cycles states how many cycles a program has to write ahead. A lateness
+    /// of more than half a cycle of 1 ms gets advice.
     #[test]
     fn what_a_lateness_means() {
         let us = Duration::from_micros;

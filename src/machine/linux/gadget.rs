@@ -1,4 +1,4 @@
-//! This machine as the board at a USB device port: device controllers, configfs, FunctionFS.
+//! What the machine needs to be the board at a USB device port: a device controller, configfs with gadgets, FunctionFS.
 
 use super::{Access, Machine};
 
@@ -11,52 +11,53 @@ const GADGETS: &str = "/sys/kernel/config/usb_gadget";
 /// The prefix of the gadgets of this project; the name of the controller follows.
 const OURS: &str = "ecmsk-";
 
-/// A USB device controller of the machine.
+/// A USB device controller (UDC): a USB port by which the machine can be a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeviceController {
     /// The name that `--udc` takes, such as `fe980000.usb`.
     pub name: String,
     /// The highest speed, as the kernel names it, such as `high-speed`; `None` if it is not known.
     pub maximum_speed: Option<String>,
-    /// The state of its device, such as `not attached` or `configured`; `None` if it is not known.
+    /// The state of the controller as a USB device, such as `not attached` or `configured`; `None` if it is not known.
     pub state: Option<String>,
-    /// The gadget that has it, if it has one.
+    /// The gadget that uses the controller; `None` if the controller is free.
     pub gadget: Option<GadgetOnController>,
 }
 
-/// Whose gadget a device controller has.
+/// Who has made the gadget that uses a device controller.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GadgetOnController {
-    /// One that `ecmsk serve gadget` has made.
+    /// The gadget was made by `ecmsk serve gadget`.
     Ours,
-    /// Another one: its name in configfs, or that of its kernel module.
+    /// Another program or a kernel module has made the gadget. The text is the name of the gadget in configfs, or that
+    /// of the module, such as `g_ether`.
     Other(String),
 }
 
-/// The kernel's folder of gadgets.
+/// Whether gadgets can be made in the kernel's folder for them, `/sys/kernel/config/usb_gadget`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GadgetFolder {
-    /// It is there; whether this user may make gadgets in it.
+    /// The folder exists. The field says whether this user may make gadgets in it.
     There(Access),
-    /// configfs is mounted, and the module libcomposite is not loaded.
+    /// The folder does not exist: configfs is mounted, but the module libcomposite is not loaded.
     NoModule,
-    /// configfs is not mounted.
+    /// The folder does not exist, because configfs is not mounted.
     NotMounted,
 }
 
-/// Whether the kernel has FunctionFS.
+/// Whether the kernel has FunctionFS, by which a program implements the functions of a gadget.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FunctionFs {
-    /// It is loaded.
+    /// FunctionFS is built into the kernel, or its module is loaded.
     Loaded,
-    /// It is a module, which the kernel loads when a gadget needs it.
+    /// FunctionFS is a module that is not loaded. The kernel loads it when a gadget needs it.
     Module,
-    /// There is none for this kernel.
+    /// This kernel has no FunctionFS.
     Missing,
 }
 
 impl Machine {
-    /// All device controllers.
+    /// All USB device controllers of the machine.
     pub fn device_controllers(&self) -> Vec<DeviceController> {
         let controller = |name: String| {
             let says = |file: &str| self.attribute(&format!("{CONTROLLERS}/{name}/{file}"));
@@ -74,13 +75,13 @@ impl Machine {
     fn gadget_on(&self, controller: &str) -> Option<GadgetOnController> {
         let has = |gadget: &String| self.attribute(&format!("{GADGETS}/{gadget}/UDC")).as_deref() == Some(controller);
         let gadget = self.names(GADGETS).into_iter().find(has);
-        // A module that is a gadget, such as g_ether, is in no folder of configfs.
+        // A module that is itself a gadget, such as g_ether, is in no folder of configfs.
         let gadget = gadget.or_else(|| self.attribute(&format!("{CONTROLLERS}/{controller}/function")))?;
         let is_ours = gadget.strip_prefix(OURS) == Some(controller);
         Some(if is_ours { GadgetOnController::Ours } else { GadgetOnController::Other(gadget) })
     }
 
-    /// The kernel's folder of gadgets.
+    /// Whether gadgets can be made in the kernel's folder for them.
     pub fn gadget_folder(&self) -> GadgetFolder {
         match self.access(GADGETS) {
             Access::Missing if self.is_mounted(CONFIGFS) => GadgetFolder::NoModule,
@@ -96,7 +97,9 @@ impl Machine {
 
     /// Whether the kernel has FunctionFS.
     pub fn function_fs(&self) -> FunctionFs {
-        // As a module it becomes a file system with the first function that needs it; built in, it has no folder there.
+        // The loaded module usb_f_fs has a folder in /sys/module, but registers its file system only when a gadget
+        // first uses it. FunctionFS that is built into the kernel has no such folder, so the list of file systems is
+        // searched too.
         let systems = self.text("/proc/filesystems").unwrap_or_default();
         if self.has("/sys/module/usb_f_fs")
             || systems.lines().any(|line| line.split_whitespace().last() == Some("functionfs"))

@@ -7,12 +7,12 @@ const CHIPS: &str = "/sys/bus/gpio/devices";
 /// Names in a device tree that mean "no name", as an empty one does.
 const NO_NAME: [&str; 2] = ["NC", "-"];
 
-/// A GPIO chip of the machine.
+/// A GPIO chip of the machine, whose lines the links `spi:` and `xf-spi:` can use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpioChip {
     /// The name that a link uses, such as `gpiochip0`.
     pub name: String,
-    /// Whether this user may use its lines.
+    /// Whether this user may use the lines of the chip.
     pub access: Access,
     /// The offsets and names of the lines that have a name in the device tree.
     pub named_lines: Vec<(usize, String)>,

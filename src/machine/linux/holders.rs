@@ -1,8 +1,8 @@
-//! Which processes have a device file open, from `/proc`.
+//! Which processes have the device file of a board open, from `/proc`.
 
 use super::Machine;
 
-/// A process that has one of the files open.
+/// A process that has a device file of a board open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
     /// The process id.
@@ -13,7 +13,7 @@ pub struct Holder {
     pub file: String,
 }
 
-/// The processes that have one of the given files open.
+/// The processes that have a device file open, as the result of [`Machine::holders`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Holders {
     /// The processes, ordered by process id.
@@ -41,7 +41,7 @@ impl Holders {
 }
 
 impl Machine {
-    /// The processes besides this one that have one of these files open.
+    /// The processes besides this one that have one of `files` open, such as the files of a board.
     pub fn holders(&self, files: &[String]) -> Holders {
         let mut holders = Holders::default();
         if files.is_empty() {
@@ -52,7 +52,8 @@ impl Machine {
         for pid in pids.into_iter().filter(|pid| *pid != std::process::id()) {
             let folder = self.file(&format!("/proc/{pid}/fd"));
             let Ok(entries) = std::fs::read_dir(folder) else {
-                // A process without this folder has ended meanwhile and does not count as hidden.
+                // If the folder `/proc/PID/fd` does not exist any more, the process has just ended and does not count
+                // as hidden.
                 holders.hidden += usize::from(self.has(&format!("/proc/{pid}/fd")));
                 continue;
             };

@@ -3,18 +3,18 @@
 
 use super::Machine;
 
-// Numbers of capabilities (capabilities(7)).
+// Numbers of the capabilities that override the limits (capabilities(7)).
 const CAP_IPC_LOCK: u32 = 14;
 const CAP_SYS_NICE: u32 = 23;
 
-/// A limit of this process.
+/// A resource limit of this process (getrlimit(2), soft limit).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
     /// A capability of the process overrides the limit.
     Capability,
     /// There is no limit.
     Unlimited,
-    /// The limit has this value.
+    /// The value of the limit, in the unit of the limit: a priority, or bytes.
     Value(u64),
 }
 
@@ -28,7 +28,7 @@ pub struct Limits {
 }
 
 impl Machine {
-    /// The limits of this process.
+    /// Reads the limits of this process for real-time priority and locked memory.
     pub fn limits(&self) -> Limits {
         let limits = self.text("/proc/self/limits").unwrap_or_default();
         let capabilities = self.capabilities();

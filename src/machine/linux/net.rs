@@ -9,7 +9,7 @@ const CARDS: &str = "/sys/class/net";
 const ETHERNET: i64 = 1;
 /// `IFF_UP`, the bit of cards that are switched on in the file `flags`.
 const UP: u16 = 1;
-/// The number of a capability (capabilities(7)).
+/// The number of the capability that allows raw frames (capabilities(7)), which the link `nic:` needs.
 const CAP_NET_RAW: u32 = 13;
 /// The beginning of the name of the abstract socket by which programs of this project claim a network card. The
 /// interface index follows.
@@ -37,7 +37,8 @@ pub struct NetCard {
     pub speed: Option<i64>,
     /// The MTU: the longest frame of the card without its Ethernet header, bytes; `None` if it is not known.
     pub mtu: Option<i64>,
-    /// An IP address of the card, or a network that is routed over it; `None` if there is neither.
+    /// Shows that the card belongs to another network: an IP address of the card, or a network that is routed over it,
+    /// such as `192.168.2.0/24`; `None` if there is neither. The first one that is not link-local is taken.
     pub address: Option<String>,
     /// Whether the default route of this machine goes over the card.
     pub has_default_route: bool,
@@ -60,7 +61,7 @@ impl Machine {
     /// All Ethernet cards, sorted by name.
     pub fn net_cards(&self) -> Vec<NetCard> {
         let mut cards = self.own_cards().unwrap_or_else(|| self.cards_in_files());
-        // A thread may be in a network namespace of its own.
+        // A thread may be in a network namespace of its own, so the file of this thread is read first.
         let sockets = ["/proc/thread-self/net/unix", "/proc/net/unix"].into_iter().find_map(|file| self.text(file));
         let sockets = sockets.unwrap_or_default();
         for card in &mut cards {

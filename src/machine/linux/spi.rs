@@ -13,12 +13,12 @@ pub const FRAME_LEN: i64 = 512;
 /// The length of the longest packet of an ECM-XF in bytes, which the chip needs in one exchange (XF EN 174).
 pub const PACKET_LEN: i64 = 1440;
 
-/// A spidev device of the machine.
+/// A spidev device of the machine, which the links `spi:` and `xf-spi:` can open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpiDevice {
     /// The device file, such as `/dev/spidev0.0`.
     pub file: String,
-    /// Whether this user may open it.
+    /// Whether this user may open the device file.
     pub access: Access,
 }
 

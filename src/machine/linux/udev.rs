@@ -35,7 +35,8 @@ pub enum Rule {
 }
 
 impl Machine {
-    /// Searches the installed rules for one with the board's ids.
+    /// Searches the installed rules for those with the board's ids. If there are several, the rule of this version goes
+    /// before the first rule that somebody else wrote.
     pub fn udev_rule(&self) -> Rule {
         let mut other = None;
         for folder in FOLDERS {
@@ -53,7 +54,7 @@ impl Machine {
     }
 }
 
-/// Whether a line of the file contains both ids and is no comment.
+/// Whether a line of the file that is no comment contains the board's vendor id and its product id.
 fn is_for_the_board(text: &str) -> bool {
     let rules = text.lines().map(str::trim_start).filter(|line| !line.starts_with('#'));
     rules.map(str::to_ascii_lowercase).any(|line| line.contains("16c0") && line.contains("05df"))

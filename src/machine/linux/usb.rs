@@ -21,11 +21,11 @@ const SELF_POWERED: u16 = 0x40;
 pub struct UsbDevice {
     /// Bus and ports as Linux names them, such as `1-2.3`.
     pub path: String,
-    /// The product name.
+    /// The product name; `None` if the device has none.
     pub name: Option<String>,
-    /// The serial number.
+    /// The serial number; `None` if the device has none.
     pub serial: Option<String>,
-    /// The manufacturer.
+    /// The manufacturer; `None` if the device names none.
     pub manufacturer: Option<String>,
     /// The interface with the board's reports, or the reason why the device is not a board.
     pub interface: Result<ReportInterface, NotTheBoard>,
@@ -43,11 +43,11 @@ pub struct UsbDevice {
     pub drivers: Vec<Driver>,
     /// The hidraw files of the device, such as `/dev/hidraw0`.
     pub hidraw: Vec<String>,
-    /// Whether the kernel suspends the device.
+    /// Whether the kernel suspends the device while no program uses it, and after which delay.
     pub autosuspend: Autosuspend,
     /// The hub that the device is connected to; `None` for a port of the machine itself.
     pub hub: Option<Hub>,
-    /// The number of over-currents at the port of the device.
+    /// How many times the port of the device has cut the power because of an over-current, since its hub was connected.
     pub over_current: u64,
 }
 
@@ -98,7 +98,7 @@ impl UsbDevice {
         self.speed.as_deref() == Some(HIGH_SPEED)
     }
 
-    /// The device files by which programs may have opened it.
+    /// The device files by which programs may have opened the device: that of libusb, and those of hidraw.
     pub fn files(&self) -> Vec<String> {
         self.node.iter().chain(&self.hidraw).cloned().collect()
     }
@@ -173,7 +173,7 @@ impl Machine {
     }
 
     fn driver(&self, interface: &str) -> Option<Driver> {
-        // A whole device usually has the driver `usb`, which does not count.
+        // The driver `usb`, which a whole device usually has, is left out: it keeps nobody from using an interface.
         let name = self.link_name(&format!("{DEVICES}/{interface}/driver")).filter(|name| name != "usb")?;
         Some(Driver { interface: interface.to_owned(), name })
     }

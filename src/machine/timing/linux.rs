@@ -1,4 +1,4 @@
-//! Clock and sleeps of Linux.
+//! Measures with Linux how late a sleeping thread is woken, and reads the resolution of the timers.
 
 use std::num::NonZeroU64;
 use std::time::Duration;
@@ -9,14 +9,14 @@ use rustix::time::{Timespec, clock_getres, clock_gettime};
 /// \[OURS] The coarsest resolution that counts as high-resolution timers. Without them it is a tick of the kernel, 1 ms
 /// or more.
 pub const COARSE: Duration = Duration::from_micros(100);
-/// The next step for a user whose timers are coarser.
+/// The next step for a user whose timers are coarser than `COARSE`.
 pub const FINER: &str = "start a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no highres=off)";
 
 /// Sleeps `times` times for `period`, and returns how late this thread was woken each time.
 pub fn late(period: Duration, times: usize) -> Vec<Duration> {
     let now = || duration(clock_gettime(rustix::time::ClockId::Monotonic));
-    // The runner's thread sets the same timer slack. With the default of 50 us Linux may let a thread sleep that much
-    // longer.
+    // The thread that runs the cycles of a modelled board sets the same timer slack. With the default of 50 us Linux
+    // may let a thread sleep that much longer.
     let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
     let mut late = Vec::with_capacity(times);
     for _ in 0..times {

@@ -1,4 +1,4 @@
-//! Timers and sleeps of Windows.
+//! Measures with Windows how late a sleeping thread is woken, and reads the resolution of the timers.
 
 use std::time::{Duration, Instant};
 
@@ -6,7 +6,7 @@ use libloading::os::windows::Library;
 
 /// \[OURS] The coarsest resolution that allows cycles of 1 ms. Windows 10 and later wakes threads at multiples of 500 us.
 pub const COARSE: Duration = Duration::from_millis(1);
-/// The next step for a user whose timers are coarser.
+/// The next step for a user whose timers are coarser than `COARSE`.
 pub const FINER: &str = "motion of boards behind usb: and tcp: links is timed by the board itself; simulate with clock=virtual, or on Linux";
 
 /// Windows states resolutions in units of 100 ns.
@@ -17,7 +17,7 @@ pub fn late(period: Duration, times: usize) -> Vec<Duration> {
     let mut late = Vec::with_capacity(times);
     for _ in 0..times {
         let deadline = Instant::now() + period;
-        // The runner's thread sleeps in the same way.
+        // The thread that runs the cycles of a modelled board also waits by such sleeps, so it is as late as this one.
         std::thread::sleep(period);
         late.push(Instant::now().saturating_duration_since(deadline));
     }

@@ -16,7 +16,7 @@ const BOARD: &str = "usb-board";
 #[derive(Clone, Copy, Debug)]
 pub struct Machine;
 
-/// A device with the board's vendor and product id.
+/// A HID device with the board's vendor and product id. It may still be another device; see [`Self::why_no_board`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Board {
     /// The device's instance name in Windows, as the key `path=` of a link takes it.

@@ -20,7 +20,7 @@ pub enum FileError {
     /// The slave or the master has ended the transfer with an FoE error.
     #[error("ended with error {0}")]
     File(FoeError),
-    /// The slave has not answered.
+    /// The slave has not answered, or the request could not be sent; the mailbox error says why.
     #[error(transparent)]
     Mailbox(#[from] MailboxError),
 }
@@ -55,7 +55,7 @@ impl Master {
     }
 }
 
-/// A running FoE transfer.
+/// A running FoE transfer: the mailbox, which it has for itself, and the timeout of each answer.
 struct Transfer {
     mailbox: Mailbox,
     timeout_ns: Ns,
@@ -119,7 +119,8 @@ impl Transfer {
     }
 }
 
-/// Reads a file.
+/// Reads a file packet by packet; a packet that does not fill the mailbox is the last one. A file of more than
+/// [`VALUE_BYTES_MAX`] bytes is an error.
 async fn read(bus: Bus, peer: Peer, name: &[u8], password: u32) -> Result<Vec<u8>, FileError> {
     let mut transfer = Transfer::open(bus, peer).await?;
     let mut content = Vec::new();
@@ -143,7 +144,7 @@ async fn read(bus: Bus, peer: Peer, name: &[u8], password: u32) -> Result<Vec<u8
     }
 }
 
-/// Writes a file.
+/// Writes a file packet by packet. The last packet has fewer bytes than fit, and may be empty.
 async fn write(bus: Bus, peer: Peer, name: &[u8], password: u32, content: &[u8]) -> Result<(), FileError> {
     let mut transfer = Transfer::open(bus, peer).await?;
     let room = (transfer.mailbox.room() + MAILBOX_HEADER_LEN).saturating_sub(FOE_OVERHEAD).max(1);

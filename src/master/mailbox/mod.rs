@@ -224,12 +224,13 @@ impl Mailbox {
         is_late
     }
 
-    /// The slave has answered the present request. Slaves answer in order, so no answer to an earlier request can come.
+    /// Called when the slave has answered the present request. Slaves answer in order, so from here on no answer to an
+    /// earlier request is expected.
     pub(in crate::master) fn settle(&self) {
         self.state(|state| state.owes = false);
     }
 
-    /// The slave does not answer the message that was just sent.
+    /// Called after a message that the slave does not answer, such as an abort: from here on no answer is awaited.
     pub(in crate::master) const fn wants_no_answer(&mut self) {
         self.is_waiting = false;
     }
@@ -301,7 +302,8 @@ impl Mailbox {
                     return Ok(counter == 1 && (self.is_new() || repeats == 0));
                 }
                 Err(_) if repeats == 3 => return Err(MailboxError::NoAnswer),
-                // For the slave the message may count as read.
+                // If the frame was lost on its way back, the slave counts the message as read, and its mailbox is
+                // empty. So the slave is asked to put the message in again.
                 Err(_) => self.ask_for_repeat().await?,
             }
             repeats += 1;
@@ -325,7 +327,7 @@ impl Mailbox {
                 return Ok(());
             }
             if self.bus.now() >= until {
-                // Slaves without support for repeats: the mailbox is read as it is.
+                // The slave does not support repeats, so its mailbox is read as it is.
                 return Ok(());
             }
             self.bus.sleep(POLL_NS).await;
@@ -343,7 +345,8 @@ impl Mailbox {
     /// Whether the message belongs to the protocol and is no emergency.
     ///
     /// # Errors
-    /// [`MailboxError::WrongAnswer`]: it is longer than the mailbox; [`MailboxError::Fault`].
+    /// [`MailboxError::WrongAnswer`] if the message is longer than the mailbox, [`MailboxError::Fault`] if it is a
+    /// mailbox error of the slave.
     fn is_answer(&self, protocol: MailboxProtocol) -> Result<bool, MailboxError> {
         let message = MailboxMessage::decode(&self.bytes).map_err(|_| MailboxError::WrongAnswer)?;
         if message.header.protocol == MailboxProtocol::Error {

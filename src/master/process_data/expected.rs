@@ -2,10 +2,10 @@
 
 use crate::master::shared::Standing;
 
-/// The set of right working counters of a datagram.
+/// The working counters with which a datagram is accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Expected {
-    /// The sum over the slaves that take part for certain.
+    /// The sum of what the slaves that take part for certain add to the working counter.
     certain: u16,
     /// Bit n: all other slaves together may add n. Forty slaves add 120 at most.
     besides: u128,
@@ -41,7 +41,7 @@ impl Expected {
         (0..counts).for_each(|_| self.besides |= self.besides << 1);
     }
 
-    /// Whether a working counter is right.
+    /// Whether a datagram with this working counter is accepted.
     pub(super) fn allows(&self, counter: u16) -> bool {
         let besides = counter.checked_sub(self.certain).filter(|besides| u32::from(*besides) < u128::BITS);
         besides.is_some_and(|besides| self.besides >> besides & 1 != 0)

@@ -10,7 +10,7 @@ use crate::master::{SlaveInfo, SyncSignals};
 /// Where a slave's process data of one direction are: the segment, and the bytes in it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Place {
-    /// The index of the segment.
+    /// The index of the segment in `ProcessData::segments`.
     pub(super) segment: usize,
     pub(super) range: Range<usize>,
 }

@@ -73,7 +73,7 @@ fn repeated_outputs() {
     assert_eq!((stall.whole_ns, stall.sets), (8 * MS, 1));
 }
 
-/// Silence in both directions is a stall while command frames wait, minus one cycle.
+/// Silence in both directions while command frames wait is a stall. One cycle of it is normal and does not count.
 #[test]
 fn silence() {
     let mut run = Run::in_op(1, 1000);

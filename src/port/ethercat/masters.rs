@@ -21,7 +21,8 @@ pub(super) struct Masters {
     last_frame: Option<Instant>,
     /// The source address of the present master's first frame.
     source: Option<MacAddress>,
-    /// A second source address that was seen since then: of another master, if the two alternate.
+    /// A second source address that was seen after `source`. If `source` then comes again, the two addresses belong to
+    /// two masters that send at the same time.
     other: Option<MacAddress>,
     is_other_told: bool,
 }

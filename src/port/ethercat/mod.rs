@@ -37,10 +37,10 @@ use crate::testbed::simulated_slaves;
 use masters::Masters;
 use service::{Failure, Port, Service};
 
-/// The settings of a server.
+/// The settings of a server of simulated slaves: its network interfaces, the slaves, their faults, and the log.
 #[derive(Clone)]
 pub struct Options {
-    /// The name of the network interface.
+    /// The name of the network interface of this machine at which a master reaches the first slave.
     pub interface: String,
     /// The name of a second interface at the other end of the cable, which closes a ring while it has a link.
     pub second: Option<String>,
@@ -53,14 +53,16 @@ pub struct Options {
     pub script: Option<PathBuf>,
     /// The file to which all frames and their answers are recorded.
     pub record: Option<PathBuf>,
-    /// Whether the interface may be that of this machine's default route.
+    /// Whether an interface with the default route of this machine may be used. This is refused by default, since
+    /// everybody on that network would get the EtherCAT frames.
     pub allow_default_route: bool,
     /// The real-time settings of the thread that answers frames; each setting that the system refuses is logged.
     pub real_time: RealTime,
     /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
     /// slow, lines are dropped, and a line reports their number.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
-    /// Called in the thread of the slaves when it has ended by itself; [`Server::stop`] returns the reason.
+    /// Called when the server has ended by itself, for example because an interface is gone, as the last action of the
+    /// thread of the slaves. [`Server::stop`] returns the reason.
     pub failed: Arc<dyn Fn() + Send + Sync>,
 }
 
@@ -77,7 +79,8 @@ pub enum ServeError {
     /// The list of slaves is empty.
     #[error("no slave is to be served; name some with --slaves, e.g. 'drive*2,io'")]
     NoSlave,
-    /// The EEPROM content of a slave cannot be made, because its device does not describe it.
+    /// No EEPROM content can be made for a slave, because its object dictionary does not describe its process data or
+    /// does not fit.
     #[error(transparent)]
     Description(#[from] UndescribedError),
     /// The file for the recording cannot be created.
@@ -110,7 +113,9 @@ impl Server {
     /// Switches the simulated slaves on and lets them answer masters.
     ///
     /// # Errors
-    /// [`ServeError`].
+    /// [`ServeError::NoSlave`], [`ServeError::SameInterface`]; [`ServeError::Interface`] if an interface cannot be
+    /// used; [`ServeError::Slaves`] and [`ServeError::Description`] if the slaves cannot be simulated;
+    /// [`ServeError::Record`]; [`ServeError::System`].
     pub fn start(options: Options) -> Result<Self, ServeError> {
         let system = |what| move |source: io::Error| ServeError::System { what, source };
         if options.slaves.is_empty() {

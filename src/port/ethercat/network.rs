@@ -1,4 +1,5 @@
-//! The slaves on a cable, and the actions of a script on them. Time is an argument; no network interface is used here.
+//! The simulated slaves on one cable, and the fault script (`script=`) that acts on them. The caller passes the time to
+//! every call, so that tests need no clock; no network interface is used here.
 
 use super::ServeError;
 use super::told::Told;
@@ -22,11 +23,12 @@ pub struct Network {
 }
 
 impl Network {
-    /// Slaves in a line, switched on at time 0, when the script begins. Their clocks are up to `drift_ppm` parts per
-    /// million too fast or too slow, each by another amount.
+    /// Slaves in a line, switched on at time 0, when the script begins. The clock of the first slave is `drift_ppm`
+    /// parts per million too fast, that of the last one is too slow by as much, and the others are evenly distributed
+    /// in between.
     ///
     /// # Errors
-    /// [`ServeError::Description`]: a device does not describe the content of its EEPROM.
+    /// [`ServeError::Description`]: the model of one of the slaves does not define the content of its EEPROM.
     pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>, drift_ppm: u16) -> Result<Self, ServeError> {
         let slaves = CabledChain::with_drift(devices, Cable::default(), u32::from(drift_ppm) * 1000)?;
         let told = Told::new(slaves.chain().len());
@@ -74,8 +76,8 @@ impl Network {
         matches!(fate, FrameFate::Returned(_)).then_some((padded, end))
     }
 
-    /// Logs states with an AL status code that the newest frame has caused. Called after each frame, since the next
-    /// frame may acknowledge the error.
+    /// Logs each slave that has an AL status code other than 0 after the newest frame. Call this after each frame: the
+    /// next one may acknowledge the error, and the code would then never be logged.
     pub fn look(&mut self) {
         self.told.look_at_states(self.slaves.chain(), self.now, |(_, code)| code != AlStatus::NONE, &mut self.lines);
     }
@@ -124,10 +126,11 @@ mod tests {
     use crate::port::ethercat::told::state_of;
 
     const MS: Ns = 1_000_000;
-    /// The settings of sync managers 0 and 1, equal to those in the EEPROM of the slaves.
+    /// Registers 0x0800 to 0x080F: sync managers 0 and 1 as mailboxes, 128 bytes at 0x1000 and at 0x1080. A slave goes
+    /// to PreOP only with valid mailboxes; these are the ones that its EEPROM describes.
     const MAILBOXES: [u8; 16] = [0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0];
 
-    /// A network of slaves, and a simple master that sends one datagram at a time.
+    /// The test bench: a network of slaves with its time and log lines, and a master that sends one datagram at a time.
     struct Wire {
         network: Network,
         now: Ns,
@@ -223,8 +226,8 @@ mod tests {
         assert_eq!(passed.map(|ns| ns / 1000), [100, 0, -100]);
     }
 
-    /// ECAT-15.2 A cut cable separates the slaves behind it. A slave that is lost or mute passes frames on to those
-    /// behind it. A cut before the first slave loses all frames.
+    /// ECAT-15.2 A cut cable separates the slaves behind the cut. A slave without power (`lose`) and one that does not
+    /// answer (`mute`) still pass frames on to the slaves behind them. A cut before the first slave loses all frames.
     #[test]
     fn a_script_cuts_mutes_and_loses() {
         let script =
@@ -269,8 +272,8 @@ mod tests {
         );
     }
 
-    /// ECAT-15.24 After `from frame` times count from the first frame, after `from op` from the time when a slave is in
-    /// OP.
+    /// ECAT-15.24 In a script, the times below the line `from frame` count from the first frame, those below `from op`
+    /// from the moment when a slave reaches OP.
     #[test]
     fn a_script_waits_for_the_master() {
         let script =
@@ -286,7 +289,8 @@ mod tests {
         assert_eq!((wire.count(), scripted(&wire)), (Some(1), 3));
         wire.wait(100);
         assert_eq!((wire.count(), scripted(&wire)), (Some(2), 4), "nobody is in OP");
-        // An `io` without process data reaches OP by its states alone, with sync managers as in its EEPROM.
+        // The terminal `io` reaches OP by requests of states and written outputs alone. It needs neither PDO mapping
+        // nor distributed clocks, if its sync managers are set as in its EEPROM.
         assert_eq!(wire.send(Command::Apwr, 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
         let outputs = [0x00, 0x11, 0x02, 0x00, 0x64, 0, 1, 0, 0x80, 0x11, 0x02, 0x00, 0x20, 0, 1, 0];
         assert_eq!(wire.send(Command::Apwr, 0x0810 << 16, &outputs).map(|(_, counter)| counter), Some(1));
@@ -303,7 +307,8 @@ mod tests {
         assert_eq!(scripted(&wire), 5, "{:?}", wire.lines);
     }
 
-    /// ECAT-15.25 Without a link before the first slave no frame comes back. A cut at the same place ends by itself.
+    /// ECAT-15.25 While the network interface before the first slave has no link, no frame comes back. A cut of a
+    /// script at the same place ends after the time in the script, a missing link only when the link returns.
     #[test]
     fn a_dead_link_is_no_cut() {
         let mut wire = Wire::new("io*2", "at 10ms cut 1 for 20ms\n");
@@ -319,8 +324,8 @@ mod tests {
         assert_eq!(wire.count(), Some(2), "frames turn at the last slave again");
     }
 
-    /// ECAT-15.2 A state that a script refuses is refused with its code, and logged. A slave without power comes back
-    /// in Init.
+    /// ECAT-15.2 The script line `refuse` makes a slave refuse a state with an AL status code; the refusal is logged. A
+    /// slave whose power returns starts in Init.
     #[test]
     fn a_script_refuses_states() {
         let mut wire = Wire::new("io*2", "refuse 2 preop 0x8001 for 20ms\nat 40ms lose 1 for 1ms\n");
@@ -408,7 +413,8 @@ mod tests {
         assert_eq!(counted, [all, Some(253), all, Some(200), all, Some(253), all, Some(253), all]);
     }
 
-    /// DP3CL-8.5 A script that forces a terminal of a DP3CL makes edges at the latch inputs of its controller.
+    /// DP3CL-8.5 A script that switches an input terminal of a DP3CL on and off (`io`) causes edges at the latch inputs
+    /// of the slave controller, which stores their times.
     #[test]
     fn a_script_makes_edges() {
         let mut wire = Wire::new("dp3cl", "at 5ms io 1 inputs 1 for 10ms\n");
@@ -419,8 +425,8 @@ mod tests {
         assert_eq!(times[2..], [0, 0]);
     }
 
-    /// ECAT-8.13 Each frame of a master has at most one answer, and no frame comes without one: there are as many
-    /// answers as frames, minus the lost ones.
+    /// ECAT-8.13 Each frame of a master gets exactly one answer, unless the cable loses the frame: the number of
+    /// answers is that of the frames minus that of the lost ones.
     #[test]
     fn s40_each_frame_is_answered_once() {
         let mut wire = Wire::new("drive*2", "at 500ms cut 1 for 100ms\n");

@@ -20,10 +20,10 @@ use crate::port::serving::Shared;
 
 /// The interval at which the slaves' time advances while no frame comes, and at which their states are logged. \[OURS]
 const TICK: Duration = Duration::from_millis(5);
-/// The pause after an error of the interface, before it is used again. \[OURS]
+/// The pause after an error of a socket in receiving a frame, before the server reads from the sockets again. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
-/// The interval in which the links of the interfaces are checked. \[OURS] A slave closes a port some milliseconds after
-/// its link is down, long before its process data watchdog expires.
+/// The interval at which the server checks whether each interface has a link. \[OURS] It is short, because a real slave
+/// closes its port some milliseconds after a loss of the link, long before its process data watchdog expires.
 const LINK_PERIOD: Duration = Duration::from_millis(10);
 
 /// A network interface at one end of the line of slaves.
@@ -53,7 +53,8 @@ pub(super) struct Service {
     pub(super) masters: Masters,
     pub(super) next_tick: Instant,
     pub(super) next_look: Instant,
-    /// Whether the newest log line about the ring said that it is closed; `None`: no line was logged yet.
+    /// The content of the newest log line about the ring, so that only changes are logged: true if both ends have a
+    /// link, false if one end has none; `None`: no line was logged yet.
     pub(super) told_ring: Option<bool>,
     pub(super) answered: u64,
     pub(super) lost: u64,

@@ -25,7 +25,8 @@ struct Budget {
 }
 
 impl Budget {
-    /// Whether another line may be logged for the slave at `now`.
+    /// Whether another line may be logged for the slave at `now`. After [`PERIOD_NS`] a new period with its own budget
+    /// begins.
     const fn has_room(&mut self, now: Ns) -> bool {
         if now.saturating_sub(self.since) >= PERIOD_NS {
             *self = Self { since: now, lines: 0 };
@@ -64,8 +65,8 @@ impl Told {
         self.states.iter().any(|known| known.seen.0 == RequestedState::State(AlState::Op))
     }
 
-    /// Adds log lines for the changed states of the slaves that `which` selects. Neighbouring slaves with the same
-    /// change share a line.
+    /// Adds log lines for the slaves whose state has changed and for whose present state `which` returns true.
+    /// Neighbouring slaves with the same change share a line.
     pub(super) fn look_at_states(
         &mut self,
         chain: &Chain,
@@ -140,7 +141,7 @@ fn look_at(known: &mut Known, state: State, now: Ns) -> Option<(State, u32)> {
     Some((state, left_out))
 }
 
-/// The AL state of a slave, and its AL status code; 0 if the master has requested the state.
+/// The AL state of a slave, and its AL status code: why the slave refused a state or left one; 0: no error.
 pub(super) fn state_of(slave: &EscSlave) -> State {
     let code = slave.controller().peek(AL_STATUS_CODE, 2);
     let code = code.try_into().map_or(0, u16::from_le_bytes);

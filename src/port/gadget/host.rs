@@ -1,8 +1,9 @@
-//! The host at the other end of the cable, as the controller's events and transfers show it. Plain state without I/O and waits;
-//! time is an argument.
+//! State of the USB host at the other end of the cable, derived from the events and ended transfers of this machine's
+//! device controller. Plain state without I/O and waits; time is an argument.
 //!
-//! The controller has one report for the host at most, and takes one frame at a time: while it has no report, or the board has
-//! not taken the frame before, it answers NAK. The USB device in between is the one of all virtual boards.
+//! The controller holds at most one report for the host, and accepts one frame at a time. While it has no report, or
+//! while the board has not accepted the previous frame, it answers the host with NAK. The requests and transfers of the
+//! host go to the USB device model that USB/IP uses too.
 
 use std::fmt;
 use std::time::Duration;
@@ -18,7 +19,7 @@ use crate::sk::{FRAME_LEN, Frame};
 /// 125 us; one that begins to read gets no report of long ago. \[OURS]
 const REPLACE_AFTER: Duration = Duration::from_millis(20);
 
-/// The numbers of transfers, by which their ends are told apart.
+/// The sequence numbers given to transfers, by which [`Ended`] recognizes a transfer that has completed.
 const CONTROL: u32 = 0;
 const REPORT: u32 = 1;
 const FRAME: u32 = 2;
@@ -26,23 +27,24 @@ const FRAME_BY_CONTROL: u32 = 3;
 
 /// The interrupt endpoints of a device controller.
 pub(super) trait Controller {
-    /// Whether it has a report that the host has not fetched.
+    /// Whether the controller holds a report that the host has not fetched.
     fn is_sending(&self) -> bool;
-    /// Whether it takes a frame.
+    /// Whether the OUT endpoint is ready: the controller will accept the host's next frame.
     fn is_receiving(&self) -> bool;
-    /// Gives it a report for the host.
+    /// Gives the controller a report for the host.
     fn send(&mut self, report: &[u8; FRAME_LEN]);
-    /// Asks for the report that it has; the end of that transfer says whether the host was faster.
+    /// Cancels the transfer of the report that the controller holds. The result of that transfer says whether the host
+    /// has fetched the report before the cancellation.
     fn take_back(&mut self);
-    /// Has it take a frame.
+    /// Makes the OUT endpoint ready to accept a frame of the host.
     fn receive(&mut self);
 }
 
-/// The ends of transfers.
+/// Results of completed transfers that the owner of the device model has not handled yet.
 #[derive(Debug, Default)]
 struct Ended {
     report: Option<Frame>,
-    /// The answer to a control request; `None` in it is a stall.
+    /// The answer to a control request; `Some(None)` is a stall, `None`: no control request has completed.
     control: Option<Option<Vec<u8>>>,
     frame: bool,
     frames_by_control: usize,
@@ -62,7 +64,7 @@ impl Ends for Ended {
     fn unlinked(&mut self, _sequence: u32, _status: Status) {}
 }
 
-/// Where the host is.
+/// Whether a host is connected, and awake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Presence {
     Away,
@@ -70,16 +72,16 @@ enum Presence {
     Asleep,
 }
 
-/// Why a host no longer has the board.
+/// Why a host no longer uses the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Why {
-    /// It is unplugged or switched off, or has reset the device or deselected its configuration: the kernel does not say
-    /// which.
+    /// The host is unplugged or switched off, or has reset the device or deselected its configuration: the kernel does
+    /// not say which.
     Detached,
-    /// It has selected the configuration anew.
+    /// The host has selected the configuration again. A new session begins, so the previous one has ended.
     Configured,
-    /// The bus is idle: it sleeps, or its controller has stopped. Some device controllers report a pulled cable so, and
-    /// [`Event::Disabled`] later.
+    /// The bus is idle: the host sleeps, or its controller has stopped. Some device controllers report a pulled cable
+    /// as an idle bus first, and as [`Event::Disabled`] later.
     Asleep,
 }
 
@@ -93,64 +95,66 @@ impl fmt::Display for Why {
     }
 }
 
-/// A host that no longer has the board.
+/// The session of a host that no longer uses the board: why it has ended, and its counters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Gone {
     pub why: Why,
-    /// Frames that the board has taken from it.
+    /// Frames that the board has accepted from this host.
     pub frames: u64,
-    /// Reports that it has fetched.
+    /// Reports that this host has fetched.
     pub reports: u64,
-    /// Whether the board hung, because of a short packet.
+    /// Whether the board hung, because the host has sent a short packet.
     pub hung: bool,
 }
 
-/// What has become of the host.
+/// How an event has changed the presence of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
-    /// A host has the board.
+    /// A host has selected the configuration: it can use the board.
     Came,
-    /// A host that slept has it again.
+    /// A host that slept is awake, and can use the board again.
     Woke,
-    /// The host no longer has it, see [`Host::take_gone`].
+    /// The host can no longer use the board; [`Host::take_gone`] has the reason.
     Went,
 }
 
 /// The answer to a request on endpoint 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
-    /// These bytes, to the host.
+    /// These bytes go to the host.
     Data(Vec<u8>),
-    /// So many bytes are to be taken from the host and given to [`Host::control_data`].
+    /// The caller has to read this many bytes from the host and pass them to [`Host::control_data`].
     Take(usize),
     /// Success, without bytes.
     Acknowledge,
-    /// Refused.
+    /// The request is refused.
     Stall {
         /// The direction in the request.
         to_host: bool,
     },
 }
 
-/// The host and the device that it has.
+/// The host, and the USB device model that it uses.
 #[derive(Debug)]
 pub(super) struct Host {
     descriptors: Descriptors,
     device: Device<Ended>,
     presence: Presence,
-    /// Whether reports and frames pass: not while axes are being stopped, nor while the board is lost.
+    /// Whether reports and frames are passed between host and board. They are not while axes are being stopped, or
+    /// while the link to the board is lost.
     is_open: bool,
-    /// Counts the devices. A frame of an earlier one is none of this one.
+    /// Rises with each new device model, so that the result of a write is ignored if its frame came through an earlier
+    /// one.
     generation: u64,
-    /// Whether a frame of the host waits for the board.
+    /// Whether a frame that the host has sent to the OUT endpoint waits for the board.
     frame_waits: bool,
-    /// How many frames wait beside it that came on endpoint 0.
+    /// How many frames that came on endpoint 0 (SET_REPORT) wait for the board, in addition to `frame_waits`.
     control_frames: usize,
-    /// When the controller got the report that it has.
+    /// The time at which the controller got the report that it holds.
     given: Duration,
     is_taken_back: bool,
     reports: u64,
-    /// Whether the board has taken a frame since the axes were stopped last.
+    /// Whether the board has accepted a frame since the axes were stopped last: if so, axes may move.
     has_written: bool,
     gone: Option<Gone>,
 }
@@ -173,7 +177,7 @@ impl Host {
         }
     }
 
-    /// An event of the function other than a request.
+    /// Handles an event of the USB function other than a request.
     pub(super) fn event(&mut self, event: Event, now: Duration, controller: &mut dyn Controller) -> Option<Change> {
         match event {
             Event::Enabled => {
@@ -201,13 +205,14 @@ impl Host {
         }
     }
 
-    /// A request on endpoint 0.
+    /// Returns the answer to a request on endpoint 0.
     pub(super) fn setup(&mut self, bytes: [u8; SETUP_LEN]) -> Answer {
         let setup = Setup::parse(bytes);
         let has_data = !setup.to_host && setup.length > 0;
         if has_data {
             let is_report = matches!(setup.request, Request::SetReport { kind: report::OUTPUT, id: 0 });
-            // Its bytes cannot be refused any more once they were taken.
+            // After [`Answer::Take`] the host gets its acknowledgement, so a frame for which there is no room has to be
+            // refused here.
             let has_room = self.control_frames + 1 < TRANSFERS_AT_ONCE && !self.device.hangs();
             return match usize::from(setup.length) {
                 FRAME_LEN if is_report && has_room => Answer::Take(FRAME_LEN),
@@ -221,7 +226,8 @@ impl Host {
         }
     }
 
-    /// The bytes of a request that [`Answer::Take`] has asked for. The host has its acknowledgement already.
+    /// Handles the data of a request after [`Answer::Take`]. The kernel has already acknowledged the request to the
+    /// host, so it can no longer be refused.
     pub(super) fn control_data(&mut self, bytes: [u8; SETUP_LEN], data: &[u8]) {
         self.control_frames += 1;
         self.control(FRAME_BY_CONTROL, bytes, &Setup::parse(bytes), data);
@@ -269,17 +275,19 @@ impl Host {
             length: packet.len() as u32,
             setup: [0; SETUP_LEN],
         };
-        // There is none beside it, so there are not too many.
+        // There is room for this transfer: no other frame of the OUT endpoint is pending, and `setup` keeps one entry
+        // free.
         self.frame_waits = self.device.transfer(&transfer, packet).is_ok();
         self.settle(now, controller);
     }
 
-    /// The next frame for the board, with what [`Self::write_ended`] needs to know.
+    /// Copies the next frame for the board into `frame`. Returns the generation that the caller passes to
+    /// [`Self::write_ended`]; `None`: there is no frame, or nothing may pass now.
     pub(super) fn begin_write(&mut self, frame: &mut Frame) -> Option<u64> {
         (self.is_open && self.device.begin_write(frame)).then_some(self.generation)
     }
 
-    /// The board has taken a frame, or has not.
+    /// Handles the result of a write to the board. A frame that was not accepted is kept for the next attempt.
     pub(super) fn write_ended(&mut self, generation: u64, taken: bool, now: Duration, controller: &mut dyn Controller) {
         self.has_written |= taken;
         if generation != self.generation {
@@ -293,33 +301,35 @@ impl Host {
         self.settle(now, controller);
     }
 
-    /// Whether the board has a frame to take.
+    /// Whether a frame of the host waits for the board, and frames are passed at present.
     pub(super) fn has_frame(&self) -> bool {
         self.is_open && self.device.has_frame()
     }
 
-    /// The host that is gone, if none was asked for since.
+    /// The session that has ended, once: later calls return `None` until another session ends.
     pub(super) fn take_gone(&mut self) -> Option<Gone> {
         self.gone.take()
     }
 
-    /// Whether axes may move by frames of a host; no longer, once it was asked for.
+    /// Whether axes may move because of frames of a host. The call resets the answer to false.
     pub(super) fn take_has_written(&mut self) -> bool {
         std::mem::take(&mut self.has_written)
     }
 
-    /// Nothing passes until [`Self::open`].
+    /// Stops passing reports and frames between host and board until [`Self::open`].
     pub(super) fn close(&mut self) {
         self.is_open = false;
     }
 
-    /// Reports and frames pass, unless a host has gone meanwhile.
+    /// Passes reports and frames again. If another host has gone meanwhile, they stay blocked until its axes are
+    /// stopped, too.
     pub(super) fn open(&mut self, now: Duration, controller: &mut dyn Controller) {
         self.is_open = self.gone.is_none();
         self.arm(now, controller);
     }
 
-    /// Gives the controller what it can have.
+    /// Gives the controller the newest report if it holds none, and makes the OUT endpoint ready if no frame waits for
+    /// the board.
     pub(super) fn arm(&mut self, now: Duration, controller: &mut dyn Controller) {
         if self.presence != Presence::There || !self.is_open || self.device.hangs() {
             return;
@@ -336,7 +346,7 @@ impl Host {
         }
     }
 
-    /// Asks the device for a report, unless it was asked already.
+    /// Gives the device model an IN transfer for the newest report, unless one is pending or has completed.
     fn next_report(&mut self) {
         if self.device.ends().report.is_some() {
             return;
@@ -345,7 +355,7 @@ impl Host {
             let (endpoint, length) = (IN & 0x0F, FRAME_LEN as u32);
             let transfer =
                 Transfer { sequence: REPORT, direction: Direction::In, endpoint, length, setup: [0; SETUP_LEN] };
-            // There is none beside it, so there are not too many.
+            // This cannot fail for lack of room: no other IN transfer is pending.
             let _ = self.device.transfer(&transfer, &[]);
         }
         self.device.deliver();
@@ -371,7 +381,8 @@ impl Host {
         self.arm(now, controller);
     }
 
-    /// The host has no device any more; the next one gets another.
+    /// Ends the session of the host. The next host starts with a new device model, without frames and reports of this
+    /// one.
     fn leave(&mut self, why: Why) {
         if self.presence == Presence::There {
             let counters = self.device.counters();

@@ -1,4 +1,4 @@
-//! The host and its device, event by event: as every USB/IP host has it, with what a controller does by itself.
+//! Tests of [`Host`], event by event, with a controller in memory. The host has to get the same answers as over USB/IP.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::port::usb_board::descriptors::{Descriptors, Identity};
 use crate::port::usb_board::setup::descriptor;
 use crate::sk::{FRAME_LEN, Frame};
 
-/// The endpoints of a controller, in which nothing moves by itself.
+/// The endpoints of a controller without a host and a clock: a transfer completes only when a test says so.
 #[derive(Default)]
 struct Endpoints {
     report: Option<u8>,
@@ -64,7 +64,7 @@ impl Board {
         self.host.event(event, self.now, &mut self.ends)
     }
 
-    /// The kernel ends the transfers, then it tells the event.
+    /// The host is gone: as the kernel does, first ends the pending transfers, then reports the event.
     fn gone(&mut self, event: Event) -> Option<Change> {
         (self.ends.report, self.ends.is_receiving) = (None, false);
         self.event(event)
@@ -76,7 +76,7 @@ impl Board {
         self.host.report(&Frame::from_bytes([fill; FRAME_LEN]), self.now, &mut self.ends);
     }
 
-    /// The host fetches what the controller has.
+    /// The host fetches the report that the controller holds.
     fn fetch(&mut self) -> Option<u8> {
         let report = self.ends.report.take();
         if report.is_some() {
@@ -136,7 +136,7 @@ fn a_report_that_nobody_fetches_is_replaced() {
     board.ends.report = None;
     board.host.sent(false, board.now, &mut board.ends);
     assert_eq!(board.fetch(), Some(30));
-    // Where the host was faster nothing is lost either.
+    // If the host fetches the report before the controller gives it back, no report is lost either.
     (31..=60).for_each(|fill| board.report(fill));
     assert_eq!((board.ends.taken_back, board.fetch(), board.fetch()), (2, Some(31), Some(60)));
 }
@@ -180,8 +180,8 @@ fn a_short_packet_hangs_the_board() {
     }
 }
 
-/// SK-9.1, SK-9.3, SK-9.4 What the kernel gets is what a USB/IP host gets, byte for byte: the configuration without its first
-/// part, and the ids.
+/// SK-9.1, SK-9.3, SK-9.4 The kernel gets the same descriptors as a host over USB/IP, byte for byte: the configuration
+/// descriptor without its first 9 bytes, and the same ids, attributes and texts of the device.
 #[test]
 fn the_descriptors_are_those_of_every_virtual_board() {
     let identity = Identity { serial: "7".into(), ..Identity::default() };
@@ -204,8 +204,8 @@ fn the_descriptors_are_those_of_every_virtual_board() {
     assert!(error.contains("128 bytes") && error.contains("126"), "{error}");
 }
 
-/// What the kernel leaves to the function is answered as over USB/IP: descriptors of the interface, reports, the idle rate; and
-/// refused as there.
+/// Requests on endpoint 0 that the kernel passes on are answered or refused as over USB/IP: descriptors of the
+/// interface, reports, the idle rate.
 #[test]
 fn requests_on_endpoint_0() {
     let mut board = Board::attached();
@@ -217,7 +217,8 @@ fn requests_on_endpoint_0() {
     assert_eq!(board.host.setup(get(0x22, 10)), Answer::Data(report[..10].to_vec()));
     assert_eq!(board.host.setup(get(0x21, 9)), Answer::Data(hid));
 
-    // GET_REPORT, SET_IDLE and GET_IDLE.
+    // GET_REPORT returns the newest report, cut to the wanted length. SET_IDLE stores the idle rate, GET_IDLE returns
+    // it.
     board.report(0x77);
     assert_eq!(board.host.setup([0xA1, 1, 0, 1, 0, 0, 0, 2]), Answer::Data(vec![0x77; FRAME_LEN]));
     assert_eq!(board.host.setup([0xA1, 1, 0, 1, 0, 0, 4, 0]), Answer::Data(vec![0x77; 4]));
@@ -225,14 +226,14 @@ fn requests_on_endpoint_0() {
     assert_eq!(board.host.setup([0xA1, 2, 0, 0, 0, 0, 1, 0]), Answer::Data(vec![125]));
 
     for (refused, to_host) in [
-        // A report with an id, a feature report, a descriptor that is not there.
+        // GET_REPORT with a report id, GET_REPORT of a feature report, GET_DESCRIPTOR of a type that does not exist.
         ([0xA1, 1, 1, 1, 0, 0, 0, 2], true),
         ([0xA1, 1, 0, 3, 0, 0, 0, 2], true),
         (get(0x23, 9), true),
-        // GET_PROTOCOL, SET_PROTOCOL: it is no boot device.
+        // GET_PROTOCOL and SET_PROTOCOL: the board is no boot device.
         ([0xA1, 3, 0, 0, 0, 0, 1, 0], true),
         ([0x21, 11, 0, 0, 0, 0, 0, 0], false),
-        // SET_REPORT of other lengths, with an id, of a feature report.
+        // SET_REPORT with wrong lengths, with a report id, of a feature report, without data.
         ([0x21, 9, 0, 2, 0, 0, 0xFF, 1], false),
         ([0x21, 9, 0, 2, 0, 0, 1, 2], false),
         ([0x21, 9, 1, 2, 0, 0, 0, 2], false),
@@ -243,7 +244,8 @@ fn requests_on_endpoint_0() {
     }
 }
 
-/// SK-9.7 A whole report by SET_REPORT is a command frame, in its turn.
+/// SK-9.7 A whole report by SET_REPORT is a command frame. The board gets it in the order of arrival, between frames of
+/// the OUT endpoint.
 #[test]
 fn a_report_may_come_by_endpoint_0() {
     let mut board = Board::attached();
@@ -258,7 +260,7 @@ fn a_report_may_come_by_endpoint_0() {
         assert_eq!(board.next_frame(), Some(fill));
         board.written(true);
     }
-    // A board that takes none refuses some time.
+    // While the board accepts no frame, SET_REPORT is refused once the queue is full (fewer than 256 frames).
     let taken = (0..1000).take_while(|_| {
         let takes = board.host.setup(set_report) == Answer::Take(FRAME_LEN);
         if takes {
@@ -278,7 +280,8 @@ fn a_report_may_come_by_endpoint_0() {
     assert_eq!(frames.count(), taken, "none is lost");
 }
 
-/// A host that goes: nothing of it reaches the board any more, and nothing of the next one passes until the axes are stopped.
+/// After a host is gone, no frame of it reaches the board. Reports and frames of the next host are blocked until the
+/// axes are stopped.
 #[test]
 fn between_two_hosts_nothing_passes() {
     for (leaves, why) in [
@@ -296,7 +299,7 @@ fn between_two_hosts_nothing_passes() {
         board.put(&[2; FRAME_LEN]);
         assert_eq!(board.next_frame(), Some(2), "it is on its way");
         assert_eq!(board.gone(leaves), Some(Change::Went), "{leaves:?}");
-        // Of the older device, whose frame it was.
+        // The write of the previous host's frame ends now. The new device model must not count it.
         board.written(true);
         assert!(board.host.take_has_written() && !board.host.take_has_written());
         let comes = if leaves == Event::Suspended { Event::Resumed } else { Event::Enabled };
@@ -317,7 +320,8 @@ fn between_two_hosts_nothing_passes() {
     }
 }
 
-/// A host that comes and goes while the axes are being stopped is another one: its end is told, too.
+/// A host that comes and goes while the axes are being stopped is a session of its own: its end is reported too, and
+/// the board stays closed until then.
 #[test]
 fn a_host_may_go_while_axes_are_stopped() {
     let mut board = Board::attached();
@@ -354,8 +358,8 @@ fn events_that_change_nothing() {
 }
 
 proptest! {
-    /// Whatever comes in whatever order: the controller has one report and takes one packet at most, and a board that is closed
-    /// gets no frame. The endpoints assert the first.
+    /// With events and transfers in any order, the controller holds at most one report and receives at most one packet,
+    /// and a closed board gets no frame. The asserts in `Endpoints` check the first two.
     #[test]
     fn any_order(steps in proptest::collection::vec(0..13_u8, 0..200)) {
         let mut board = Board::new();

@@ -23,7 +23,7 @@ struct Wires {
     is_plugged_in: bool,
     /// The report that the controller has for the host.
     report: Option<Frame>,
-    /// Whether the controller takes a frame.
+    /// Whether the OUT endpoint is ready to accept a frame of the host.
     is_receiving: bool,
     received: Vec<u8>,
     ends: Vec<End>,
@@ -39,7 +39,8 @@ impl Cable {
         done
     }
 
-    /// Waits until `take` gives something.
+    /// Waits until `take` returns a value, but not longer than `limit`. `take` is called again after every change of
+    /// the wires; `None`: the time limit has passed.
     fn wait<T>(&self, limit: Duration, mut take: impl FnMut(&mut Wires) -> Option<T>) -> Option<T> {
         let until = Instant::now() + limit;
         let mut wires = self.0.0.lock();
@@ -102,7 +103,7 @@ impl Port for Cable {
     }
 }
 
-/// A served board, with the host in the hands of a test. Dropping it stops the server.
+/// A served board whose host is a test. Dropping it stops the server.
 pub struct InMemory {
     service: Arc<Service>,
     cable: Cable,
@@ -110,15 +111,16 @@ pub struct InMemory {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// A request that the board refuses.
+/// The board has answered a request on endpoint 0 with a stall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stalled;
 
 impl InMemory {
-    /// Serves a board.
+    /// Opens the link of a board and serves it without a USB device controller.
     ///
     /// # Errors
-    /// [`ServeError`], as of a server on a controller.
+    /// [`ServeError`]: the link cannot be opened, the identity does not fit into USB descriptors, or the system has no
+    /// thread or socket left.
     pub fn start(opener: Opener, options: Options) -> Result<Self, ServeError> {
         let descriptors = Descriptors::new(&options.identity)?;
         let (link, cable, notes) = (opener()?, Cable::default(), Notes::default());
@@ -135,17 +137,18 @@ impl InMemory {
         Ok(Self { service, cable, notes, threads })
     }
 
-    /// An event of the controller.
+    /// Reports an event of the USB function to the server, as the kernel does.
     pub fn event(&self, event: Event) {
         self.service.event(event);
     }
 
-    /// A host selects the configuration.
+    /// The host at the other end selects the configuration: from now on it can use the board.
     pub fn attach(&self) {
         self.event(Event::Enabled);
     }
 
-    /// The host is gone: the kernel ends its transfers, then it says so.
+    /// The host is gone. As the kernel does, first ends the host's pending transfers, then reports the event to the
+    /// server.
     pub fn detach(&self) {
         self.cable.with(|wires| {
             let failed = || Err(std::io::Error::from_raw_os_error(libc::ESHUTDOWN));
@@ -160,10 +163,11 @@ impl InMemory {
         self.service.take_ends();
     }
 
-    /// A request on endpoint 0, with the bytes to the device; gives those to the host.
+    /// Sends a request on endpoint 0; `data` are the bytes of a request to the device. Returns the bytes that the board
+    /// answers.
     ///
     /// # Errors
-    /// [`Stalled`].
+    /// [`Stalled`]: the board refuses the request.
     pub fn request(&self, setup: [u8; SETUP_LEN], data: &[u8]) -> Result<Vec<u8>, Stalled> {
         match self.service.setup(setup) {
             Answer::Data(bytes) => Ok(bytes),
@@ -191,7 +195,7 @@ impl InMemory {
         get(&self.cable, &self.service, limit)
     }
 
-    /// The board as a program at the host has it.
+    /// A link to the board, as a program on the host opens it.
     pub fn host(&self) -> Arc<dyn Link> {
         let (cable, service) = (self.cable.clone(), Arc::clone(&self.service));
         Arc::new(HostLink { cable, service, began: Instant::now(), next: Mutex::new(0) })
@@ -202,7 +206,7 @@ impl InMemory {
         self.cable.with(|wires| wires.is_plugged_in)
     }
 
-    /// The lines of the log so far, which are taken.
+    /// Takes the log lines since the last call.
     pub fn lines(&self) -> Vec<String> {
         let next = || self.notes.take();
         std::iter::from_fn(next)
@@ -263,11 +267,12 @@ struct HostLink {
     cable: Cable,
     service: Arc<Service>,
     began: Instant,
-    /// The number of the next report.
+    /// The sequence number of the next report, counted from 0.
     next: Mutex<u64>,
 }
 
-/// Longer than anything takes.
+/// The limit of a wait that should be endless, so that a test fails instead of hanging. No reply in these tests takes
+/// that long.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 impl HostLink {

@@ -4,12 +4,12 @@ use std::fmt;
 
 use crate::link::LinkStats;
 
-/// Counters of the link that grow when this machine is late.
+/// Counters of a link that rise when this machine is too slow to read every report or to run every cycle in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Lateness {
     /// Reports that a newer one has replaced before the server read them.
     reports: u64,
-    /// Cycles that were left out (NIC-2.4).
+    /// Cycles that the engine has skipped, because its thread ran too late (NIC-2.4).
     cycles: u64,
 }
 
@@ -19,7 +19,8 @@ impl Lateness {
         Self { reports: stats.reports_dropped, cycles }
     }
 
-    /// What has come since then. A board that was opened anew counts from 0.
+    /// The increase since `before`. Counters that are lower than before belong to a board that was opened again: the
+    /// increase is then 0.
     pub(super) const fn since(self, before: Self) -> Self {
         Self { reports: self.reports.saturating_sub(before.reports), cycles: self.cycles.saturating_sub(before.cycles) }
     }
@@ -42,7 +43,8 @@ impl fmt::Display for Lateness {
 mod tests {
     use super::*;
 
-    /// The line says what has come since the host came, and nothing if nothing has.
+    /// The log line about the end of a session counts only what has happened since the host came; without any delay it
+    /// says nothing.
     #[test]
     fn lateness_is_counted_from_the_host_on() {
         let counted = |reports, cycles| {

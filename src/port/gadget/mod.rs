@@ -1,13 +1,14 @@
-//! The virtual board at a USB device port of this machine (Linux): a host at the other end of the cable sees an ECM-SK, for any
-//! link. The kernel's gadget in configfs and FunctionFS carry it (why: docs/decisions/the-gadget-is-served-over-functionfs.md).
+//! The virtual board at a USB device port of this machine (Linux). A host at the other end of the cable sees an ECM-SK;
+//! behind it is a board on any link (a model, a real board, a served one). The kernel's gadget in configfs and
+//! FunctionFS carries it (why: docs/decisions/the-gadget-is-served-over-functionfs.md).
 //!
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`Server`], its options and errors
-//! - `host.rs`: the host and the device that it has, without I/O
+//! - `host.rs`: the state of the host and the device model that it uses, without I/O
 //! - `service.rs`: the threads: events and transfers, reports, frames
 //! - `watched_link.rs`: the board's link, for stopping axes when the host is gone
-//! - `lateness.rs`: what a machine that is too slow has cost a host
+//! - `lateness.rs`: reports and cycles that a machine that is too slow has missed
 //! - `in_memory.rs`: a server without a controller, for tests; `host_tests.rs` are tests
 
 mod host;
@@ -46,20 +47,20 @@ use service::{Endpoints, Port, Service};
 const RETRY_PAUSE: Duration = Duration::from_millis(500);
 /// The serial number of a board to which none was given: that of the first board of `usbip`. \[OURS]
 const SERIAL: &str = "1-1";
-/// The most bytes of a text that the kernel takes (`USB_MAX_STRING_LEN`).
+/// The most bytes of a text that the kernel accepts for a USB device (`USB_MAX_STRING_LEN`).
 const TEXT_BYTES_MAX: usize = 126;
 
 /// Opens the board's link, at first and after every loss.
 pub type Opener = Box<dyn Fn() -> Result<Arc<dyn Link>, LinkError> + Send + Sync>;
 
-/// Where the kernel has its folders.
+/// The folders through which the server sets up the gadget. Tests replace them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Places {
-    /// The class of device controllers.
+    /// The folder in which the kernel lists the USB device controllers, `/sys/class/udc`.
     pub controllers: PathBuf,
-    /// All gadgets.
+    /// The folder in configfs in which gadgets are made, `/sys/kernel/config/usb_gadget`.
     pub gadgets: PathBuf,
-    /// The folder in which the function is mounted.
+    /// The folder below which the USB function is mounted (FunctionFS), `/run/ecmsk`.
     pub mounts: PathBuf,
 }
 
@@ -80,7 +81,7 @@ pub struct Options {
     pub on_vanish: OnVanish,
     /// The pause between two attempts to open a lost board.
     pub retry: Duration,
-    /// Where the kernel has its folders.
+    /// The folders through which the server sets up the gadget.
     pub places: Places,
     /// The real-time settings of the threads between the controller and the board. The cycle of a board in this process has
     /// its own, in its link.
@@ -107,26 +108,29 @@ impl Default for Options {
     }
 }
 
-/// Why a board cannot be served.
+/// Why a board cannot be served at a USB device port.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
-    /// See [`ControllerError`].
+    /// No USB device controller can be used: there is none, none of that name, several without a choice, or another
+    /// server has it.
     #[error(transparent)]
     Controller(#[from] ControllerError),
-    /// The link of the board cannot be opened.
+    /// The link of the board cannot be opened at the start of the server.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The link of the board has a virtual clock.
+    /// The link of the board has a virtual clock: it stands still between two calls, but a USB host expects reports all
+    /// the time.
     #[error(
         "`{name}` has a virtual clock, which stands still between two calls; a USB device runs by itself: leave out \
          clock=virtual"
     )]
     VirtualTime { name: String },
-    /// The identity of the board is not possible on USB.
+    /// The identity does not fit into USB descriptors: a text, the interval or the current is out of range.
     #[error(transparent)]
     Identity(#[from] IdentityError),
-    /// The kernel takes shorter texts than USB.
+    /// A text of the identity has more than 126 bytes, the limit of the kernel. USB itself allows 126 UTF-16 units,
+    /// which may be more bytes.
     #[error("`{text}` has {} bytes, and the kernel takes {TEXT_BYTES_MAX} for a text of a USB device; shorten it", text.len())]
     Text { text: String },
     /// The kernel's folder of gadgets does not exist.
@@ -145,15 +149,15 @@ pub enum ServeError {
          often the module g_ether, or a service that writes there), or name another one with --udc"
     )]
     Busy { controller: String, gadgets: String },
-    /// The kernel refuses the gadget.
+    /// The kernel refuses to create the gadget or to bind it to the controller.
     #[error("{0}; does the kernel have FunctionFS (`sudo modprobe usb_f_fs`)? `dmesg` may say more")]
     Gadget(StepError),
-    /// The kernel refuses the function.
+    /// The kernel refuses the USB function: FunctionFS cannot be mounted, or does not accept the descriptors.
     #[error(
         "cannot set up the USB function: {0}; does the kernel have FunctionFS (`sudo modprobe usb_f_fs`)? `dmesg` may say more"
     )]
     Function(io::Error),
-    /// The kernel has taken the function away.
+    /// The running server cannot read events of the USB function any more.
     #[error("the kernel has taken the USB function away: {0}; start the server again")]
     FunctionGone(io::Error),
     /// The system did not provide a thread or another resource.
@@ -174,10 +178,12 @@ pub struct Server {
 }
 
 impl Server {
-    /// Opens the link of the board, makes the gadget and gives it to the controller. A cable need not be there.
+    /// Opens the link of the board, creates the gadget and binds it to the controller. The cable to a host may be
+    /// plugged in later.
     ///
     /// # Errors
-    /// [`ServeError`]; nothing is left of the gadget then.
+    /// [`ServeError`]: a setting is invalid, the link cannot be opened, or the kernel refuses the gadget. The gadget is
+    /// removed again before the call returns.
     pub fn start(opener: Opener, options: Options) -> Result<Self, ServeError> {
         let Options { mut identity, places, .. } = options.clone();
         if identity.serial.is_empty() {
@@ -197,7 +203,8 @@ impl Server {
         }
 
         let name = format!("ecmsk-{controller}");
-        // The claim shows that no other process has this gadget.
+        // The claim shows that no other process has this gadget, so what a killed process has left of it can be
+        // removed.
         Function::remove_leftover(&places.mounts, &name);
         let gadget = Arc::new(Gadget::make(&places.gadgets, &name, &ids).map_err(refused)?);
         let (function, control, transfers) =
@@ -233,15 +240,13 @@ impl Server {
         &self.controller
     }
 
-    /// Waits until all lines so far are logged, at most 1 s.
+    /// Waits until all log lines that the server has made so far are passed to [`Options::tell`], at most 1 s.
     pub fn flush(&self) {
         self.teller.flush();
     }
 
-    /// Takes the board from its host, brings axes that it has moved to a standstill, closes the link and removes the gadget.
-    ///
-    /// # Errors
-    /// [`ServeError::FunctionGone`] if the server had ended by itself.
+    /// Unplugs the board from its host, brings axes that the host has moved to a standstill, closes the link and
+    /// removes the gadget.
     pub fn stop(mut self) -> Result<(), ServeError> {
         self.end();
         self.service.take_failure().map_or(Ok(()), |error| Err(ServeError::FunctionGone(error)))
@@ -283,7 +288,7 @@ impl Drop for Server {
     }
 }
 
-/// The gadget on its controller.
+/// The gadget and the controller to which it is bound: binding plugs the board in for a host, unbinding pulls it.
 struct Bound {
     gadget: Arc<Gadget>,
     controller: String,
@@ -309,7 +314,7 @@ impl Controller for Transfers {
     }
 
     fn send(&mut self, report: &[u8; FRAME_LEN]) {
-        // The next report is the next attempt.
+        // An error is ignored: the next report of the board is the next attempt to send.
         let _ = Self::send(self, report);
     }
 
@@ -318,7 +323,7 @@ impl Controller for Transfers {
     }
 
     fn receive(&mut self) {
-        // The next report, or the end of a slice of time, is the next attempt.
+        // An error is ignored: `Host::arm` tries again at the next report, at the latest after 50 ms.
         let _ = Self::receive(self);
     }
 }
@@ -342,7 +347,7 @@ fn refused(error: StepError) -> ServeError {
     }
 }
 
-/// What configfs gets, of the same descriptors that a host gets over USB/IP.
+/// The ids and texts for configfs, from the identity and the descriptors that USB/IP hosts get too.
 fn ids(identity: Identity, descriptors: &Descriptors) -> Result<DeviceIds, ServeError> {
     let texts = [identity.manufacturer, identity.name, identity.serial];
     if let Some(text) = texts.iter().find(|text| text.len() > TEXT_BYTES_MAX) {
@@ -353,7 +358,8 @@ fn ids(identity: Identity, descriptors: &Descriptors) -> Result<DeviceIds, Serve
     Ok(DeviceIds { vendor, product, release, attributes, power_ma, texts })
 }
 
-/// What FunctionFS gets: the configuration descriptor without its first part, which the kernel makes.
+/// The descriptors for FunctionFS: the configuration descriptor without its first 9 bytes, which the kernel makes
+/// itself.
 fn function_part(descriptors: &Descriptors) -> &[u8] {
     let all = descriptors.get(CONFIGURATION, 0).unwrap_or_default();
     let head = all.first().map_or(0, |length| usize::from(*length));

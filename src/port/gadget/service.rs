@@ -1,6 +1,6 @@
-//! The threads of the server. One serves the host: events of the controller, requests on endpoint 0 and ends of transfers. One
-//! serves the board: it reads every report, stops the axes when the host is gone, and opens the board again after a loss. One
-//! hands frames to the board.
+//! The three threads of the server. One serves the host: events of the controller, requests on endpoint 0 and completed
+//! transfers. One serves the board: it reads every report, stops the axes when the host is gone, and opens the board
+//! again after a loss. One writes the host's frames to the board.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -24,27 +24,28 @@ use crate::port::usb_board::descriptors::Descriptors;
 use crate::sk::{FRAME_LEN, Frame};
 use crate::tcp::Waker;
 
-/// The longest single wait. A cancellation that comes just before a wait begins is noticed after this time, and an endpoint
-/// that was not at work is tried again. \[OURS]
+/// The longest single wait. A cancellation that comes just before a wait begins is noticed after this time. An endpoint
+/// that did not accept a transfer gets the next attempt after it. \[OURS]
 const WAIT_SLICE: Duration = Duration::from_millis(50);
 
-/// The interrupt endpoints of a device controller, with the transfers that have ended.
+/// The interrupt endpoints of a device controller, with the transfers that have completed.
 pub(super) trait Endpoints: Controller + Send {
-    /// The next transfer that has ended, if there is one.
+    /// The next transfer that has completed, if there is one.
     fn next_end(&mut self) -> Option<End>;
-    /// Copies the packet of the host that was received last, as long as its end has said.
+    /// Copies the packet that the host has sent last. `packet` has the length that the completed transfer has reported.
     fn copy_received(&self, packet: &mut [u8]);
 }
 
-/// Whether a host can see the board.
+/// Makes the board visible to a host, or hides it.
 pub(super) trait Port: Send + Sync {
-    /// Shows the board to a host, now or when one comes.
+    /// Makes the board visible: a host that is connected, or that connects later, finds it.
     fn plug_in(&self) -> Result<(), StepError>;
-    /// For a host, the board is pulled.
+    /// Hides the board. A host sees this as an unplugged device.
     fn pull(&self);
 }
 
-/// The host with the endpoints that it uses. Whoever has the lock may give them transfers.
+/// The host, and the endpoints that it uses. Threads give transfers to the endpoints only under the lock of
+/// `Service::bus`, so that host and endpoints agree.
 struct Bus {
     host: Host,
     transfers: Box<dyn Endpoints>,
@@ -54,17 +55,17 @@ struct Bus {
     lost: Option<LinkError>,
 }
 
-/// What the threads share.
+/// The state that the three threads share.
 pub(super) struct Service {
     opener: Opener,
     options: Options,
     port: Box<dyn Port>,
     notes: Notes<String>,
     bus: Mutex<Bus>,
-    /// Signals a frame for the board, the end of a write, and the end of the server.
+    /// Wakes the threads that wait for a frame for the board, for the end of a write, or for the end of the server.
     frames: Condvar,
     link: Mutex<Arc<WatchedLink>>,
-    /// What lateness had cost when the host came.
+    /// The counters of delays when the present host came: the log line at the end of its session gives the increase.
     late_before: Mutex<Lateness>,
     waker: Waker,
     is_stopping: AtomicBool,
@@ -98,17 +99,19 @@ impl Service {
         })
     }
 
-    /// Shows the board to a host.
+    /// Makes the board visible to a host.
     pub(super) fn plug_in(&self) -> Result<(), StepError> {
         self.port.plug_in()
     }
 
-    /// Has all threads end. For its host the board is pulled.
+    /// Makes all threads end, and hides the board from its host.
     pub(super) fn stop(&self) {
         self.is_stopping.store(true, Ordering::Release);
         self.port.pull();
         self.waker.wake();
-        // Waits on the link end by themselves: what stops axes must not be cancelled. While this lock is held, no thread is between its check and its wait, so none misses the notification.
+        // Waits on the link are not cancelled: they end by themselves within a time limit, and the thread of the board
+        // still has to stop the axes over this link. While this lock is held, no thread is between its check and its
+        // wait, so none misses the notification.
         let _bus = self.bus.lock();
         self.frames.notify_all();
     }
@@ -123,9 +126,10 @@ impl Service {
         self.failure.lock().take()
     }
 
-    /// The thread that serves the host. `ended` can be read when a transfer has ended.
+    /// The body of the thread that serves the host. `ended` becomes readable when a transfer has completed.
     pub(super) fn serve_host(&self, control: &ControlEndpoint, ended: &OwnedFd) {
-        // The board's thread tells what the system refuses.
+        // The result is ignored here: the board's thread applies the same settings, and logs those that the system
+        // refuses.
         let _ = self.options.real_time.apply();
         let slice = Timespec { tv_sec: 0, tv_nsec: WAIT_SLICE.as_nanos() as _ };
         while !self.is_stopping() {
@@ -134,7 +138,8 @@ impl Service {
                 PollFd::new(ended, PollFlags::IN),
                 PollFd::new(self.waker.waited(), PollFlags::IN),
             ];
-            // If the wait is interrupted, there is nothing yet.
+            // After an interrupted wait the calls below find no event and no completed transfer, and the loop waits
+            // again.
             let _ = poll(&mut [events, ends, woken], Some(&slice));
             self.waker.seen();
             if let Err(error) = self.take_events(control) {
@@ -144,7 +149,7 @@ impl Service {
         }
     }
 
-    /// Handles what has happened, in its order.
+    /// Handles the pending events of the controller, oldest first.
     fn take_events(&self, control: &ControlEndpoint) -> io::Result<()> {
         while let Some(event) = control.next_event()? {
             match event {
@@ -164,18 +169,19 @@ impl Service {
         self.tell_change(change);
     }
 
-    /// The answer to a request.
+    /// Returns the answer to a request on endpoint 0.
     pub(super) fn setup(&self, setup: [u8; SETUP_LEN]) -> Answer {
         self.bus.lock().host.setup(setup)
     }
 
-    /// The bytes of a request that [`Answer::Take`] has asked for.
+    /// Handles the data of a request after [`Answer::Take`].
     pub(super) fn control_data(&self, setup: [u8; SETUP_LEN], data: &[u8]) {
         self.bus.lock().host.control_data(setup, data);
         self.frames.notify_all();
     }
 
-    /// Answers a request, without the lock: the host may take its time.
+    /// Answers a request. The lock is not held while the kernel transfers the bytes, because a slow host must not block
+    /// the other threads.
     fn answer(&self, control: &ControlEndpoint, setup: [u8; SETUP_LEN]) {
         match self.setup(setup) {
             Answer::Data(bytes) => control.answer(&bytes),
@@ -198,12 +204,12 @@ impl Service {
         match change {
             Some(Change::Came) => self.tell("a host has the board"),
             Some(Change::Woke) => self.tell("the host is awake"),
-            // The board's thread tells it, and stops the axes.
+            // The board's thread logs the end of the session, and stops the axes.
             Some(Change::Went) | None => {}
         }
     }
 
-    /// Handles the transfers that have ended.
+    /// Handles the transfers that have completed.
     pub(super) fn take_ends(&self) {
         let now = self.began.elapsed();
         let mut bus = self.bus.lock();
@@ -221,7 +227,8 @@ impl Service {
                 (Direction::In, Err(error)) if error.raw_os_error() == Some(libc::ECONNRESET) => {
                     host.sent(false, now, transfers.as_mut());
                 }
-                // The endpoint is not at work. An event tells why, or the next slice of time is the next attempt.
+                // The endpoint is disabled, for example because the host has gone. An event reports the reason; without
+                // one the next attempt follows after `WAIT_SLICE`.
                 (_, Err(_)) => failed = true,
             }
         }
@@ -233,10 +240,11 @@ impl Service {
         }
     }
 
-    /// The thread that hands frames to the board, one after the other. While the board does not take a frame, the controller
-    /// takes no other.
+    /// The body of the thread that writes frames to the board, one after the other. Until the board accepts a frame,
+    /// the controller receives no further one.
     pub(super) fn move_frames(&self) {
-        // As in `serve_host`.
+        // The result is ignored here: the board's thread applies the same settings, and logs those that the system
+        // refuses.
         let _ = self.options.real_time.apply();
         let mut frame = Frame::new();
         while let Some(generation) = self.next_frame(&mut frame) {
@@ -270,7 +278,7 @@ impl Service {
         }
     }
 
-    /// The thread that serves the board.
+    /// The body of the thread that serves the board.
     pub(super) fn serve_board(&self) {
         self.options.real_time.apply().iter().for_each(|line| self.tell(line));
         let mut report = Frame::new();
@@ -311,12 +319,12 @@ impl Service {
         let mut bus = self.bus.lock();
         let Bus { host, transfers, .. } = &mut *bus;
         host.open(self.began.elapsed(), transfers.as_mut());
-        // A frame may have come before.
+        // A frame may already wait from before the opening, so the thread that writes frames has to check.
         self.frames.notify_all();
     }
 
-    /// Lets nothing pass any more, and waits until the board has the frame that is on its way. Returns whether axes may move by
-    /// frames of a host.
+    /// Stops passing reports and frames, cancels a write in progress, and waits for its end. Returns whether axes may
+    /// move because of frames of a host.
     fn close(&self) -> bool {
         self.link().cancel(Dir::Write);
         let mut bus = self.bus.lock();
@@ -327,7 +335,7 @@ impl Service {
         bus.host.take_has_written()
     }
 
-    /// Brings the axes to a standstill that frames of a host have moved.
+    /// If frames of a host may have moved axes, brings these axes to a standstill; `why` is the reason for the log.
     fn stop_axes(&self, why: &str) {
         if !self.close() {
             return;
@@ -339,9 +347,9 @@ impl Service {
             .bring_to_standstill(self.options.on_vanish);
     }
 
-    /// Takes a lost board from its host, and shows it again when it is back.
+    /// Hides a lost board from its host, and makes it visible again when its link can be opened.
     fn reopen(&self, error: &LinkError) {
-        // With the board its axes are lost: they are not this server's to stop.
+        // The axes of a lost board cannot be reached, so this server cannot stop them.
         self.close();
         self.port.pull();
         self.close_board();
@@ -363,7 +371,7 @@ impl Service {
         }
     }
 
-    /// Opens the board and shows it; an error is the reason why not.
+    /// Opens the link of the board and makes the board visible to a host. An error is the reason for the log.
     fn come_back(&self) -> Result<(), String> {
         let link = (self.opener)().map_err(|error| error.to_string())?;
         *self.link.lock() = Arc::new(WatchedLink::new(link));

@@ -1,5 +1,6 @@
-//! The board's link, with what the frames and reports that pass show of the network. Closing it leaves the board open, so that
-//! the native API can use it for a while.
+//! The board's link for this server. It derives the state of the network (slaves, axes, FIFO) from the frames and
+//! reports that pass, because the axes of a vanished host are stopped through it. Closing this link leaves the board
+//! open, since the `Ecm` that stops the axes closes its link at the end.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -25,12 +26,12 @@ impl WatchedLink {
         Self { link, slot, watch: Mutex::default(), next: AtomicU64::new(0) }
     }
 
-    /// What has been seen of the network.
+    /// The state of the network that the frames and reports so far have shown.
     pub(super) fn watch(&self) -> Watch {
         self.watch.lock().clone()
     }
 
-    /// Closes the board.
+    /// Closes the board's own link.
     pub(super) fn close_board(&self) {
         self.link.close();
     }

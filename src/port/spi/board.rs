@@ -60,7 +60,8 @@ pub struct SpiBoard {
     /// Write times of the frames that the FIFO level in the newest report does not include yet; at most as many as the
     /// FIFO has entries.
     uncounted: VecDeque<Stamp>,
-    /// The FIFO state in the report before the newest one; `None`: that report was not from OP.
+    /// The FIFO state in the report before the newest one: the difference shows how many frames have reached the FIFO
+    /// between the two. `None`: that report was not from OP.
     before: Option<ReportedFifo>,
     /// Whether the board's reports have a CRC.
     fills_crc: bool,
@@ -70,9 +71,9 @@ pub struct SpiBoard {
 }
 
 impl SpiBoard {
-    /// The board behind a link that was opened with `queue=1`, so that a read returns its newest report. The slot size
-    /// is that of the link, or 12 bytes if unknown. Waits up to 1 s for the first report; until there is one, the
-    /// answers are zeros.
+    /// The board behind `link`. The link must have been opened with `queue=1`, so that a read returns the newest
+    /// report; otherwise the answers are older reports. The slot size is that of the link, or 12 bytes if unknown.
+    /// Waits up to 1 s for the first report; until there is one, the answers are zeros.
     pub fn new(link: Arc<dyn Link>) -> Self {
         let mut spi_board = Self {
             size: SlotSize::default(),
@@ -188,8 +189,8 @@ impl SpiBoard {
     /// Reads the newest report. Outside OP, waits for a report that answers the newest frame.
     fn read_reports(&mut self) {
         self.read_report(Wait::Now);
-        // The first reports read may be from before the newest frame: outside OP they are skipped until one answers
-        // that frame.
+        // The first reports may have been made before the newest frame. Outside OP they are skipped, until one answers
+        // that frame or none comes within `ANSWER_WAIT_MAX`.
         while self.unanswered.is_some() && !self.in_op() && self.read_report(Wait::For(ANSWER_WAIT_MAX)) {}
         self.unanswered = None;
     }
@@ -215,8 +216,8 @@ impl SpiBoard {
         self.before = seen;
         while let Some(written) = self.uncounted.front()
             && *written <= report.at
-            // A frame reaches the FIFO within a cycle. If it was written before the previous report and still is not
-            // counted, the board has refused it, so it no longer counts.
+            // A frame reaches the FIFO within a cycle. A frame that was written before the previous report and has
+            // still not used an entry was refused by the board, so it is removed too.
             && (came > 0 || *written <= before_that)
         {
             came = came.saturating_sub(1);

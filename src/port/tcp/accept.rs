@@ -147,8 +147,8 @@ fn wait(
     next_try: Instant,
     shared: &Shared,
 ) {
-    // `takes` and the deadlines use the same `now`: while the listener is not polled, the time at which there is room
-    // for a connection again has to be one of the deadlines.
+    // The listener is polled only if `takes` is true. Otherwise the time at which there is room again has to be among
+    // the deadlines, or the wait would not end then. So both are calculated with the same `now`.
     let takes = pool.has_room(now) && now >= next_try;
     let times = [
         pool.next_time(now, &shared.hub.options),
@@ -197,7 +197,8 @@ fn accept_pending(listener: &TcpListener, pool: &mut PendingPool, shared: &Share
             Err(error) => {
                 let line = format!("no connection can be taken: {error}");
                 shared.log_limited(&line, &line);
-                // The process may have run out of file descriptors: closing a pending connection frees one.
+                // The process may have run out of file descriptors. Closing a pending connection frees one; the oldest
+                // has had the most time for its Hello.
                 pool.drop_oldest();
                 return false;
             }
@@ -255,8 +256,8 @@ fn connection(client: Arc<Client>, board: &Arc<Board>, mut inbox: Inbox, shared:
     let Some(channel) = &client.channel else { return };
     let mut session = Session::new(hub, Arc::clone(board), Arc::clone(&client));
     let left = serve_client(channel, &mut inbox, &client, &mut session);
-    // The axes are stopped first. The client's place is freed before it sees the end of its connection, because a
-    // program may open its link again at once.
+    // The axes are stopped and the client's place is freed before `farewell` ends the connection, because a program may
+    // open its link again as soon as it sees this end.
     vanish::client_left(hub, board, &client, &left);
     match &left {
         Left::Closed => {
@@ -328,8 +329,8 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
             return Left::Dismissed;
         }
         session.work();
-        // After all bytes were received, a second system call to receive is saved: bytes that arrive later end the wait
-        // below.
+        // After `Came::All` the socket is empty, so a second system call to receive is avoided: bytes that arrive later
+        // end the wait below.
         let came = if std::mem::take(&mut is_drained) { Ok(Came::Nothing) } else { channel.receive(inbox) };
         match came {
             Ok(came @ (Came::Bytes | Came::All)) => {

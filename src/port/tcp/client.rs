@@ -151,7 +151,8 @@ impl Client {
             match channel.push(&mut outgoing.out) {
                 Ok(true) => {}
                 Ok(false) => break false,
-                // The thread of the connection gets the same error when it receives, and ends the session.
+                // The connection is broken, so nothing more is sent. The thread of the connection gets an error too
+                // when it receives next, and ends the session.
                 Err(_) => return self.give_up(),
             }
             if self.is_over() {

@@ -22,7 +22,7 @@ use crate::tcp::{Channel, PROOF_LEN};
 pub(super) struct Board {
     pub(super) link: Arc<dyn Link>,
     pub(super) info: LinkInfo,
-    /// The slaves and the units of their axes, as far as the board's link knows them.
+    /// The slaves and the counts per unit of their axes that the board's link knows; empty if it knows none.
     known: KnownNetwork,
     /// The state of the network as the passing frames show it; empty if the slot size is unknown.
     watch: Mutex<Watch>,
@@ -30,7 +30,7 @@ pub(super) struct Board {
     troubles: Option<Mutex<FrameWatch>>,
     /// The board's time in the newest report.
     newest: AtomicU64,
-    /// The sequence number of the next report.
+    /// The sequence number that the board's link will give to the next report.
     next: AtomicU64,
     /// How many reports the board's link has dropped.
     dropped: AtomicU64,
@@ -74,8 +74,9 @@ impl Board {
         self.watch.lock().clone()
     }
 
-    /// The slaves and the units of their axes that a Welcome contains: those in `said`, or else those that passing
-    /// frames have shown, or else those that the board's link knows.
+    /// The slaves and the counts per unit of their axes for a Welcome: those in `said` (the server's setting
+    /// [`ServeOptions::network`]), or else those that passing frames have shown, or else those that the board's link
+    /// knows.
     fn network(&self, said: &KnownNetwork) -> KnownNetwork {
         let shown = self
             .watch
@@ -113,7 +114,8 @@ struct State {
     clients: Vec<Arc<Client>>,
     /// The name of the client that is the writer, or a text if the server itself is; `None`: there is no writer.
     writer: Option<String>,
-    /// The reports for the server's own link, while the server itself is the writer.
+    /// The reports that the server itself reads while it is the writer: it needs them to bring the axes of a vanished
+    /// writer to a standstill.
     server_reports: Option<Arc<ReportQueue>>,
     is_stopping: bool,
     is_over: bool,
@@ -237,9 +239,9 @@ impl Hub {
         Ok((client, board))
     }
 
-    /// Removes a client. `is_trusted`: nothing has to be stopped, because the client has closed its link or the board
-    /// is gone. Otherwise, if the client was the writer, the server itself becomes the writer until
-    /// [`end_standstill`](Self::end_standstill).
+    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, has never
+    /// begun, or the board is gone. Otherwise, if the client was the writer, the server itself becomes the writer until
+    /// [`end_standstill`](Self::end_standstill), and the queue for its reports is returned.
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
         let mut state = self.state.lock();
         state.clients.retain(|other| !Arc::ptr_eq(other, client));

@@ -70,7 +70,7 @@ pub enum ServerMessage {
     },
     /// The server's last message: it ends the connection.
     Bye,
-    /// A message that tests do not look at.
+    /// Another message of the server (Welcome, report, answer to a ping), which these tests do not check.
     Other,
 }
 
@@ -158,7 +158,7 @@ impl InMemoryClient<'_> {
         !self.client.is_over()
     }
 
-    /// Executes one step of the request in progress. Returns whether there are more.
+    /// Executes one step of the request in progress. Returns whether this request needs further steps.
     pub fn work(&mut self) -> bool {
         self.session.work();
         self.session.is_busy()

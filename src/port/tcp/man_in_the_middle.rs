@@ -105,7 +105,8 @@ fn write_secret(file: &std::path::Path) {
     std::fs::set_permissions(file, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
 }
 
-/// The attacker's TLS session with the next client, which takes it for the server.
+/// Accepts the next client on `listener` and returns the attacker's TLS session with it. The client takes the attacker
+/// for the server.
 fn accept_client(listener: &TcpListener, deadline: Instant) -> Channel {
     let mut out = Out::default();
     let mut client = Channel::new(listener.accept().unwrap().0).unwrap();

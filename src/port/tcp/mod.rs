@@ -93,8 +93,8 @@ pub struct ServeOptions {
     pub on_vanish: OnVanish,
     /// The largest number of clients; 16 by default. One place is reserved for a writer.
     pub max_clients: usize,
-    /// The slaves and the units of their axes that the server tells its clients. Empty parts are taken from passing
-    /// frames and from the board's link.
+    /// The slaves and the counts per unit of their axes that the server tells its clients. An empty field is filled
+    /// from passing frames, or else from the board's link.
     pub network: KnownNetwork,
     /// How long a new connection may take to send its first message, the Hello; 2 s by default.
     pub hello_limit: Duration,
@@ -152,7 +152,8 @@ impl Server {
     /// Opens the board and serves it. Whenever the board is lost, `open` is called again until it succeeds.
     ///
     /// # Errors
-    /// [`ServeError`].
+    /// [`ServeError`]: the address is reachable from other machines and there is no secret, it cannot be listened on,
+    /// the board cannot be opened, or the system provides no thread.
     pub fn start(
         mut open: impl FnMut() -> Result<Arc<dyn Link>, LinkError> + Send + 'static,
         options: ServeOptions,

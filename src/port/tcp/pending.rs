@@ -36,7 +36,8 @@ pub(super) struct PendingConnection {
 
 /// The result of handling a pending connection.
 pub(super) enum Look {
-    /// The connection's first message, the Hello, has not arrived yet.
+    /// The Hello, the connection's first message, has not arrived yet: look again when bytes arrive, or at the
+    /// deadline.
     Waits,
     /// The connection's first message, the Hello, has arrived and is valid.
     Introduced(Introduction),
@@ -68,8 +69,8 @@ impl PendingConnection {
         Ok(Box::new(Self { from, came: now, has_sent, channel, inbox, out, handshake, material, refused_until: None }))
     }
 
-    /// A connection whose Hello has arrived but which is refused as a client, so that it still has to receive the
-    /// reason.
+    /// Makes a connection pending again after a valid Hello that the hub has refused (no board, no free place, or a
+    /// second writer): it is kept until the client has received the reason.
     pub(super) fn from_client(channel: Channel, inbox: Inbox, from: SocketAddr, came: Instant) -> Box<Self> {
         let (has_sent, out, handshake, material, refused_until) = (true, Out::default(), None, None, None);
         Box::new(Self { from, came, has_sent, channel, inbox, out, handshake, material, refused_until })
@@ -146,7 +147,8 @@ impl PendingConnection {
         if known { Look::Introduced(hello) } else { Look::Refused(Refusal::WrongSecret, String::new()) }
     }
 
-    /// The server's proof that it knows the secret.
+    /// The proof for the Welcome that this server knows the secret, calculated from the secret and the key material of
+    /// the TLS session; zeros without a secret.
     pub(super) fn proof(&self, options: &ServeOptions) -> [u8; PROOF_LEN] {
         let key = options.secret.as_ref().zip(self.material.as_ref());
         key.map_or([0; PROOF_LEN], |(secret, material)| secret.prove(Side::Server, material))

@@ -27,7 +27,8 @@ pub(super) struct PendingPool {
 }
 
 impl PendingPool {
-    /// Whether another connection can be added, because there is a free place or one that can be freed.
+    /// Whether another connection can be added: fewer than [`PENDING_MAX`] are pending, or one of them may be closed
+    /// for it (a refused one, or one that had [`HELLO_TIME_MIN`] for its Hello).
     pub(super) fn has_room(&self, now: Instant) -> bool {
         self.pending.len() < PENDING_MAX || self.oldest_evictable(now).is_some()
     }

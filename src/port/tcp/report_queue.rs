@@ -1,4 +1,4 @@
-//! The queue of reports for the link that the server itself uses.
+//! The reports of the board for `ServerLink`, the link by which the TCP server itself uses its board.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ use crate::sk::Frame;
 /// How many unread reports are kept; the oldest are dropped. \[OURS]
 const REPORTS_KEPT: usize = 32;
 
-/// The queue of reports for the link that the server itself uses.
+/// Reports that the TCP server itself has not read yet, while it is the writer and stops axes.
 pub(super) struct ReportQueue {
     reports: Mutex<VecDeque<(Frame, ReadMeta)>>,
     arrived: Condvar,

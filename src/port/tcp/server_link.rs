@@ -15,7 +15,8 @@ pub(super) struct ServerLink {
     pub(super) queue: Arc<ReportQueue>,
 }
 
-/// The maximum wait in a call of this link: a limit for writes without one, and for all reads in real time.
+/// The longest wait in a call of this link: for a write without a limit of its own, and for every read in real time. So
+/// the server never hangs on a board.
 const WAIT_MAX: Duration = Duration::from_secs(10);
 
 impl Link for ServerLink {

@@ -15,7 +15,7 @@ use crate::tcp::{Inbox, PROOF_LEN};
 const WRITE_SLICE: Duration = Duration::from_millis(10);
 /// How far the board's time advances in one step of a request on virtual time. \[OURS]
 const TIME_STEP_NS: u64 = 100_000_000;
-/// The keep-alive times that a client may have, as its key `keepalive_ms` allows.
+/// The keep-alive times that a client may ask for, ms: the range of the key `keepalive_ms` of its link.
 const KEEPALIVE_RANGE_MS: std::ops::RangeInclusive<u32> = 50..=3_600_000;
 
 /// The reason why a client's session has ended.
@@ -42,7 +42,7 @@ pub(super) struct Session<'a> {
     hub: &'a Hub,
     board: Arc<Board>,
     client: Arc<Client>,
-    /// The counters of the board's link when the session began: a client gets the increase since then.
+    /// The counters of the board's link when the session began. Answers about counters give the increase since then.
     before: Counts,
     pending: Option<Pending>,
     /// The command frame of the write in progress.
@@ -164,8 +164,8 @@ impl<'a> Session<'a> {
         self.pending = left.map(|work| Pending { request, work });
     }
 
-    /// Tries to write the frame to the board. Returns what is still to be done for the request; `None`: it is answered.
-    /// The functions below return the same.
+    /// Tries to write the frame to the board. Returns the rest of the request that is still to be done; `None`: the
+    /// request is answered.
     fn write(&mut self, request: u64, until: Option<Instant>) -> Option<Work> {
         let left = until.map_or(WRITE_SLICE, |until| until.saturating_duration_since(Instant::now()).min(WRITE_SLICE));
         match self.board.write(&self.frame, Wait::at_most(left)) {
@@ -179,8 +179,8 @@ impl<'a> Session<'a> {
     }
 
     fn read(&mut self, request: u64, left_ns: Option<u64>) -> Option<Work> {
-        // A rest of up to two steps is read in one step, since a very short last step would advance the time by more
-        // than its limit.
+        // The last one or two steps are one read: a read with a very short time limit would advance the virtual time by
+        // more than this limit.
         let step_ns = left_ns.map(|left| if left > 2 * TIME_STEP_NS { TIME_STEP_NS } else { left });
         let wait = step_ns.map_or(Wait::Forever, |step| Wait::at_most(Duration::from_nanos(step)));
         match self.board.link.read(&mut self.frame, wait) {
@@ -245,8 +245,8 @@ pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
                     if session.take(&message).is_err() || client.is_over() || !hub.has(&board) {
                         return said(&Some((session, Arc::clone(client))));
                     }
-                    // No other client uses the board in such a test. So a request that does not succeed at once never
-                    // would, and it is dropped.
+                    // The board is used by this client only, so a request that the board does not carry out at once
+                    // would wait for ever. It is dropped.
                     session.pending = None;
                 }
             }

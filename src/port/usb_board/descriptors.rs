@@ -14,7 +14,8 @@ pub const CONFIGURATION_VALUE: u8 = 1;
 pub const INTERFACE_CLASS: [u8; 3] = [3, 0, 0];
 
 /// The identity of a virtual board in its descriptors. Vendor id, product id and the size of the reports are those of
-/// the real board (SK-9). Where no source gives a value, the default is one of this project.
+/// the real board (SK-9). The defaults of the fields with \[OURS] are chosen by this project, because no manual or
+/// capture shows the value of the real board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// idVendor (SK-9).
@@ -60,7 +61,7 @@ pub enum IdentityError {
     /// A text is too long for a string descriptor.
     #[error("`{text}` is too long for a text of a USB device; give it {TEXT_UNITS_MAX} characters at most")]
     Text { text: String },
-    /// bInterval is out of range.
+    /// bInterval is not 1 to 16.
     #[error("an endpoint's interval is 1 to 16 (2^(n-1) times 125 us), not {found}; leave it at 1")]
     Interval { found: u8 },
     /// The current exceeds the limit of a USB 2.0 port.
@@ -68,7 +69,8 @@ pub enum IdentityError {
     Power { found: u16 },
 }
 
-/// The largest number of UTF-16 units in a string descriptor: its length is one byte, and its header takes two bytes.
+/// The most UTF-16 units in a string descriptor: its length is one byte, 255 at most, of which two bytes are the
+/// header, and each unit takes two bytes.
 const TEXT_UNITS_MAX: usize = 126;
 /// Indices of the string descriptors.
 const MANUFACTURER: u8 = 1;
@@ -79,7 +81,7 @@ const LANGUAGE: [u8; 2] = [0x09, 0x04];
 /// The length of the header of a string descriptor in bytes.
 const TEXT_HEAD: usize = 2;
 
-/// bcdUSB and bcdHID.
+/// bcdUSB 2.00 and bcdHID 1.11, low byte first.
 const USB_VERSION: [u8; 2] = [0x00, 0x02];
 const HID_VERSION: [u8; 2] = [0x11, 0x01];
 /// bMaxPacketSize0; at high speed always 64 bytes.
@@ -90,7 +92,7 @@ const INTERRUPT: u8 = 3;
 
 const HID_LEN: usize = 9;
 const CONFIGURATION_LEN: usize = 9 + 9 + HID_LEN + 7 + 7;
-/// The position of the HID descriptor in the configuration descriptor.
+/// The offset of the HID descriptor in the configuration descriptor, bytes.
 const HID_AT: usize = 18;
 
 /// All descriptors of a virtual board.
@@ -103,10 +105,11 @@ pub struct Descriptors {
 }
 
 impl Descriptors {
-    /// The descriptors of a board with that identity.
+    /// Builds the descriptors of a board with this identity.
     ///
     /// # Errors
-    /// [`IdentityError`].
+    /// [`IdentityError`]: the interval is not 1 to 16, the current exceeds 500 mA, or a text has more than 126 UTF-16
+    /// units.
     pub fn new(identity: &Identity) -> Result<Self, IdentityError> {
         if !(1..=16).contains(&identity.interval) {
             return Err(IdentityError::Interval { found: identity.interval });
@@ -144,7 +147,7 @@ fn device(identity: &Identity) -> [u8; 18] {
         DEVICE,
         USB_VERSION[0],
         USB_VERSION[1],
-        // Class, subclass and protocol are given by the interface.
+        // bDeviceClass, bDeviceSubClass and bDeviceProtocol 0: the interface descriptor has the class (HID).
         0,
         0,
         0,

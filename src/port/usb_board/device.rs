@@ -12,8 +12,8 @@ use super::transfer::{Direction, Ends, Status, Transfer};
 use crate::sk::{FRAME_LEN, Frame};
 use transfers::Buffers;
 
-/// The most transfers that a host may have pending in one direction. \[OURS] Linux' own drivers have a few of them,
-/// programs that use libusb some ten.
+/// The most transfers that a host may have pending in one direction; one more is refused with [`TooMany`]. \[OURS]
+/// Drivers of the Linux kernel keep a few pending, programs that use libusb some ten.
 pub const TRANSFERS_AT_ONCE: usize = 256;
 
 /// The host has more transfers pending than [`TRANSFERS_AT_ONCE`].
@@ -40,7 +40,7 @@ pub struct Counters {
     pub refused: u64,
 }
 
-/// A virtual board that a host has; the ends of the host's transfers go to `E`.
+/// A virtual board that is attached to a host. The results of the host's transfers are passed to `E`.
 #[derive(Debug)]
 pub struct Device<E> {
     descriptors: Descriptors,
@@ -55,7 +55,8 @@ pub struct Device<E> {
     reading: bool,
     /// Whether the oldest frame is being written to the board.
     writing: bool,
-    /// The host's request to unlink the transfer that is being written.
+    /// The host's request to unlink the transfer that is being written to the board. It is answered when the write has
+    /// ended.
     unlinking: Option<Unlink>,
     /// The newest report.
     report: Frame,
@@ -79,7 +80,7 @@ struct Halted {
 }
 
 impl<E: Ends> Device<E> {
-    /// A board that has just been attached. The ends of its transfers go to `ends`.
+    /// A board that has just been attached. The results of its transfers are passed to `ends`.
     pub fn over(descriptors: Descriptors, ends: E) -> Self {
         Self {
             descriptors,
@@ -123,7 +124,7 @@ impl<E: Ends> Device<E> {
     /// The host submits a transfer; `data` are the bytes of an OUT transfer.
     ///
     /// # Errors
-    /// [`TooMany`].
+    /// [`TooMany`]: the host already has [`TRANSFERS_AT_ONCE`] transfers pending in this direction.
     pub fn transfer(&mut self, transfer: &Transfer, data: &[u8]) -> Result<(), TooMany> {
         match (transfer.endpoint, transfer.direction) {
             (0, _) => self.control(transfer, data),
@@ -248,12 +249,12 @@ impl<E: Ends> Device<E> {
         self.unlink_now();
     }
 
-    /// The ends of transfers so far.
+    /// The receiver of the transfers' results.
     pub const fn ends(&self) -> &E {
         &self.ends
     }
 
-    /// The ends of transfers so far, to be taken.
+    /// The receiver of the transfers' results, so that the caller can take those that have arrived.
     pub const fn ends_mut(&mut self) -> &mut E {
         &mut self.ends
     }

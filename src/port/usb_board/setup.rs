@@ -65,13 +65,13 @@ pub enum Request {
     },
     /// GET_CONFIGURATION.
     GetConfiguration,
-    /// SET_CONFIGURATION.
+    /// SET_CONFIGURATION, with bConfigurationValue; 0: none.
     SetConfiguration(u8),
     /// GET_INTERFACE: the alternate setting.
     GetInterface,
-    /// SET_INTERFACE.
+    /// SET_INTERFACE, with the alternate setting.
     SetInterface(u16),
-    /// GET_REPORT.
+    /// GET_REPORT: the host reads a report by a control transfer.
     GetReport {
         /// The report type, see [`report`].
         kind: u8,
@@ -85,7 +85,7 @@ pub enum Request {
         /// The report id.
         id: u8,
     },
-    /// GET_IDLE.
+    /// GET_IDLE: the idle rate.
     GetIdle,
     /// SET_IDLE, in steps of 4 ms.
     SetIdle(u8),

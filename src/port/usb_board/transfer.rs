@@ -26,7 +26,7 @@ pub enum Status {
 /// A transfer that a host submits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer {
-    /// The number by which its end names it.
+    /// The sequence number that the host has given the transfer. [`Ends::ended`] repeats it.
     pub sequence: u32,
     /// The direction.
     pub direction: Direction,
@@ -38,12 +38,13 @@ pub struct Transfer {
     pub setup: [u8; 8],
 }
 
-/// Takes the ends of transfers, in their order.
+/// Receives the results of transfers, in the order in which these complete.
 pub trait Ends {
-    /// A transfer has ended. `moved` is the number of its bytes; those of an IN transfer are `data`.
+    /// A transfer has completed. `moved` is the number of transferred bytes; for an IN transfer these bytes are in
+    /// `data`, for an OUT transfer `data` is empty.
     fn ended(&mut self, sequence: u32, status: Status, moved: u32, data: &[u8]);
 
-    /// A request to unlink a transfer is answered: with [`Status::Unlinked`] if the transfer was unlinked and gets no end
-    /// of its own, or [`Status::Done`] if it had ended before.
+    /// The answer to a request to unlink a transfer: [`Status::Unlinked`] if the transfer was unlinked, which has no
+    /// result then, or [`Status::Done`] if it had completed before.
     fn unlinked(&mut self, sequence: u32, status: Status);
 }

@@ -60,8 +60,9 @@ pub enum AttachError {
 
 /// The free high-speed ports, from the controller's file `status`.
 pub fn free_ports(status: &str) -> impl Iterator<Item = u32> + '_ {
-    // hub port sta spd dev      sockfd local_busid
-    // hs  0000 004 000 00000000 000000 0-0
+    // The file `status` has a line of headings and a line for each port:
+    //     hub port sta spd dev      sockfd local_busid
+    //     hs  0000 004 000 00000000 000000 0-0
     status.lines().filter_map(|line| {
         let mut fields = line.split_whitespace();
         let (hub, port, state) = (fields.next()?, fields.next()?, fields.next()?);

@@ -39,7 +39,7 @@ pub enum Event {
         bus_id: String,
         /// Why the host no longer has the board.
         why: SessionEnd,
-        /// The counters of the host's transfers.
+        /// The counters of this host's transfers, since it attached the board.
         counters: Counters,
     },
     /// A board is lost. The server tries to open it again.
@@ -172,7 +172,8 @@ impl Board {
         &self.bus_id
     }
 
-    /// The device number in USB/IP commands.
+    /// The number of this board in USB/IP commands: the bus in the upper 16 bits, the device on the bus in the lower 16
+    /// bits.
     pub fn device_id(&self) -> u32 {
         device_id(BUS, self.number)
     }
@@ -214,13 +215,14 @@ impl Board {
         Ok(session)
     }
 
-    /// Runs the session of a host until it ends. Afterwards another host can attach the board.
+    /// Serves a host. Blocks until the session has ended; afterwards another host can attach the board.
     pub fn serve(&self, session: &Session, host: &str) {
         self.tell(Event::Attached { bus_id: self.bus_id.clone(), host: host.to_owned() });
         let why = session.run();
         let lost = matches!(why, SessionEnd::LinkLost(_));
         let link = if lost { self.state.lock().link.take() } else { None };
-        // The session is removed only after the link is closed: then `keep` may open the link again.
+        // [`Self::keep`] opens the link again as soon as there is no session. A board cannot be opened twice, so the
+        // link is closed before the session is removed.
         if let Some(link) = &link {
             link.close();
         }
@@ -232,8 +234,8 @@ impl Board {
         }
     }
 
-    /// Watches the link until [`Self::stop`], and opens it again after a loss; `back` is called each time that
-    /// succeeds.
+    /// Watches the link until [`Self::stop`]. After a loss, tries to open the link every `retry`; after each success,
+    /// calls `back`.
     pub fn keep(&self, retry: Duration, back: &mut dyn FnMut()) {
         let mut told = String::new();
         loop {

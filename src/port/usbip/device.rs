@@ -34,18 +34,18 @@ impl AnyDevice<Messages> {
     /// The host submits a transfer; `data` are the bytes of an OUT transfer.
     ///
     /// # Errors
-    /// [`TooMany`].
+    /// [`TooMany`]: the host already has too many transfers pending in this direction.
     pub fn submit(&mut self, submit: &Submit, data: &[u8]) -> Result<(), TooMany> {
         let Submit { sequence, direction, endpoint, length, setup, .. } = *submit;
         self.transfer(&Transfer { sequence, direction, endpoint, length, setup }, data)
     }
 
-    /// Whether messages are waiting for the host.
+    /// Whether answers for the host are waiting to be sent.
     pub fn has_replies(&self) -> bool {
         !self.ends().0.is_empty()
     }
 
-    /// Moves the answers for the host into `to`, replacing its content.
+    /// Moves the waiting answers for the host into `to`, replacing its content.
     pub fn take_replies(&mut self, to: &mut Vec<u8>) {
         to.clear();
         std::mem::swap(to, &mut self.ends_mut().0);

@@ -21,9 +21,9 @@ pub(super) fn attach(boards: &Arc<[Board]>, index: usize, vhci: &Path) -> Result
     threads::spawn("usbip-here", serve).map_err(AttachError::Refused)
 }
 
-/// Watches board `index` until the server stops. A lost link is opened again, with an attempt every `retry`. With
-/// `vhci`, attaches the board to this machine again each time. `attached`: the thread of the board's first attachment,
-/// if there is one.
+/// Watches board `index` until the server stops. A lost link is opened again, with an attempt every `retry`; with
+/// `vhci`, the board is then attached to this machine again. `attached`: the thread that serves the board's first
+/// attachment, if there is one. Before the function returns, it waits for the ends of all such threads.
 pub(super) fn keep(
     boards: &Arc<[Board]>,
     index: usize,

@@ -48,7 +48,7 @@ pub struct Options {
     pub clients: usize,
     /// The pause between two attempts to open a lost board.
     pub retry: Duration,
-    /// How long a host may accept no bytes before its connection is closed.
+    /// How long a host that has attached a board may accept no bytes before its connection is closed; 30 s by default.
     pub send_timeout: Duration,
     /// The virtual USB host controller of this machine to which all boards are attached, usually [`VHCI`](super::VHCI).
     pub attach: Option<PathBuf>,
@@ -144,7 +144,8 @@ impl Server {
     /// ([`Event::Dropped`]).
     ///
     /// # Errors
-    /// [`ServeError`].
+    /// [`ServeError`]: a setting is invalid, the address cannot be listened on, the link of a board cannot be opened, a
+    /// board cannot be attached to this machine, or the system provides no thread.
     pub fn start(options: Options, boards: Vec<BoardSpec>, tell: Listener) -> Result<Self, ServeError> {
         if boards.len() > DEVICES_ON_BUS_MAX {
             return Err(ServeError::TooMany { found: boards.len() });
@@ -317,12 +318,13 @@ impl Shared {
         }
         match stream.try_clone() {
             Ok(stream) => clients.push_back((number, stream)),
-            // The connection cannot be registered. It still ends when the time limit of its request is over.
+            // A connection that cannot be registered is not ended by `stop`. The time limit of its request ends it.
             Err(error) => {
                 self.notes.push(Event::SystemError { what: format!("cannot watch a client of USB/IP: {error}") });
             }
         }
-        // `stop` may have ended all registered connections just before this one was registered.
+        // `stop` ends the registered connections. If it has done so just before this one was registered, this one is
+        // ended here.
         if self.is_stopping() {
             let _ = stream.shutdown(Shutdown::Both);
         }
@@ -389,7 +391,8 @@ impl Shared {
             }
         };
         wire::import(&mut answer, Ok(&board.entry()));
-        // If the client has disconnected, the session notices it.
+        // If the client has disconnected, sending fails here without an error; the session then finds the closed
+        // connection and ends.
         session.greet(&answer);
         board.serve(&session, &from.to_string());
     }
@@ -401,7 +404,7 @@ impl Shared {
 
 /// What a client's request still needs after it was read.
 enum Wanted {
-    /// Nothing: the request is answered.
+    /// The request is answered and needs nothing more.
     Nothing,
     /// The client has requested to attach the board with this index.
     Board(usize),

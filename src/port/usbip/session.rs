@@ -19,8 +19,8 @@ use super::wire::{Command, Direction, HEADER_LEN, WireError};
 use crate::link::{Dir, Link, LinkError, Wait};
 use crate::sk::Frame;
 
-/// The longest single wait on the link. A cancellation that comes just before a wait begins is noticed after this time.
-/// \[OURS]
+/// The longest single wait on the link. `Link::cancel` ends only a wait in progress, so a cancellation that comes just
+/// before a wait begins is noticed after this time. \[OURS]
 const WAIT_SLICE: Duration = Duration::from_millis(50);
 
 /// The size of the buffer for the host's bytes, in bytes.
@@ -110,7 +110,8 @@ impl Session {
             self.end(SessionEnd::Detached);
         }
         thread::scope(|scope| {
-            // New threads inherit the signal mask of this thread, which blocks all signals.
+            // New threads inherit the signal mask of this thread, which blocks all signals, so that the program's
+            // signal handlers do not run in them.
             let pump = |name: &str, work: fn(&Self)| {
                 let started = thread::Builder::new().name(name.into()).spawn_scoped(scope, move || work(self));
                 if let Err(error) = started {
@@ -201,7 +202,8 @@ impl Session {
                     !under_way
                 }
             };
-            // Without an answer to send, this thread does not wait for the other thread that may be sending.
+            // `send` waits while another thread is sending. Without an answer to send this thread skips it, and handles
+            // the host's next command at once.
             if answered {
                 self.send();
             }

@@ -13,7 +13,7 @@ use super::attach::Socket;
 pub const SEND_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// TCP keep-alive: the idle time before the first probe, the time between two probes, and the number of unanswered
-/// probes that end the connection. A host that lost its power is noticed after 25 s. \[OURS]
+/// probes that end the connection. A host that lost its power is noticed after 10 + 3 * 5 = 25 s. \[OURS]
 const KEEPALIVE_IDLE: Duration = Duration::from_secs(10);
 const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(5);
 const KEEPALIVE_PROBES: u32 = 3;

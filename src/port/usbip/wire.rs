@@ -32,8 +32,8 @@ const CMD_UNLINK: u32 = 2;
 const RET_SUBMIT: u32 = 3;
 const RET_UNLINK: u32 = 4;
 
-/// The values of number_of_packets in a transfer that is not isochronous: 0xFFFF_FFFF according to the document, 0 in
-/// what Linux sends.
+/// The values of number_of_packets that mark a transfer as not isochronous: Linux sends 0, its USB/IP document names
+/// 0xFFFF_FFFF. Both are accepted.
 const NO_PACKETS: [u32; 2] = [0, u32::MAX];
 
 /// The code of high speed, 480 Mbit/s (`USB_SPEED_HIGH` of Linux).
@@ -72,8 +72,8 @@ struct RawHeader {
     device: [u8; 4],
     direction: [u8; 4],
     endpoint: [u8; 4],
-    /// The first field after the common part of the header. Submit: the flags. Unlink: the sequence number of the
-    /// transfer to unlink. Answers: the status.
+    /// The word after the common part of the header. Its meaning depends on the command. Submit: the flags. Unlink: the
+    /// sequence number of the transfer to unlink. Answers to both: the status.
     first: [u8; 4],
     length: [u8; 4],
     start_frame: [u8; 4],
@@ -129,7 +129,7 @@ impl Op {
     /// Decodes the start of a request.
     ///
     /// # Errors
-    /// [`WireError::Version`], [`WireError::Code`].
+    /// [`WireError::Version`]: another version of the protocol; [`WireError::Code`]: no request has this code.
     pub fn parse(bytes: &[u8; OP_LEN]) -> Result<Self, WireError> {
         let raw: RawOp = bytemuck::cast(*bytes);
         let version = u16::from_be_bytes(raw.version);
@@ -147,7 +147,7 @@ impl Op {
 /// The bus id in an import request: the text before the first zero.
 ///
 /// # Errors
-/// [`WireError::BusId`].
+/// [`WireError::BusId`]: the text is not UTF-8.
 pub fn bus_id(bytes: &[u8; BUS_ID_LEN]) -> Result<&str, WireError> {
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(BUS_ID_LEN);
     std::str::from_utf8(&bytes[..end]).map_err(|_| WireError::BusId)
@@ -158,7 +158,8 @@ pub fn bus_id(bytes: &[u8; BUS_ID_LEN]) -> Result<&str, WireError> {
 pub struct Submit {
     /// The host's sequence number of the transfer.
     pub sequence: u32,
-    /// The number of the device that the transfer is for, see [`device_id`].
+    /// The number of the device that the transfer is for: the bus in the upper 16 bits, the device on it in the lower
+    /// 16 bits.
     pub device: u32,
     /// Whether data go to the device (OUT) or to the host (IN).
     pub direction: Direction,
@@ -179,7 +180,7 @@ pub enum Command {
     Unlink {
         /// The sequence number of the unlink command itself.
         sequence: u32,
-        /// The number of the device, see [`device_id`].
+        /// The number of the device, as in [`Submit::device`].
         device: u32,
         /// The sequence number of the transfer to unlink.
         victim: u32,
@@ -187,10 +188,11 @@ pub enum Command {
 }
 
 impl Command {
-    /// Decodes a command's header.
+    /// Decodes the header of a command.
     ///
     /// # Errors
-    /// [`WireError`]; the bytes after it cannot be decoded then.
+    /// [`WireError`]: the header is invalid. The length of the data after it is then unknown, so the connection cannot
+    /// go on.
     pub fn parse(bytes: &[u8; HEADER_LEN]) -> Result<Self, WireError> {
         let raw: RawHeader = bytemuck::cast(*bytes);
         let (sequence, device) = (u32::from_be_bytes(raw.sequence), u32::from_be_bytes(raw.device));
@@ -268,12 +270,12 @@ pub struct DeviceEntry<'a> {
     pub interface: [u8; 3],
 }
 
-/// The device number in commands, made of the bus and the number on it.
+/// The device number in commands: the bus in the upper 16 bits, the device on it in the lower 16 bits.
 pub const fn device_id(bus: u16, number: u16) -> u32 {
     (bus as u32) << 16 | number as u32
 }
 
-/// The reason why a host may not attach a device, with the numbers of Linux.
+/// The reason why a host may not attach a device. The values are the status codes of USB/IP in Linux.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Refusal {
@@ -322,7 +324,8 @@ fn raw_device(device: &DeviceEntry<'_>) -> RawDevice {
         vendor: device.vendor.to_be_bytes(),
         product: device.product.to_be_bytes(),
         release: device.release.to_be_bytes(),
-        // Device class 0: each interface gives its own class.
+        // bDeviceClass, bDeviceSubClass and bDeviceProtocol 0: the interface has the class, which the list of devices
+        // gives after this record.
         class: [0; 3],
         configuration: device.configuration,
         configurations: 1,

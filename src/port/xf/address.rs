@@ -126,8 +126,8 @@ impl Listener {
         }
     }
 
-    /// Accepts a waiting connection, set up for traffic. Returns it with the name of its other end; `None`: no
-    /// connection is waiting.
+    /// Accepts a waiting connection, and sets it to non-blocking; TCP also sends without delay and with keep-alive.
+    /// Returns the connection with the name of its other end; `None`: no connection is waiting.
     pub fn accept(&self) -> io::Result<Option<(Stream, String)>> {
         let accepted = match self {
             Self::Tcp(listener) => listener.accept().and_then(|(stream, from)| {
@@ -208,7 +208,8 @@ impl Drop for UnixPlace {
 
         let there = std::fs::symlink_metadata(&self.path).ok().map(|file| (file.dev(), file.ino()));
         if there.is_some() && there == self.file {
-            // If it cannot be removed, the next server finds that no process listens there.
+            // A file that cannot be removed does no harm: the next server finds that no process listens there, and
+            // replaces it.
             let _ = std::fs::remove_file(&self.path);
         }
     }
@@ -246,7 +247,7 @@ impl Stream {
         }
     }
 
-    /// Closes the sending direction, so that the other end gets the end of the stream.
+    /// Closes the sending direction: after the bytes sent so far the other end reads the end of the stream.
     pub fn end_output(&self) {
         // An error is ignored: it means that the connection has already ended.
         let _ = match self {

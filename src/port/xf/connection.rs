@@ -34,9 +34,10 @@ pub(super) struct Connection {
     /// The name of the host in the log.
     pub name: String,
     incoming: Box<[u8; MESSAGE_MAX]>,
-    /// How many bytes of `incoming` are in use: received bytes from the front on.
+    /// How many bytes at the front of `incoming` were received and not removed yet.
     held: usize,
-    /// The length of the message at the front of `incoming` that is being handled: the next call removes it.
+    /// The length of the message at the front of `incoming` that [`Self::next`] has found; the next call of it removes
+    /// this message.
     used: usize,
     outgoing: Box<[u8; MESSAGE_MAX]>,
     /// The range of `outgoing` that was not sent yet.
@@ -51,7 +52,8 @@ pub(super) struct Connection {
 }
 
 impl Connection {
-    /// Creates the connection of a host and sends the greeting.
+    /// Takes the connection of a host, and prepares the greeting for sending. `limit`: how long the host may take for
+    /// its first request, for the rest of a message, and to read an answer.
     pub fn new(stream: Stream, name: String, limit: Duration) -> Self {
         let mut connection = Self {
             stream,
@@ -130,8 +132,8 @@ impl Connection {
         Err(Left::Gone(format!("{what} for {}", crate::span::Span(waited))))
     }
 
-    /// Answers the message that [`Self::next`] has found. `fill` is called with its kind and body, room for the answer,
-    /// and the connection. It returns the length of the answer, or the reason why there is none.
+    /// Answers the message that [`Self::next`] has found. `fill` gets the kind and the body of the message, the buffer
+    /// for the body of the answer, and the stream. It returns the length of this body, or status and text of a refusal.
     pub fn answer(
         &mut self,
         fill: impl FnOnce(u8, &[u8], &mut [u8], &Stream) -> Result<usize, (Status, String)>,
@@ -148,13 +150,15 @@ impl Connection {
         Ok(())
     }
 
-    /// Sends a refusal instead of the greeting, and ends the connection.
+    /// Ends a connection before its greeting was sent: a greeting with a status other than OK, and with the reason as
+    /// text, is sent instead.
     pub fn refuse(&mut self, status: Status, text: &str) {
         self.unsent = 0..0;
         self.say_and_end(Kind::Greeting, status, text);
     }
 
-    /// Sends a message of the server's own, such as a Close, as far as the socket has room, and ends the connection.
+    /// Sends a message that answers no request, for example a Close, and ends the connection. Bytes for which the
+    /// socket has no room are not sent.
     pub fn say_and_end(&mut self, kind: Kind, status: Status, text: &str) {
         // If a part of an answer is still unsent, the host would take this message for the rest of the answer, so it is
         // not sent.
@@ -168,7 +172,8 @@ impl Connection {
         self.end();
     }
 
-    /// Ends the connection. Received bytes are read first: otherwise the system would discard the last answer.
+    /// Ends the connection. Received bytes are read first: closing a socket with unread bytes makes the system reset
+    /// the connection, and the host might lose the last answer.
     pub fn end(&mut self) {
         self.stream.end_output();
         for _ in 0..ROUNDS_AT_END {
@@ -185,7 +190,8 @@ impl Connection {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(count) => {
                     self.unsent.start += count;
-                    // Sending the greeting does not end the wait for the first request.
+                    // A host that has not sent a request yet owes it even after the greeting was sent, so the time goes
+                    // on.
                     self.owes_since = self.owes_since.filter(|_| !self.has_asked);
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
@@ -200,7 +206,7 @@ impl Connection {
 /// How many times the end of a connection reads and discards received bytes at most. \[OURS]
 const ROUNDS_AT_END: usize = 16;
 
-/// Copies a text, as much as fits into `room`. Returns its length in bytes.
+/// Copies a text, as many whole characters as fit into `room`. Returns the number of bytes.
 fn put(room: &mut [u8], text: &str) -> usize {
     let len = text.floor_char_boundary(room.len());
     room[..len].copy_from_slice(&text.as_bytes()[..len]);

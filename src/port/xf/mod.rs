@@ -115,10 +115,12 @@ pub struct Server {
 }
 
 impl Server {
-    /// Opens the chip and listens. If the link has failed, `open` is called again when the next host connects.
+    /// Opens the chip and listens. If the link fails later, `open` is called when the next host connects; if it fails
+    /// again, that host is refused with the reason.
     ///
     /// # Errors
-    /// [`ServeError`].
+    /// [`ServeError`]: other machines could reach the address, the address cannot be listened on, the chip cannot be
+    /// opened, or the system provides no thread.
     pub fn start(
         mut open: impl FnMut() -> Result<Opened, ChipError> + Send + 'static,
         options: Options,

@@ -16,8 +16,8 @@ use crate::port::log_limit::LogLimit;
 use crate::port::serving::Shared;
 use crate::xf::host::HostConfig;
 
-/// While no host uses the chip, the chip is accessed at this interval, so that a model of a chip runs the cycles of
-/// that time. \[OURS]
+/// While no host uses the chip, the server accesses the chip at this interval: the model of a chip runs its cycles only
+/// in such calls, and its cycles shall not stand still. \[OURS]
 const IDLE_INTERVAL: Duration = Duration::from_millis(100);
 /// The longest wait on the chip during which no other event is handled. \[OURS]
 const WAIT_SLICE_NS: u64 = 20_000_000;
@@ -325,8 +325,8 @@ fn no_line(name: &str, next: &str) -> Refused {
     (Status::NoLine, format!("{name} is not wired; {next}"))
 }
 
-/// Waits in slices until `wait` returns true, the time is over, or `ends` returns true. Returns whether `wait` has
-/// returned true.
+/// Waits in slices until `wait` returns true, `micros` microseconds have passed, or `ends` returns true. Returns
+/// whether `wait` has returned true.
 fn in_slices(
     link: &mut dyn ChipLink,
     micros: u32,

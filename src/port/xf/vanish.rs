@@ -1,8 +1,9 @@
 //! Stopping the axes when their host has vanished.
 //!
-//! The server knows neither the slaves nor their axes, and nothing about the packets that have passed: not the data
-//! size n, not the packet boundaries, not the last index. So it starts like a host without any knowledge, and then does
-//! what needs no knowledge of axes: it brings slaves in OP to SafeOP, in which the outputs of a slave have no effect.
+//! The server passes bytes on without decoding them. So it knows neither the slaves nor their axes, and nothing about
+//! the packets: not the data size n, not the packet boundaries, not the index of the last packet. It starts like a host
+//! without any knowledge, and then does what needs no knowledge of axes: it brings slaves in OP to SafeOP, in which the
+//! outputs of a slave have no effect.
 
 use std::time::Duration;
 
@@ -29,10 +30,12 @@ pub(super) enum Stopped {
 pub(super) fn bring_to_safe_op(link: &mut dyn ChipLink, config: HostConfig) -> Result<Stopped, XfError> {
     let busy_ns = STATE_TIME_MAX.as_nanos() as u64;
     let timeouts = Timeouts { busy_ns, ..config.timeouts };
-    // The chip's data size n is not changed, because the next host expects the one that it has seen last.
+    // The chip's data size n is not changed (`wanted_size: None`), because the next host expects the size that it has
+    // seen last.
     let mut xf = Xf::over(link, HostConfig { wanted_size: None, timeouts, ..config })?;
     let stopped = leave_op(&mut xf);
-    // An error here does no harm: a host that expects CRC-32 sets it again.
+    // An error is ignored: the chip accepts CRC_TYPE_SET with the fixed check word whatever type is set (XF-11.4), so
+    // the next host can still set the type that it expects.
     let _ = set_fixed_check(&mut xf);
     stopped
 }
@@ -42,7 +45,8 @@ pub(super) fn bring_to_safe_op(link: &mut dyn ChipLink, config: HostConfig) -> R
 fn set_fixed_check(xf: &mut Xf<&mut dyn ChipLink>) -> Result<(), ChipError> {
     let size = xf.host().size();
     let (mut packet, mut back) = ([0; MAX_PACKET], [0; MAX_PACKET]);
-    // The driver's packets have the indices 1 to 255, so this one repeats none of them.
+    // The chip does not run a packet with the same index and code as the previous one. The driver's packets have the
+    // indices 1 to 255, so index 0 is new.
     let header = CommandHeader::with_index(0);
     // This cannot fail: the buffer has room for a packet of any size.
     let _ = write_request(&mut packet, size, CheckRule::FIXED, header, &CrcTypeSet { kind: CheckType::Fixed });
@@ -50,8 +54,8 @@ fn set_fixed_check(xf: &mut Xf<&mut dyn ChipLink>) -> Result<(), ChipError> {
     for _ in 0..2 {
         let ready = link.now().saturating_add(HostConfig::DEFAULT.idle_max_ns);
         link.wait_until(ready)?;
-        // The packet is sent twice, in case the chip was not ready for the first one. If it was ready, the second one
-        // changes nothing.
+        // The chip ignores a packet while it still handles the previous one, so this packet is sent twice. If the chip
+        // has run the first one, the second one changes nothing.
         link.exchange(&packet[..size.packet_len()], &mut back[..size.packet_len()])?;
     }
     Ok(())
@@ -80,7 +84,8 @@ fn leave_op(xf: &mut Xf<&mut dyn ChipLink>) -> Result<Stopped, XfError> {
 }
 
 fn slaves_in_op(xf: &mut Xf<&mut dyn ChipLink>, found: u8) -> Result<Vec<SlaveNumber>, XfError> {
-    // A slave that does not answer makes this command fail, but the chip reads the states of all others.
+    // A slave that does not answer makes this command fail, although the chip has read the states of all others. So the
+    // error is returned only if no slave is in OP.
     let updated = xf.run(&StateUpdate);
     let mut in_op = Vec::new();
     for slave in (0..found).filter_map(SlaveNumber::new) {

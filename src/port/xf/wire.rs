@@ -129,17 +129,17 @@ pub enum BadRequest {
 /// The length of the body, from the head.
 ///
 /// # Errors
-/// [`BadRequest::TooLong`].
+/// [`BadRequest::TooLong`]: the length is more than [`EXCHANGE_MAX`].
 pub const fn body_len(head: [u8; HEAD_LEN]) -> Result<usize, BadRequest> {
     let found = u16::from_le_bytes([head[2], head[3]]) as usize;
     if found > EXCHANGE_MAX { Err(BadRequest::TooLong { found }) } else { Ok(found) }
 }
 
 impl<'m> Request<'m> {
-    /// Decodes the request with this kind and body. The status is ignored.
+    /// Decodes the request with this kind and body. The status byte of its head has a meaning in answers only.
     ///
     /// # Errors
-    /// [`BadRequest`].
+    /// [`BadRequest`]: there is no such kind of request, the body has a wrong length, or the wait is too long.
     pub fn parse(kind: u8, body: &'m [u8]) -> Result<Self, BadRequest> {
         let length = |wanted| BadRequest::Length { kind, found: body.len(), wanted };
         let micros = || {

@@ -38,9 +38,9 @@ pub(in crate::recording) enum Item<'a> {
     Interface(DataLink),
     /// A captured packet.
     Packet(Packet<'a>),
-    /// The statistics of an interface, at the end of a section: how many packets are missing, and why.
+    /// The statistics of an interface, at the end of a section: how many packets the recorder did not write, and why.
     Counts { missing: u64, why: Option<String> },
-    /// A stretch of the file that cannot be read.
+    /// Bytes of the file that cannot be read, because they are damaged or a newer version wrote them.
     Lost(Lost),
     /// A block that is not needed.
     Other,
@@ -135,7 +135,8 @@ fn begin<R: Read>(input: &mut Input<R>) -> Result<Parser, RecordError> {
             Ok(parsed) => break parsed,
             Err(PcapError::IncompleteBuffer) if is_pcapng => fill_more(input)?,
             Err(PcapError::IncompleteBuffer) if input.fill()? => {}
-            // Neither of both. It need not begin with a block that can be read: that may be the damaged one.
+            // The file is neither pcapng nor pcap. It may be a recording in blocks whose first block is damaged, so the
+            // next bytes are searched for a block, too.
             Err(_) if !is_pcapng && Reader::finds_block(input) => return Ok(Parser::Ecmrec(Box::default())),
             Err(_) if !is_pcapng => return Err(RecordError::NotACapture { name: input.name().to_owned() }),
             Err(error) => return Err(malformed(input.name(), 0, &error)),
@@ -145,7 +146,8 @@ fn begin<R: Read>(input: &mut Input<R>) -> Result<Parser, RecordError> {
     Ok(parser)
 }
 
-/// The length of the next block. Section and interface blocks are also parsed, because the parser keeps their content.
+/// The length of the next block. The parser also reads section and interface blocks here: it needs their contents for
+/// the packets that follow.
 fn measure(parser: &mut Parser, bytes: &[u8]) -> Result<usize, PcapError> {
     let rest = match parser {
         Parser::PcapNg(parser) => parser.next_raw_block(bytes)?.0,
@@ -264,7 +266,7 @@ fn nanoseconds(units: u128, interface: &InterfaceDescriptionBlock<'_>) -> u64 {
     }
     let exponent = u32::from(resolution & !BINARY);
     let base: u128 = if resolution & BINARY == 0 { 10 } else { 2 };
-    // If the units are so small that the power overflows, every 64-bit time is 0 ns.
+    // With units so small that `base` to the power of `exponent` exceeds 128 bits, every 64-bit time is less than 1 ns.
     let ns = base.checked_pow(exponent).map_or(0, |per_second| units * NS_PER_S / per_second);
     let ns = i128::try_from(ns).unwrap_or(i128::MAX).saturating_add(offset_s * NS_PER_S as i128);
     u64::try_from(ns.max(0)).unwrap_or(u64::MAX)

@@ -7,13 +7,13 @@ use crate::recording::error::RecordError;
 /// The number of bytes read at a time. \[OURS]
 const CHUNK: usize = 64 * 1024;
 
-/// The bytes of a file, of which a part is in the memory.
+/// A file that is read once from its beginning to its end. A part of its bytes is in the memory.
 pub(super) struct Input<R> {
     source: R,
     /// The name of the file, for messages.
     name: String,
     buffer: Vec<u8>,
-    /// The offset of the next byte in the buffer, and in the file.
+    /// `start`: the index in `buffer` of the next byte to process. `offset`: the offset of the same byte in the file.
     start: usize,
     offset: u64,
 }
@@ -33,24 +33,24 @@ impl<R: Read> Input<R> {
         self.offset
     }
 
-    /// The next bytes, as far as they were read.
+    /// The bytes from the next one on that are in the memory.
     pub fn bytes(&self) -> &[u8] {
         &self.buffer[self.start..]
     }
 
-    /// Goes on behind the next `len` bytes, which were read.
+    /// Moves the next byte forward by `len` bytes. These bytes must be in the memory.
     pub fn advance(&mut self, len: usize) {
         let len = len.min(self.bytes().len());
         self.start += len;
         self.offset += len as u64;
     }
 
-    /// The last `len` bytes before the next one. They are there until more is read.
+    /// The last `len` bytes before the next byte. They stay in the memory until more of the file is read.
     pub fn passed(&self, len: usize) -> &[u8] {
         &self.buffer[self.start - len..self.start]
     }
 
-    /// Reads until there are `len` next bytes. Returns whether the file has so many.
+    /// Reads until `len` bytes from the next one on are in the memory. Returns false if the file ends before.
     pub fn has(&mut self, len: usize) -> Result<bool, RecordError> {
         while self.bytes().len() < len {
             if !self.fill()? {

@@ -28,7 +28,8 @@ pub(super) fn is_usb(link_type: DataLink) -> bool {
     usbmon::is_usbmon(link_type) || usbpcap::is_usbpcap(link_type)
 }
 
-/// Decodes the header of a USB transfer; `None` if the packet has nothing that the reader needs.
+/// Decodes the header of a USB transfer; `None` if the packet is too short for it, or is at a stage of a transfer that
+/// the reader does not need.
 pub(super) fn event<'a>(packet: &Packet<'a>) -> Option<UsbEvent<'a>> {
     match packet.link_type {
         link_type if usbpcap::is_usbpcap(link_type) => usbpcap::event(packet.data),

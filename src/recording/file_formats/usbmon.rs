@@ -26,18 +26,18 @@ const TO_HOST: u8 = 0x80;
 const SUBMIT: u8 = b'S';
 const COMPLETE: u8 = b'C';
 const REFUSED: u8 = b'E';
-/// The kinds of transfer.
+/// Codes of transfer types. Other codes are bulk and isochronous transfers.
 const INTERRUPT: u8 = 1;
 const CONTROL: u8 = 2;
-/// Values of the flag that says whether the header has a setup packet.
+/// Values of `flag_setup`: the header has a setup packet, or it has none.
 const SETUP_PRESENT: u8 = 0;
 const NO_SETUP: u8 = b'-';
-/// Value of the flag that says whether data follow the header: they do.
+/// Value of `flag_data`: data follow the header.
 const DATA_PRESENT: u8 = 0;
 /// The status of a transfer in flight: -EINPROGRESS.
 const IN_PROGRESS: i32 = -115;
 
-/// Bus and device number of the board in a recording of this crate, whose board has no real ones. \[OURS]
+/// Bus and device number of the board in a recording of this crate, which has no USB addresses to record. \[OURS]
 const BUS: u16 = 1;
 const DEVICE: u8 = 1;
 
@@ -102,7 +102,8 @@ pub(super) const fn is_usbmon(link_type: DataLink) -> bool {
     header_len(link_type).is_some()
 }
 
-/// Decodes a packet of this link type; `None` if it is no usbmon packet.
+/// Decodes a packet; `None` if this link type is not one of usbmon, the packet is too short for its header, or its type
+/// of event is unknown.
 pub(super) fn event(link_type: DataLink, order: Endianness, packet: &[u8]) -> Option<UsbEvent<'_>> {
     let (start, data) = packet.split_at_checked(header_len(link_type)?)?;
     let mut bytes = [0; HEADER_LEN];

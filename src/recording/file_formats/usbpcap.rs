@@ -18,7 +18,7 @@ const TO_HOST: u8 = 0x80;
 /// The endpoint number of a transfer whose pipe was opened before the capture began.
 const UNKNOWN_ENDPOINT: u8 = 0xFF;
 
-/// The kinds of transfer.
+/// Codes of transfer types. Other codes are bulk and isochronous transfers.
 const INTERRUPT: u8 = 1;
 const CONTROL: u8 = 2;
 
@@ -51,7 +51,8 @@ pub(super) fn is_usbpcap(link_type: DataLink) -> bool {
     link_type == DataLink::USBPCAP
 }
 
-/// Decodes a packet; `None` if it is no USBPcap packet, or has nothing that the reader needs.
+/// Decodes a packet; `None` if it is too short for its header, or is at a stage of a control transfer that the reader
+/// does not need.
 pub(super) fn event(packet: &[u8]) -> Option<UsbEvent<'_>> {
     let start = packet.first_chunk::<HEADER_LEN>()?;
     let header: RawHeader = bytemuck::cast(*start);
@@ -63,8 +64,8 @@ pub(super) fn event(packet: &[u8]) -> Option<UsbEvent<'_>> {
     let done = header.status == [0; 4];
     let at = Address {
         bus: u16::from_le_bytes(header.bus),
-        // USBPcap writes 0xFFFF for a device that it does not know. A bus has 127 devices at most, so that value
-        // becomes 255.
+        // USBPcap writes 0xFFFF for a device that it does not know. Such packets get the device number 255, which no
+        // real device has: a bus has 127 devices at most.
         device: u8::try_from(u16::from_le_bytes(header.device)).unwrap_or(u8::MAX),
     };
     let id = u64::from_le_bytes(header.irp);

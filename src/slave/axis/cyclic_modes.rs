@@ -7,12 +7,13 @@ use crate::slave::plant::Setpoint;
 use crate::slave::state_machine::Ramp;
 use crate::slave::switches::Input;
 
-/// \[OURS] Window of statusword bit 10 in CST, as a fraction of the rated torque.
+/// \[OURS] In CST statusword bit 10, target reached, is set while the actual torque differs from the target by at most
+/// this fraction of the rated torque.
 const TORQUE_REACHED: f64 = 0.01;
 
 impl Axis {
-    /// CSP: advances the plant by `ns`, a part of the cycle. At the present rate the demand reaches the target position in
-    /// `left` ns, at the end of the cycle.
+    /// CSP: advances the plant by `ns`, a part of the cycle. The demand moves evenly, so that it reaches the target
+    /// position after `left` ns, at the end of the cycle.
     pub(super) fn follow_position(&mut self, ns: Ns, left: Ns) {
         let setpoint = self.demand_position(ns, left);
         self.plant.run(setpoint, ns);

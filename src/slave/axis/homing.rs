@@ -21,7 +21,7 @@ use crate::slave::switches::{Input, Inputs};
 const STANDSTILL_NS: Ns = 5_000_000;
 
 impl Axis {
-    /// The state of homing mode, including the error that ended the last homing run.
+    /// The state machine of homing mode: the present homing run, and the error that ended the last one.
     pub const fn homing(&self) -> &Homing {
         &self.homing
     }
@@ -51,8 +51,8 @@ impl Axis {
         self.plant.jam(jammed);
     }
 
-    /// Takes over the target position from process data, except for the first one after homing, which is discarded (see the
-    /// head of this file).
+    /// Takes over the target position from process data. The first one after homing is discarded: the master computed
+    /// it before it could see the position that homing has set, and the axis would jump.
     pub const fn take_target_position(&mut self, position: i32) {
         if self.skip_next_target {
             self.skip_next_target = false;
@@ -108,7 +108,7 @@ impl Axis {
     }
 
     /// Brakes the axis for `ns` after homing mode was left during a motion. Returns false if the axis is already at
-    /// standstill; then no time passes.
+    /// standstill: then it has not moved, and the caller runs the new mode for these `ns`.
     pub(super) fn brake_after_homing(&mut self, ns: Ns) -> bool {
         if self.is_standing_still() {
             self.hold_target();
@@ -125,8 +125,8 @@ impl Axis {
         self.standstill_ns >= STANDSTILL_NS
     }
 
-    /// Starts measuring the standstill when homing mode begins: an axis without motion counts as standing still
-    /// immediately.
+    /// Starts measuring the standstill when homing mode begins. An axis that does not move counts as at standstill at
+    /// once, without waiting for [`STANDSTILL_NS`].
     pub(super) fn reset_standstill(&mut self) {
         self.standstill_ns = if self.is_still() { STANDSTILL_NS } else { 0 };
     }
@@ -166,8 +166,8 @@ impl Axis {
             self.demand = Demand { whole: at, fraction: 0.0, velocity: 0.0 };
             return self.monitor_following_error(ns);
         }
-        // The maximum velocity at the end of this time from which the ramp still stops at the count: the solution of to^2 /
-        // 2a + (from + to) t / 2 = left.
+        // The maximum velocity at the end of this time from which the ramp still stops at the count: the `end` that
+        // solves end² / (2 ramp) + (now + end) seconds / 2 = way.
         let towards = if left < 0.0 { -1.0 } else { 1.0 };
         let (way, now) = (left * towards, from * towards);
         let root = seconds * seconds * 0.25 + 2.0 / ramp * (way - now * seconds * 0.5);
@@ -186,7 +186,8 @@ impl Axis {
         let by = (from + to) * 0.5 * seconds;
         self.plant.run(Setpoint::Position { from: whole, fraction, by }, ns);
         self.move_demand(by);
-        // Rounded like the position of the shaft, so that demand and position are the same count at standstill.
+        // The demand is rounded to the nearest count, as the position of the shaft is. So both are the same count at
+        // standstill.
         let counts = rounded(self.demand.fraction);
         self.demand.whole = self.demand.whole.wrapping_add(counts);
         self.demand.fraction -= counts as f64;

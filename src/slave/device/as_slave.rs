@@ -32,7 +32,7 @@ pub fn fall<M: Model>(device: &mut M, to: AlState, status: AlStatus) {
 fn step_al<M: Model>(device: &mut M, dt_ns: Ns) {
     let Base { al, plan, .. } = device.base_mut();
     if plan.lengths().0 == 0 {
-        // Without mapped outputs the watchdog must not expire.
+        // A device without mapped outputs gets none, so its watchdog must not expire.
         al.note_outputs();
     }
     if al.step(dt_ns) {
@@ -41,7 +41,10 @@ fn step_al<M: Model>(device: &mut M, dt_ns: Ns) {
     }
 }
 
-/// Compiles the present PDO mapping into the plan by which a cycle transfers process data.
+/// Makes the plan of the present PDO mapping: the list of copies by which each cycle transfers process data.
+///
+/// # Errors
+/// The AL status code: an entry cannot be mapped, or the lengths differ from those of the sync managers.
 fn compile<M: Model>(device: &mut M) -> Result<(), AlStatus> {
     let mut plan = std::mem::take(&mut device.base_mut().plan);
     let compiled = plan.compile(device, &device.base().mapping);
@@ -49,7 +52,8 @@ fn compile<M: Model>(device: &mut M) -> Result<(), AlStatus> {
     compiled.and_then(|()| device.base().fits_sync_managers())
 }
 
-/// Checks whether an object may be mapped into a PDO of this direction.
+/// Checks whether an object may be mapped into a PDO of this direction. `entry` is the mapping entry: index in the
+/// upper 16 bits, then sub-index, then length in bits. The error is the abort code for the SDO that writes the entry.
 fn may_map<M: Model>(device: &M, direction: dictionary::PdoDirection, entry: u32) -> Result<(), AbortCode> {
     process_data::may_map(device, direction, entry).map_err(|code| {
         let at = ObjectAddress::new((entry >> 16) as u16, (entry >> 8) as u8);
@@ -65,13 +69,13 @@ fn has_manufacturer_object<M: Model>(device: &M, at: ObjectAddress) -> bool {
     device.base().manufacturer.as_deref().is_some_and(read)
 }
 
-/// Whether an abort code means that the dictionary of the kind does not have the object. The object may then be a
-/// manufacturer-specific one.
+/// Whether an abort code means that the dictionary of this kind of device does not have the object. The caller then
+/// looks for a manufacturer-specific object.
 const fn is_absent(code: AbortCode) -> bool {
     matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)
 }
 
-/// In Init the mailbox does not answer, so the master's SDO transfer times out.
+/// Fails in Init, as an SDO timeout: the mailbox of a slave works from PreOP on, so a master would get no answer.
 fn check_mailbox<M: Model>(device: &M) -> Result<(), AbortCode> {
     if device.base().al_state() == AlState::Init { Err(AbortCode::TIMEOUT) } else { Ok(()) }
 }

@@ -17,7 +17,7 @@ pub(super) fn next_object<M: Model>(device: &M, from: u16) -> Option<u16> {
 /// The description of an object for the SDO information services.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`].
+/// [`AbortCode::NO_OBJECT`]: the device has no object with this index.
 pub(super) fn object<M: Model>(device: &M, index: u16) -> Result<ObjectDescription<'_>, AbortCode> {
     let base = device.base();
     if let Some(description) = base.mapping.describe_object(index) {
@@ -35,7 +35,8 @@ pub(super) fn object<M: Model>(device: &M, index: u16) -> Result<ObjectDescripti
 /// The description of a sub-index for the SDO information services.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`].
+/// [`AbortCode::NO_OBJECT`]: the device has no object with this index; [`AbortCode::NO_SUB_INDEX`]: the object has no
+/// such sub-index.
 pub(super) fn entry<M: Model>(device: &M, at: ObjectAddress) -> Result<EntryDescription<'_>, AbortCode> {
     let base = device.base();
     if base.mapping.has(at.index) {

@@ -14,7 +14,8 @@ pub const fn description<M: Model>() -> [Object<M>; 3] {
     ]
 }
 
-/// The identity object, 0x1018, and the sync manager types, 0x1C00. Every device has them.
+/// The identity object, 0x1018, and the sync manager types, 0x1C00, with their sub-indices 0 to 4. Every device has
+/// them.
 pub const fn identity<M: Model>() -> [Object<M>; 10] {
     [
         Object::u8(0x1018, 0, "Identity").default(4),
@@ -30,8 +31,8 @@ pub const fn identity<M: Model>() -> [Object<M>; 10] {
     ]
 }
 
-/// Supported synchronization types, 0x1C32:4 and 0x1C33:4: free run, sync manager event and, with distributed clocks,
-/// SYNC0. Bit 14: the cycle time may change.
+/// Supported synchronization types, 0x1C32:4 and 0x1C33:4. Bit 0: free run, bit 1: sync manager event, bit 2: SYNC0,
+/// for devices with distributed clocks only, bit 14: the cycle time may change.
 const WITHOUT_DC: i64 = 0x4003;
 const WITH_DC: i64 = 0x4007;
 

@@ -17,7 +17,8 @@ const SM2_EVENT: u16 = 0x22;
 /// The types that a master has written, and whether the network has a SYNC0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SyncTypes {
-    /// The types of outputs and of inputs; `None` until a master writes one.
+    /// The types that a master has written: `[0]` for outputs (0x1C32:1), `[1]` for inputs (0x1C33:1). `None`: none was
+    /// written.
     written: [Option<u16>; 2],
     /// Whether there is a SYNC0; `None` until the network has reported it.
     has_sync0: Option<bool>,

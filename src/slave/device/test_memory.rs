@@ -1,5 +1,5 @@
-//! An object for testing masters: up to 512 octets of any length, read back as they were written, so that a master can
-//! transfer values in one segment and in many.
+//! An object for testing masters. It stores any value of up to 512 octets and returns the same octets. So a master can
+//! test SDO transfers of any length, in one segment and in several.
 
 use crate::ethercat::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
 use crate::slave::dictionary::{Access, DataTypeCode, EntryDescription, ObjectDescription, access_of, put_first};
@@ -40,7 +40,7 @@ fn check(at: ObjectAddress, scope: SdoScope) -> Result<(), AbortCode> {
     }
 }
 
-/// SDO upload, as [`Slave::read`](crate::slave::Slave::read).
+/// SDO upload: copies the octets into `value`, as far as there is room. Returns the length of all octets.
 pub(super) fn read(octets: &[u8], at: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
     check(at, scope)?;
     Ok(put_first(octets, value))

@@ -7,7 +7,7 @@ use super::object::DataType;
 use super::{Access, Device, Object, find, read_entry, write_entry};
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
 
-/// A sub-index, and the position of its value in the transfer.
+/// A sub-index, and where its value is in the data of the transfer: `offset` and `len` in bytes.
 struct Part {
     at: ObjectAddress,
     access: Access,
@@ -35,7 +35,8 @@ fn rows<D: Device>(device: &D, index: u16) -> impl Iterator<Item = &'static Obje
     D::objects().iter().filter(move |row| row.index == index && row.only_if.is_none_or(|has| has(device)))
 }
 
-/// The first existing sub-index from `at.sub` on; its value begins at `offset`.
+/// The first existing sub-index from `at.sub` on. `offset` is the position of its value in the data of the transfer,
+/// bytes.
 fn part_from<D: Device>(device: &D, at: ObjectAddress, offset: usize) -> Option<Part> {
     let row = rows(device, at.index).find(|row| at.sub < row.first_sub.saturating_add(row.count))?;
     let at = ObjectAddress::new(at.index, at.sub.max(row.first_sub));

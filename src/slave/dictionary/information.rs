@@ -7,7 +7,7 @@ use crate::ethercat::AlState;
 use crate::ethercat::coe::{AbortCode, DataTypeCode, ObjectAccess, ObjectAddress, ObjectCode, ObjectListType};
 
 impl DataTypeCode {
-    /// The code of a data type on the wire.
+    /// The code of a data type in SDO information: its index in the object dictionary (ETG.1000.6 5.6.7).
     pub const fn of(data: DataType) -> Self {
         Self(match data {
             DataType::Bool => 0x0001,
@@ -27,7 +27,7 @@ impl DataTypeCode {
 /// The description of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectDescription<'a> {
-    /// The index.
+    /// The index of the object.
     pub index: u16,
     /// The data type: of the value for a variable, of the elements for an array, of the structure for a record.
     pub data_type: DataTypeCode,
@@ -35,7 +35,7 @@ pub struct ObjectDescription<'a> {
     pub max_sub: u8,
     /// The object code: variable, array or record.
     pub code: ObjectCode,
-    /// The name.
+    /// The name of the object.
     pub name: &'a str,
 }
 
@@ -56,9 +56,9 @@ pub const fn access_of(access: Access) -> ObjectAccess {
 /// The description of an entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EntryDescription<'a> {
-    /// The address.
+    /// The index and sub-index of the entry.
     pub at: ObjectAddress,
-    /// The data type.
+    /// The data type of the entry.
     pub data_type: DataTypeCode,
     /// The length of the value, bits; for a text, the length of its present value.
     pub bits: u16,
@@ -66,7 +66,7 @@ pub struct EntryDescription<'a> {
     pub access: ObjectAccess,
     /// The default, minimum and maximum value; `None` if the entry has no such values.
     pub values: Option<EntryValues>,
-    /// The name.
+    /// The name of the entry.
     pub name: &'a str,
 }
 
@@ -81,8 +81,9 @@ pub struct EntryValues {
     pub max: i64,
 }
 
-/// Whether an entry with these access rights puts its object on an object list of SDO information (ETG.1000.6 table 43).
-/// [`ObjectListType::Lengths`] and unknown lists contain no objects.
+/// Whether an entry with these access rights puts its object on an object list of SDO information (ETG.1000.6 table
+/// 43). [`ObjectListType::Lengths`] asks for the lengths of the other lists, so neither it nor an unknown list contains
+/// objects.
 pub const fn is_listed(access: ObjectAccess, list: ObjectListType) -> bool {
     match list {
         ObjectListType::All => true,
@@ -110,7 +111,7 @@ pub fn object_from<D: Device>(device: &D, from: u16) -> Option<u16> {
 /// The description of an object for the SDO information services.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`].
+/// [`AbortCode::NO_OBJECT`]: the device has no object with this index.
 pub fn describe_object<D: Device>(device: &D, index: u16) -> Result<ObjectDescription<'static>, AbortCode> {
     let rows = || rows_of(device).filter(|row| row.index == index);
     let (Some(first), Some(last)) = (rows().next(), rows().last()) else { return Err(AbortCode::NO_OBJECT) };
@@ -136,7 +137,8 @@ pub fn describe_object<D: Device>(device: &D, index: u16) -> Result<ObjectDescri
 /// The description of a sub-index for the SDO information services.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`].
+/// [`AbortCode::NO_OBJECT`]: the device has no object with this index; [`AbortCode::NO_SUB_INDEX`]: the object has no
+/// such sub-index.
 pub fn describe_entry<D: Device>(device: &D, at: ObjectAddress) -> Result<EntryDescription<'static>, AbortCode> {
     let place = super::find(device, at)?;
     let row = &D::objects()[place.row];

@@ -22,7 +22,8 @@ pub enum DataType {
     U32,
     /// INTEGER64.
     I64,
-    /// UNSIGNED64. Values are kept as `i64` with the same bits, so a row of this type has no range.
+    /// UNSIGNED64. Values are kept as `i64` with the same bits. A value above `i64::MAX` is then negative, so a row of
+    /// this type cannot have a range.
     U64,
     /// VISIBLE_STRING, of any length.
     Text,
@@ -62,7 +63,7 @@ impl DataType {
         }
     }
 
-    /// The number in the low bytes of `bits`, sign-extended if the type is signed.
+    /// Decodes the low bytes of `bits`, as many as the type has, as a number; sign-extended if the type is signed.
     pub(in crate::slave) const fn decode(self, bits: u64) -> i64 {
         match self {
             Self::Bool | Self::U8 => bits as u8 as i64,
@@ -95,7 +96,8 @@ pub enum Access {
     ReadWrite,
     /// The object can only be written.
     WriteOnly,
-    /// The object can always be read. It can be written in AL states up to this one.
+    /// The object can always be read. It can be written in this AL state and in the lower ones (Init, PreOP, SafeOP,
+    /// OP).
     ReadWriteUpTo(AlState),
 }
 
@@ -108,7 +110,7 @@ pub enum PdoDirection {
     Tx,
 }
 
-/// Checks whether a value may be stored at an address.
+/// An additional check of a value before it is stored at an address, both by SDO and by process data.
 type Accept<D> = fn(&D, ObjectAddress, i64) -> Result<(), AbortCode>;
 
 /// Writes a live value, or returns an abort code.
@@ -129,10 +131,8 @@ impl<D> Clone for Cell<D> {
 }
 impl<D> Copy for Cell<D> {}
 
-/// One row of the table: an object, or a run of sub-indices that differ only in their values.
-///
-/// A new row is read-only, stored, not mappable, and has the value 0 and the full range of its type. The chained functions
-/// change these properties.
+/// One row of the table: an object, or several consecutive sub-indices of an object that have all properties but their
+/// values in common.
 pub struct Object<D: 'static> {
     pub(super) index: u16,
     pub(super) first_sub: u8,
@@ -222,7 +222,8 @@ impl<D> Object<D> {
         self
     }
 
-    /// Marks the value as kept without power.
+    /// Marks the value in SDO information as kept without power (backup). The mark itself keeps nothing: the device
+    /// stores such values.
     pub const fn backup(mut self) -> Self {
         self.backup = true;
         self
@@ -240,7 +241,8 @@ impl<D> Object<D> {
         self
     }
 
-    /// Makes the object writable in AL states up to this one.
+    /// Makes the object readable always, and writable in the AL state `highest` and in the lower ones (Init, PreOP,
+    /// SafeOP, OP).
     pub const fn rw_up_to(mut self, highest: AlState) -> Self {
         self.access = Access::ReadWriteUpTo(highest);
         self

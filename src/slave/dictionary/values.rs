@@ -9,7 +9,7 @@ pub trait Value: Copy {
     /// The data type of the object.
     const DATA: DataType;
 
-    /// The value whose bits are the low bits of the argument.
+    /// The value in the low bits of the argument, as many bits as the type has.
     fn from_bits(bits: u64) -> Self;
 
     /// The bits of the value, zero-extended.
@@ -103,7 +103,8 @@ impl Values {
         self.0[usize::from(slot.cell)] = value.to_bits();
     }
 
-    /// Copies the values of a range of indices from another device with the same table.
+    /// Copies the stored values of all objects with an index in `indexes` from `other`, for example when a device saves
+    /// or restores its parameters. `objects` is the table of both.
     pub fn copy<D>(&mut self, other: &Self, objects: &[Object<D>], indexes: std::ops::RangeInclusive<u16>) {
         let mut cell = 0;
         for object in objects {

@@ -40,7 +40,8 @@ pub enum Dp3clAlarm {
     SyncType = 816,
     /// E-817: sync manager 2 has invalid settings, or its length is not that of the mapped outputs.
     OutputSyncManager = 817,
-    /// E-817 too: sync manager 3 has invalid settings, or its length is not that of the mapped inputs.
+    /// Also E-817: sync manager 3 has invalid settings, or its length is not that of the mapped inputs. Bit 15 only
+    /// tells the two apart; `number` leaves it out.
     InputSyncManager = 0x8000 | 817,
     /// E-850: the assigned TxPDOs are longer than 24 bytes, or cannot be mapped.
     InputsTooLong = 850,
@@ -121,7 +122,8 @@ impl Dp3clAlarm {
         }
     }
 
-    /// The AL status code that accompanies the alarm; 0 if the alarm does not concern the AL state.
+    /// The AL status code that the drive shows when this alarm makes it refuse an AL state or leave one; 0 if the alarm
+    /// does not concern the AL state.
     pub const fn al_status(self) -> AlStatus {
         match self {
             Self::InvalidChange => AlStatus::INVALID_CHANGE,
@@ -144,7 +146,7 @@ impl Dp3clAlarm {
         }
     }
 
-    /// The alarm that accompanies an AL status code.
+    /// The alarm that has this AL status code; `None`: no alarm has it, or it is 0.
     pub fn of_al_status(status: AlStatus) -> Option<Self> {
         Self::ALL.into_iter().find(|alarm| status.0 != 0 && alarm.al_status() == status)
     }
@@ -200,7 +202,8 @@ pub(super) struct AlarmRecord {
 pub(super) struct Alarms {
     present: Option<Dp3clAlarm>,
     record: AlarmRecord,
-    /// The numbers of the last alarms, newest first; 0: no alarm.
+    /// The numbers of the alarms, newest first: the last one, which may still be present, and five earlier ones; 0: no
+    /// alarm.
     numbers: [u16; HISTORY + 1],
     /// The number of alarms since power-on.
     count: u16,
@@ -220,7 +223,8 @@ impl Alarms {
         self.present = None;
     }
 
-    /// Power-cycles the alarm memory: the history keeps the earlier alarms.
+    /// Resets what a power cycle resets: there is no present alarm, and the count begins at 0. The history and the
+    /// values of the last alarm are kept.
     pub(super) const fn restart(&mut self) {
         (self.present, self.count) = (None, 0);
     }

@@ -39,7 +39,8 @@ pub struct Dp3clConfig {
     /// The switches and end stops along the travel, in command units. \[OURS] The index pulse comes once per turn, at the
     /// position [`Travel::index`].
     pub travel: Travel,
-    /// The sensors wired to SI1 to SI4; `None` for a terminal without a sensor.
+    /// For each of the input terminals SI1 to SI4, the sensor that is wired to it (a limit switch or the home switch);
+    /// `None` for a terminal without a sensor.
     pub wiring: [Option<Input>; 4],
     /// The durations of the transitions of the CiA 402 state machine.
     pub times: TransitionTimes,

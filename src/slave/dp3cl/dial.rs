@@ -6,15 +6,15 @@ use super::rating::Rating;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dial(pub u8);
 
-/// Peak currents by the code of SW1 to SW3 (SW1 is bit 0), from code 1 on, mA. With code 0 the current comes from the
-/// parameters.
+/// Peak currents of the ratings A3, A7 and A8, mA: for the codes 1 to 7 of SW1 to SW3 (SW1 is bit 0). With code 0 the
+/// current comes from parameter P4-00.
 const PEAK_305_MA: [u16; 7] = [560, 840, 1400, 1820, 2100, 2660, 3000];
 const PEAK_705_MA: [u16; 7] = [2500, 3400, 4200, 5000, 5600, 6400, 7000];
 const PEAK_808_MA: [u16; 7] = [2700, 3600, 4600, 5500, 6400, 7300, 8400];
 
 impl Dial {
-    /// The peak current that SW1 to SW3 select, mA; `None`: the current comes from the parameters, as always in station
-    /// mode.
+    /// The peak current that SW1 to SW3 select, mA; `None`: the current comes from parameter P4-00. That is always so
+    /// in station mode (SW8 on), in which SW1 to SW7 are the station number.
     pub const fn peak_ma(self, rating: Rating) -> Option<u16> {
         let code = (self.0 & 0b111) as usize;
         if code == 0 || self.sets_station() {
@@ -32,8 +32,8 @@ impl Dial {
         !self.sets_station() && self.0 & 1 << 3 != 0
     }
 
-    /// The filter time that SW5 and SW6 select, microseconds; 0: the command filter is off; `None`: the time comes from the
-    /// parameters.
+    /// The filter time that SW5 and SW6 select, microseconds; 0: the command filter is off; `None`: the time comes from
+    /// parameter P0-02, because both are off or SW8 is on.
     pub const fn filter_us(self) -> Option<u32> {
         if self.sets_station() {
             return None;

@@ -86,8 +86,9 @@ impl Dp3cl {
         self.config.dial.peak_ma(self.config.rating).map_or(by_parameter, u32::from)
     }
 
-    /// The motor current, mA: 0 while the power stage is off; otherwise P0-05 percent of the peak current. Once no command
-    /// pulse has come for the time P0-12, it is P0-08 percent, unless SW4 keeps the full current.
+    /// The motor current, mA: 0 while the power stage is off. Otherwise it is the running current P0-05, in percent of
+    /// the peak current. If no command pulse has come for the delay P0-12, in ms, it is the holding current P0-08, in
+    /// percent, unless SW4 keeps the full current.
     pub fn motor_ma(&self) -> u32 {
         if !self.has_current() {
             return 0;

@@ -14,7 +14,7 @@ pub(super) const PINS: usize = 4;
 pub(super) const USUAL_WIRING: [Option<Input>; PINS] =
     [None, Some(Input::PositiveLimit), Some(Input::NegativeLimit), Some(Input::Home)];
 
-/// The range of counts of a terminal at which current never flows, and of one at which it always flows.
+/// Ranges of shaft counts in which current flows at a terminal: `NOWHERE` is empty, `EVERYWHERE` has all counts.
 const NOWHERE: (i64, i64) = (i64::MAX, i64::MIN);
 const EVERYWHERE: (i64, i64) = (i64::MIN, i64::MAX);
 
@@ -23,13 +23,14 @@ const EVERYWHERE: (i64, i64) = (i64::MIN, i64::MAX);
 pub(super) struct Terminal {
     /// The index of the terminal, from 0.
     pub(super) pin: usize,
-    /// Whether the function is on while no current flows.
+    /// Whether the function is on while no current flows at the terminal.
     pub(super) inverted: bool,
 }
 
 impl Terminal {
-    /// Decodes a parameter: bits 0 to 3 are the number of the terminal, bit 4 inverts it \[OURS: 0 is on while current
-    /// flows]. `None`: the function has no terminal, or a number that does not exist \[OURS].
+    /// Decodes one of the parameters P2-02 to P2-08: bits 0 to 3 are the number of the terminal, from 1, and bit 4
+    /// inverts the function. \[OURS] Without bit 4 the function is on while current flows at the terminal. `None`: the
+    /// function has no terminal, or a number that does not exist \[OURS].
     pub(super) fn of(parameter: u16, terminals: usize) -> Option<Self> {
         let pin = usize::from(parameter & 0xF).checked_sub(1).filter(|pin| *pin < terminals)?;
         Some(Self { pin, inverted: parameter & 1 << 4 != 0 })
@@ -62,8 +63,8 @@ impl Pins {
                 }),
                 Input::Index => None,
             };
-            // The negative of the lowest number does not exist. The lowest and the highest number both mean "unlimited" and
-            // are swapped.
+            // Negating `i64::MIN` would overflow. Both `i64::MIN` and `i64::MAX` mean that the range is unlimited in
+            // that direction, so one becomes the other.
             let opposite = |end: i64| match end {
                 i64::MIN => i64::MAX,
                 i64::MAX => i64::MIN,
@@ -109,8 +110,8 @@ impl Pins {
         Some((range, inverted))
     }
 
-    /// The first count behind `from`, in the direction of `to` and not beyond it, at which the sensor of a terminal
-    /// changes.
+    /// The first count after `from` on the way to `to`, `to` included, at which the level of a terminal changes;
+    /// `None`: it does not change on the way, or it is forced or stuck.
     pub(super) fn next_change(&self, pin: usize, from: i64, to: i64) -> Option<i64> {
         if self.constant(pin).is_some() {
             return None;

@@ -31,8 +31,8 @@ pub struct Dp3clLeds {
     pub power: bool,
     /// Red: alarms.
     pub alarm: RedLed,
-    /// LED 1 and LED 3, yellow: the connection is normal. \[OURS] On in PreOP, SafeOP and OP without an alarm of the
-    /// EtherCAT side.
+    /// LED 1 and LED 3, yellow: the EtherCAT connection works. \[OURS] On in PreOP, SafeOP and OP without an alarm of
+    /// the EtherCAT side.
     pub run: bool,
     /// LED 4, L/A IN, green: the link towards the master.
     pub link_in: LinkLed,

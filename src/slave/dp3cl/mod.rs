@@ -59,7 +59,7 @@ pub use inputs::Dp3clOutputs;
 pub use leds::{Dp3clLeds, LinkLed, RedLed};
 pub use rating::Rating;
 
-/// The device name, object 0x1008.
+/// The device name, object 0x1008, as the drive reports it (from its ESI file).
 pub(super) const DEVICE_NAME: &str = "VH3C";
 
 /// A mode of operation of the drive, 0x6060.
@@ -109,18 +109,21 @@ pub struct Dp3cl {
     pins: Pins,
     probes: TouchProbes,
     alarms: Alarms,
-    /// The position of the shaft at the beginning of the last cycle, counts; the basis of 0x6064.
+    /// The position of the shaft at the beginning of the last cycle, counts. The position actual value, 0x6064, is
+    /// calculated from it.
     shown: i64,
     /// The position at which the shaft is jammed, counts; `None` for a free shaft.
     jammed_at: Option<i64>,
-    /// The last values written to F0-00 to F0-02, to detect rising edges.
+    /// Whether a value other than 0 was written last to F0-00 (clear alarm), F0-01 (restore factory settings) and F0-02
+    /// (save parameters): the drive executes such a command on a rising edge.
     commands: [bool; 3],
     /// The levels of SI1 and SI2 at the end of the last cycle.
     seen_pins: [bool; 2],
     last_step: LastStep,
     /// Whether the input that clears alarms was on in the last cycle, to detect its rising edge.
     clears: bool,
-    /// Whether process data were exchanged since the last step (`exchanged`) and in the step before (`traffic`).
+    /// Whether process data were exchanged since the last step (`exchanged`), and between the last two steps
+    /// (`traffic`). The LEDs of the links show it.
     exchanged: bool,
     traffic: bool,
     /// Whether ports IN and OUT of the slave controller have a link.
@@ -132,7 +135,8 @@ pub struct Dp3cl {
     cycle_ns: Ns,
     timing: Timing,
     communication: Option<Communication>,
-    /// Bits 0 to 2 of register 0x0981, and the SYNC0 cycle time, ns; `None` if unknown.
+    /// Bits 0 to 2 of register 0x0981 (activation of SYNC0), and the SYNC0 cycle time, ns; `None` until a network has
+    /// set them after power-on.
     dc: Option<(u8, Ns)>,
     /// Whether SYNC0 triggers the cycles of the drive.
     by_sync0: bool,
@@ -188,14 +192,15 @@ impl Dp3cl {
     fn axis_at_power_on(config: &Dp3clConfig, turn: u16, position: i64, values: &super::dictionary::Values) -> Axis {
         let train = PulseTrain { max_rate: u32::MAX };
         let index = config.travel.index.map(|index| index % u32::from(turn));
-        // The modes of the drive stop at limit switches themselves, see `motion.rs`.
+        // Limit switches must not stop the axis model itself: the modes of the drive do that, see `motion.rs`.
         let travel = Travel { index, limits_stop_motion: false, ..config.travel };
         let mut axis = Axis::of_pulses(&train, config.times, objects::settings(values), position)
             .with_travel(&travel, turn.into());
         if config.variants.without_index {
             axis.stick(Input::Index, Some(false));
         }
-        // [OURS] The drive does not keep its position without power.
+        // [OURS] The drive does not keep its position without power: wherever the shaft is, the position actual value
+        // begins at 0.
         axis.set_position(0);
         axis
     }

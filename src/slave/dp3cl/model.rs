@@ -32,7 +32,8 @@ impl Model for Dp3cl {
 
     const TEST_MEMORY: bool = false;
 
-    // [OURS] In SafeOP, the watchdog of the slave controller runs from the first outputs on.
+    // [OURS] In SafeOP the watchdog of the slave controller runs from the first outputs on. If it expires then, the
+    // drive raises its watchdog alarm, as in OP.
     const WATCHDOG_IN_SAFEOP: bool = true;
 
     fn objects() -> &'static [Object<Self>] {
@@ -126,7 +127,8 @@ impl Model for Dp3cl {
     }
 
     fn fault_meaning(&self, _axis: usize, code: u16) -> &'static str {
-        // Several alarms have the same error code, so the present alarm decides.
+        // Several alarms have the same error code, and only the present alarm shows which of them it is. Without it,
+        // the general meaning of the code is returned.
         let alarm = self.alarms.present().filter(|alarm| alarm.error_code() == code);
         alarm.map_or(error_name(code), Dp3clAlarm::meaning)
     }

@@ -1,6 +1,6 @@
-//! The monitors U0 to U4 (0x3000 plus the printed address of the group): read-only values of the drive. Monitors that the
-//! manual only lists read 0; \[OURS] so do machine type, series, production date and firmware date, which belong to an
-//! individual drive.
+//! The monitors U0 to U4: read-only values of the drive. The index is 0x3000, plus 0x100 for each group, plus the
+//! number: U1-10 is 0x310A. Monitors that the manual only lists read 0; \[OURS] so do machine type, series, production
+//! date and firmware date, which belong to an individual drive.
 
 use super::Dp3cl;
 use crate::slave::dictionary::Object;
@@ -21,11 +21,11 @@ pub(super) struct Monitored {
     pub(super) pulses: i64,
     /// Position within the turn, pulses, from 0.
     pub(super) single_turn: u32,
-    /// Whole turns.
+    /// Whole turns of the position, counted from position 0; negative below 0.
     pub(super) turns: i64,
     /// Electrical angle, degrees.
     pub(super) electric_angle: i16,
-    /// The phase currents and the magnitude of their vector, mA.
+    /// The currents of phases A and B, and the magnitude of their vector, mA.
     pub(super) phase_a_ma: i16,
     pub(super) phase_b_ma: i16,
     pub(super) current_ma: i16,

@@ -1,9 +1,9 @@
-//! The motion of the axis in each mode of operation. This file computes a position demand slice by slice; the axis follows
-//! it.
+//! The motion of the axis in each mode of operation. This file computes a position demand slice by slice; the axis
+//! follows it.
 //!
-//! Homing is a mode of the axis itself. In every other mode the axis follows a position: in CSP that of the process data,
-//! in the profile modes that of [`Profile`]. Positions here are command units of the shaft; the polarity, 0x607E, is
-//! applied when objects are read and written.
+//! The axis model performs homing by itself. In every other mode it follows the position that this file gives it: in
+//! CSP that of the process data, in the profile modes that of [`Profile`]. Positions here are command units of the
+//! shaft; the polarity, 0x607E, is applied when objects are read and written.
 
 use super::alarms::Dp3clAlarm;
 use super::objects::{self, Limits};
@@ -47,7 +47,7 @@ pub(super) struct Motion {
     pub(super) target_velocity: i32,
     profile: Profile,
     set_points: SetPoints,
-    /// Whether a limit switch or a software limit restricts the motion.
+    /// Whether a limit switch or a software limit restricts the motion: statusword bit 11, internal limit active.
     limited: bool,
     /// Whether the demand of CSP brakes on a ramp in this slice, so that its velocity is that of the ramp.
     brakes: bool,
@@ -208,7 +208,8 @@ impl Dp3cl {
         profile.brake(ramp, ns);
         let beyond = profile.position().wrapping_sub(allowed);
         if beyond.signum() == way.signum() {
-            // Braking may end beyond the target. Stay at the target then, since moving back would be a jump.
+            // If the demand passed the target while it braked, it stays at the target, at the velocity of the ramp.
+            // Otherwise the next slice would move it back to the target in one step.
             *profile = Profile::moving_at(allowed, profile.velocity());
         }
         self.motion.brakes = true;
@@ -286,7 +287,8 @@ impl Dp3cl {
         by_profile.min(by_motor)
     }
 
-    /// The speed and the ramps of the profile modes: 0x6081 to 0x6084, limited by 0x607F, 0x6080, 0x60C5 and 0x60C6.
+    /// The speed of profile position mode, 0x6081 (command units/s), and the ramps of both profile modes, 0x6083 and
+    /// 0x6084 (command units/s²), limited by 0x607F, 0x6080, 0x60C5 and 0x60C6.
     fn position_ramps(&self) -> Ramps {
         let values = &self.base().values;
         let within = |ramp, most| self.ramp(ramp).min(self.ramp(most));

@@ -46,7 +46,8 @@ const _: () = assert!(PROCESS_DATA_BYTES_MAX <= IMAGE_BYTES_MAX, "the image has 
 const SUPPORTED_MODES: i64 = 0xA5;
 /// The synchronization type SYNC0 for 0x1C32:1 and 0x1C33:1.
 pub(super) const DC_SYNC0: u16 = 2;
-/// The supported synchronization types, 0x1C32:4 and 0x1C33:4.
+/// The supported synchronization types, 0x1C32:4 and 0x1C33:4: free run, sync manager event and SYNC0 (bits 0 to 2),
+/// and bit 15.
 const SYNC_TYPES: i64 = 0x8007;
 
 pub(super) const OUTPUT_SYNC_TYPE: Slot<u16> = slot(OBJECTS, 0x1C32, 1);
@@ -81,7 +82,7 @@ const HOMING_ZERO_SPEED: Slot<u32> = slot(OBJECTS, 0x6099, 2);
 const HOMING_ACCELERATION: Slot<u32> = slot(OBJECTS, 0x609A, 0);
 const HOME_OFFSET: Slot<i32> = slot(OBJECTS, 0x607C, 0);
 
-/// The two objects that limit a range of positions.
+/// The objects with the lower and the upper limit of a range of positions.
 pub(super) struct Limits {
     pub(super) min: Slot<i32>,
     pub(super) max: Slot<i32>,
@@ -140,7 +141,7 @@ fn changed(drive: &mut Dp3cl) {
 
 type Row = Object<Dp3cl>;
 
-/// The object dictionary.
+/// The object dictionary of the drive, sorted by index.
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 10] = [
@@ -241,7 +242,7 @@ fn set_feed(drive: &mut Dp3cl, units: i64) -> Result<(), AbortCode> {
     }
 }
 
-/// States, modes and windows: 0x603F to 0x6079.
+/// The objects 0x603F to 0x6079 of CiA 402 that the drive has: states, option codes, modes, actual values and windows.
 const CONTROL: &[Row] = &[
     Row::u16(0x603F, 0, "Error code").tx().live(error_code),
     Row::u16(0x6040, 0, "Controlword")
@@ -328,8 +329,8 @@ const MOTION: &[Row] = &[
     Row::u8(0x6092, 0, "Feed constant").default(2),
     Row::u32(0x6092, 1, "Feed").rw().live(|drive| drive.base.values.get(SUBDIVISION).into()).setter(set_feed),
     Row::u32(0x6092, 2, "Shaft revolutions").rw().default(1),
-    // [OURS] The manual has 0x6093, 0x60C0 and 0x60C1, but the manufacturer's ESI file does not: they exist and cannot be
-    // mapped.
+    // [OURS] The manual lists 0x6093, 0x60C0 and 0x60C1, but the manufacturer's ESI file does not. So the drive has
+    // them, and because a mapping follows the ESI file, they cannot be mapped.
     Row::u8(0x6093, 0, "Position factor").default(2),
     Row::u32(0x6093, 1, "Numerator").rw(),
     Row::u32(0x6093, 2, "Divisor").rw(),

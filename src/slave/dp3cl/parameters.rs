@@ -1,5 +1,5 @@
-//! The parameters P0 to P8 (0x2000 plus the printed address) and the commands F0 (0x4000): their rows, their saved values,
-//! and when a value takes effect.
+//! The parameter groups P0 to P8 (the manual prints an address for each parameter; its object index is 0x2000 plus that
+//! address) and the command group F0 (from 0x4000): their objects, their saved values, and when a written value takes effect.
 //!
 //! A parameter has up to three values: the value that SDOs read and write; the saved value, which F0-02 stores and a
 //! restart restores; and, for P0-01 and P0-02, the active value, which only a restart changes. Parameters that the manual
@@ -15,7 +15,7 @@ use crate::slave::dictionary::{Object, Slot, Values, slot};
 pub(super) const SUBDIVISION_DEFAULT: u16 = 10_000;
 /// P4-01: encoder counts per turn (after multiplication by 4) for the positions in encoder counts.
 pub(super) const ENCODER_COUNTS: u16 = 4000;
-/// The index range of the parameters.
+/// The index range of the parameters, which the commands F0-01 and F0-02 restore and save.
 const PARAMETERS: std::ops::RangeInclusive<u16> = 0x2000..=0x2FFF;
 
 pub(super) const SUBDIVISION: Slot<u16> = slot(OBJECTS, 0x2001, 0);
@@ -41,7 +41,8 @@ pub(super) fn factory(rating: Rating) -> Values {
     values
 }
 
-/// The non-volatile memory of the drive, and the parameters that were read from it at power-on.
+/// The non-volatile memory of the drive (`saved`), and the active values of P0-01 and P0-02 (`subdivision`, `filter_time`).
+/// These are the values at the last power-on: the drive uses a new value only from the next power-on.
 #[derive(Clone, Debug)]
 pub(super) struct Memory {
     saved: Values,
@@ -90,7 +91,7 @@ impl Memory {
     }
 }
 
-/// A command of the group F0.
+/// A command of the group F0, objects 0x4000 to 0x4002.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Command {
     ClearAlarm,
@@ -98,8 +99,8 @@ enum Command {
     Save,
 }
 
-/// The row of a command. \[OURS] It reads 0 and executes when 1 is written after 0. In Operation enabled only "clear alarm"
-/// is allowed.
+/// Defines the object of a command. \[OURS] The object reads 0. The command is executed when 1 is written after 0. In Operation
+/// enabled only "clear alarm" is allowed.
 const fn command(index: u16, name: &'static str, set: fn(&mut Dp3cl, i64) -> Result<(), AbortCode>) -> Row {
     Row::bool(index, 0, name).rw().live(|_| 0).setter(set)
 }
@@ -130,22 +131,23 @@ fn accept_peak_current(drive: &Dp3cl, _at: ObjectAddress, value: i64) -> Result<
     if value > drive.config.rating.peak_max_100ma().into() { Err(AbortCode::VALUE_HIGH) } else { Ok(()) }
 }
 
-/// Reconnects the input functions after a parameter that assigns a terminal was written.
+/// Connects the input functions to the terminals that P2-05 to P2-08 select. Called after each write of one of them, so that it
+/// acts at once.
 fn rewire(drive: &mut Dp3cl) {
     drive.rewire();
 }
 
 type Row = Object<Dp3cl>;
 
-/// The rows of the commands.
+/// The objects of the command group F0.
 pub(super) const COMMANDS: &[Row] = &[
     command(0x4000, "F0-00 Clear alarm", |drive, value| execute(drive, Command::ClearAlarm, value)),
     command(0x4001, "F0-01 Restore factory settings", |drive, value| execute(drive, Command::RestoreFactory, value)),
     command(0x4002, "F0-02 Save parameters", |drive, value| execute(drive, Command::Save, value)),
 ];
 
-/// The rows of the parameters. Rows whose name is only a number are parameters that the manual does not explain. \[OURS]
-/// All are unsigned 16-bit values, as in the manufacturer's ESI file, since their ranges exceed the INTEGER16 of the
+/// The objects of the parameters. An object whose name is only a number is a parameter that the manual does not explain.
+/// \[OURS] All are unsigned 16-bit values, as in the manufacturer's ESI file, since their ranges exceed the INTEGER16 of the
 /// manual.
 pub(super) const PARAMETER_ROWS: &[Row] = &[
     Row::u16(0x2000, 0, "P0-00").rw().backup(),
@@ -258,7 +260,8 @@ pub(super) const PARAMETER_ROWS: &[Row] = &[
     Row::u16(0x2702, 0, "P7-02").rw().backup(),
     Row::u16(0x2703, 0, "P7-03").rw().backup(),
     Row::u16(0x2704, 0, "P7-04").rw().backup(),
-    // [OURS] Sampling channels are addresses, so the digits in the manual are hexadecimal.
+    // [OURS] P8-00 to P8-15 select the values to sample by their addresses, so the digits of the defaults in the manual are
+    // taken as hexadecimal. The model stores these parameters and samples nothing.
     Row::u16(0x2800, 0, "P8-00 Sampling channel 1").rw().backup().default(0x8001),
     Row::u16(0x2801, 0, "P8-01 Sampling channel 2").rw().backup().default(0x8003),
     Row::u16(0x2802, 0, "P8-02 Sampling channel 3").rw().backup(),

@@ -15,7 +15,8 @@ pub(super) struct Ramps {
     pub(super) deceleration: f64,
 }
 
-/// A position demand with its velocity.
+/// The position demand that the profile gives to the motor: `whole` plus `fraction` command units, moving at `velocity`,
+/// command units/s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Profile {
     whole: i64,
@@ -29,7 +30,7 @@ impl Profile {
         Self { whole: position, fraction: 0.0, velocity: 0.0 }
     }
 
-    /// A demand at a position that moves with a velocity, units/s.
+    /// A demand that is at `position` and moves at `velocity`, units/s.
     pub(super) const fn moving_at(position: i64, velocity: f64) -> Self {
         Self { whole: position, fraction: 0.0, velocity }
     }
@@ -66,8 +67,8 @@ impl Profile {
             self.move_on((now + least_step).min(0.0) * towards, seconds);
             return false;
         }
-        // The maximum velocity at the end of this time from which the deceleration still stops at the target: the solution
-        // of to^2 / 2d + (now + to) t / 2 = way.
+        // The maximum velocity `to` at the end of this step from which the deceleration d still stops at the target: the
+        // solution of to^2 / 2d + (now + to) t / 2 = way, where t is the duration of the step (`seconds`).
         let root = seconds * seconds * 0.25 + 2.0 / deceleration * (way - now * seconds * 0.5);
         let stopping = if root > 0.0 { deceleration * (root.sqrt() - seconds * 0.5) } else { 0.0 };
         let wanted = stopping.clamp(0.0, velocity);
@@ -95,7 +96,8 @@ impl Profile {
 
     fn move_on(&mut self, to: f64, seconds: f64) {
         if self.velocity == 0.0 && to == 0.0 {
-            // At standstill, `rounded` would move a remainder of half a unit back and forth endlessly.
+            // At standstill there is nothing to move. A remainder of exactly half a unit in `fraction` would otherwise be
+            // rounded away from 0 in each step, so the position would alternate between two units.
             return;
         }
         self.fraction += (self.velocity + to) * 0.5 * seconds;
@@ -112,7 +114,7 @@ mod tests {
 
     const MS: Ns = 1_000_000;
 
-    /// DP3CL-6.10 A move takes the time of a trapezoid, never exceeds its speed and its ramps, and ends exactly.
+    /// DP3CL-6.10 A move takes the time of a trapezoid, never exceeds its speed and its ramps, and ends exactly at the target.
     #[test]
     fn trapezoid() {
         for (way, velocity, acceleration, deceleration) in
@@ -139,7 +141,8 @@ mod tests {
         }
     }
 
-    /// DP3CL-6.11 A velocity increases with the acceleration and decreases with the deceleration; a reversal passes standstill.
+    /// DP3CL-6.11 The speed of a demand increases by the acceleration and decreases by the deceleration. A reversal brakes to
+    /// standstill first, then accelerates in the other direction.
     #[test]
     fn velocities() {
         let ramps = Ramps { velocity: 0.0, acceleration: 1000.0, deceleration: 4000.0 };

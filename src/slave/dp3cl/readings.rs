@@ -1,4 +1,5 @@
-//! The motion values that objects show: positions and velocities with the signs of the polarity, and the monitors.
+//! The motion values that the drive's objects show: positions and velocities, with the sign that the polarity (0x607E) gives
+//! them, and the values of the monitors (groups U0 to U4).
 
 use super::monitors::Monitored;
 use super::{Dp3cl, objects, parameters};
@@ -10,17 +11,20 @@ impl Dp3cl {
         self.config.travel.stops.map_or(position, |(low, high)| position.clamp(low, high.max(low)))
     }
 
-    /// The sign that converts shaft positions to object positions: bit 7 of the polarity, 0x607E.
+    /// The sign between positions of the shaft and positions in objects (0x607A, for example): -1 if bit 7 of the polarity,
+    /// 0x607E, is set, otherwise 1.
     pub(super) fn position_sign(&self) -> i64 {
         if self.base.values.get(objects::POLARITY) & 1 << 7 != 0 { -1 } else { 1 }
     }
 
-    /// The sign that converts shaft velocities to object velocities: bit 6 of the polarity, 0x607E.
+    /// The sign between velocities of the shaft and velocities in objects: -1 if bit 6 of the polarity, 0x607E, is set,
+    /// otherwise 1.
     pub(super) fn velocity_sign(&self) -> f64 {
         if self.base.values.get(objects::POLARITY) & 1 << 6 != 0 { -1.0 } else { 1.0 }
     }
 
-    /// Converts a position of an object to a position of the shaft.
+    /// Converts a position as in an object (0x607A, for example) to a position of the shaft. Only the sign can differ, by the
+    /// polarity 0x607E; the unit is the same.
     pub(super) fn shaft_position(&self, position: i32) -> i32 {
         if self.position_sign() < 0 { position.wrapping_neg() } else { position }
     }
@@ -45,13 +49,14 @@ impl Dp3cl {
         self.demand_value().wrapping_sub(self.actual_value())
     }
 
-    /// Converts a position from command units to encoder counts, P4-01 counts per turn: 0x6063 and 0x60FC \[OURS].
+    /// Converts a position from command units to encoder counts. \[OURS] A turn has P4-01 counts, for 0x6063 and 0x60FC alike.
     pub(super) fn as_increments(&self, position: i64) -> i64 {
         let turn = i128::from(self.memory.subdivision());
         (i128::from(position) * i128::from(parameters::ENCODER_COUNTS)).div_euclid(turn) as i64
     }
 
-    /// The velocity that objects show, command units/s: that of the demand, or of the axis while it brakes on its own.
+    /// The velocity that objects show, command units/s: that of the demand while a mode of operation controls the axis,
+    /// otherwise that of the motor, for example while the drive brakes on the ramp of a quick stop.
     pub(super) fn velocity_value(&self) -> f64 {
         let velocity = if self.is_in_control() { self.motion.velocity() } else { self.axis.plant().velocity() };
         velocity * self.velocity_sign()

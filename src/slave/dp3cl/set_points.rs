@@ -18,7 +18,7 @@ pub(super) struct SetPointValues {
     pub(super) ramps: Ramps,
 }
 
-/// A motion towards a target.
+/// A motion towards a target position, with its speed and ramps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Move {
     pub(super) target: i64,
@@ -30,19 +30,21 @@ pub(super) struct Move {
 pub(super) struct SetPoints {
     /// The present motion.
     current: Option<Move>,
-    /// The next set-point, in the variant with a buffer: whether it is relative, and its values.
+    /// The set-point that starts when the present motion ends: whether it is relative, and its values. Only used in the variant
+    /// `one_deep_buffer` of the drive.
     buffered: Option<(bool, SetPointValues)>,
     /// The target of the newest set-point. Relative set-points are added to it \[OURS].
     last_target: i64,
     new_bit: bool,
     acknowledged: bool,
-    /// Whether a limit switch has ended the last motion before its target.
+    /// Whether a limit switch has ended the last motion before its target. If so, statusword bit 10 (target reached) is 0
+    /// except during a halt.
     missed: bool,
 }
 
 impl SetPoints {
-    /// The state when profile position is entered at `position`. If bit 4 is set already, it must fall and rise again for a
-    /// set-point.
+    /// The state when profile position is entered at `position` with the controlword `word`. If its bit 4 (new set-point) is
+    /// set already, the bit must fall and rise again for a set-point.
     pub(super) fn begin(position: i64, word: u16) -> Self {
         Self { last_target: position, new_bit: word & NEW_SET_POINT != 0, ..Self::default() }
     }

@@ -1,7 +1,7 @@
 //! The checks of the drive before a change of its AL state, in their order \[OURS], and the alarm of each check.
 //!
-//! On a network without slave controllers, only the mapping, the lengths of the sync managers and the SYNC0 cycle time are
-//! known.
+//! A network without slave controllers has no registers to check. There the drive checks only the mapping, the lengths of the
+//! sync managers and the SYNC0 cycle time.
 
 use super::alarms::Dp3clAlarm;
 use super::config::Dp3clVariants;
@@ -10,7 +10,8 @@ use crate::slave::communication::{Communication, SyncManagerSettings};
 
 /// The supported SYNC0 cycle times, ns.
 pub(super) const SYNC0_CYCLES_NS: [Ns; 4] = [500_000, 1_000_000, 2_000_000, 4_000_000];
-/// Bits 0 to 2 of register 0x0981 with SYNC0 on, and with everything off.
+/// The two values that the drive accepts in bits 0 to 2 of register 0x0981 (SYNC unit, SYNC0, SYNC1): the SYNC unit generates
+/// SYNC0 only, or it is off.
 const SYNC0_ON: u8 = 0b011;
 const SYNC_OFF: u8 = 0b000;
 /// The bits of a sync manager's control byte that are checked \[OURS]. Bit 6, which enables the watchdog, is not among
@@ -54,7 +55,8 @@ impl SyncType {
 /// Checks the mailbox sync managers on the change from Init to PreOP.
 ///
 /// # Errors
-/// [`Dp3clAlarm::MailboxSyncManager`] if one has invalid settings.
+/// [`Dp3clAlarm::MailboxSyncManager`] if one of them is off, has an invalid address, length or control byte, or overlaps
+/// another sync manager.
 pub(super) fn to_preop(communication: &Communication, variants: Dp3clVariants) -> Result<(), Dp3clAlarm> {
     let [out, input, data_out, data_in] = &communication.sync_managers;
     let in_starts = if variants.strict_sync_managers { MAILBOX_IN_STARTS_STRICT } else { MAILBOX_IN_STARTS };
@@ -89,7 +91,8 @@ pub(super) struct SafeOpSettings {
 /// the drive runs by SYNC0.
 ///
 /// # Errors
-/// The alarm with which the drive refuses.
+/// The alarm of the first setting that the drive refuses: a process data sync manager, a watchdog time of less than two
+/// cycles, a synchronization type, the DC activation or the SYNC0 cycle time.
 pub(super) fn to_safeop(settings: &SafeOpSettings) -> Result<bool, Dp3clAlarm> {
     let SafeOpSettings { communication, dc, sync_types } = settings;
     if let Some(communication) = communication {
@@ -134,7 +137,8 @@ fn check_process_data(
     if good { Ok(()) } else { Err(alarm) }
 }
 
-/// Bits 0 to 2 of register 0x0981 and the SYNC0 cycle time, for a network without slave controllers.
+/// The value that bits 0 to 2 of register 0x0981 would have, and the SYNC0 cycle time, ns. For a network without slave
+/// controllers, where only the cycle time is known; `None`: SYNC0 is off.
 pub(super) const fn activation_of(cycle_ns: Option<Ns>) -> (u8, Ns) {
     match cycle_ns {
         Some(cycle_ns) => (SYNC0_ON, cycle_ns),

@@ -7,7 +7,7 @@ use crate::ethercat::Ns;
 /// The unit of U3, ns: one microsecond \[OURS].
 const US: Ns = 1000;
 
-/// The last, the maximum and the minimum of some time intervals, ns.
+/// The last, the maximum and the minimum of repeatedly measured intervals, ns.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spans {
     last: Ns,

@@ -19,7 +19,8 @@ const ENABLED: u16 = 1 << 0;
 const RISING_STORED: u16 = 1 << 1;
 const FALLING_STORED: u16 = 1 << 2;
 
-/// The maximum number of edges of one signal that a cycle evaluates \[OURS]: more than any motor produces.
+/// \[OURS] The maximum number of edges of one signal that a cycle evaluates: more than a motor can pass in a cycle. Further
+/// edges of the cycle are ignored.
 const EDGES_MAX: usize = 256;
 
 /// The state of one touch probe.
@@ -31,7 +32,7 @@ struct Probe {
     falling: i32,
 }
 
-/// The signal of a touch probe.
+/// The signal whose edges trigger a touch probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Signal {
     /// The probe's input: SI1 for probe 1, SI2 for probe 2.
@@ -90,7 +91,7 @@ pub(super) struct LastStep {
     pub(super) forced: [Option<bool>; PROBES],
 }
 
-/// The two probes.
+/// The state of the two touch probes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TouchProbes {
     probes: [Probe; PROBES],
@@ -117,7 +118,8 @@ impl TouchProbes {
         self.probes[0].status | self.probes[1].status << 8
     }
 
-    /// 0x60BA to 0x60BD by `place` 0 to 3: the position at the rising and at the falling edge of probe 1, then of probe 2.
+    /// The value of the object 0x60BA + `place`, with `place` 0 to 3: the position at the rising and at the falling edge of
+    /// probe 1, then of probe 2.
     pub(super) const fn position(&self, place: usize) -> i32 {
         let probe = &self.probes[place / 2];
         if place.is_multiple_of(2) { probe.rising } else { probe.falling }
@@ -135,7 +137,8 @@ impl TouchProbes {
 }
 
 impl Dp3cl {
-    /// Latches the positions of all edges that the shaft has passed on its way from `from` to `to`, counts.
+    /// Latches the position at each edge of a probe's signal between the shaft positions `from` and `to`, counts, through which
+    /// the shaft has moved.
     pub(super) fn probe(&mut self, from: i64, to: i64) {
         for probe in 0..PROBES {
             let Some(signal) = self.probes.signal(probe) else { continue };
@@ -171,9 +174,9 @@ impl Dp3cl {
         changed
     }
 
-    /// Reports each change at SI1 and SI2 during the last step, once. \[OURS] SI1 is latch input 0 of the slave controller,
-    /// SI2 is latch input 1. The shaft moves evenly during a step, and a forced terminal changes at the beginning of the
-    /// step.
+    /// Passes each change at the terminals SI1 and SI2 during the last step to `tell`, once, so that the slave controller can
+    /// capture its time. \[OURS] SI1 is latch input 0 of the slave controller, SI2 is latch input 1. The shaft moves evenly
+    /// during a step, and a forced terminal changes at the beginning of the step.
     pub(super) fn tell_terminal_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
         let LastStep { from, to, ns, forced } = std::mem::take(&mut self.last_step);
         for (input, forced) in forced.into_iter().enumerate() {

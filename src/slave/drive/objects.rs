@@ -9,9 +9,9 @@ use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};
 use crate::slave::plant::Motor;
 use crate::slave::process_data::{Pdo, rx_pdo, tx_pdo};
 
-/// Product code, 0x1018:2, of a servo drive. \[OURS] "SERV".
+/// Product code, 0x1018:2, of a servo drive. \[OURS] The letters "SERV" in ASCII.
 pub const PRODUCT_CODE: u32 = 0x5345_5256;
-/// Product code, 0x1018:2, of a stepper. \[OURS] "STEP".
+/// Product code, 0x1018:2, of a stepper. \[OURS] The letters "STEP" in ASCII.
 pub const STEPPER_PRODUCT_CODE: u32 = 0x5354_4550;
 /// Revision, 0x1018:3.
 pub const REVISION: u32 = 0x0001_0000;
@@ -52,7 +52,7 @@ const MAX_POSITION: Slot<i32> = slot(OBJECTS, 0x607D, 2);
 const PROFILE_VELOCITY: Slot<u32> = slot(OBJECTS, 0x6081, 0);
 const PROFILE_ACCELERATION: Slot<u32> = slot(OBJECTS, 0x6083, 0);
 
-/// The axis settings from the stored values.
+/// The settings of the axis, such as limits and ramps, from the values of the objects.
 pub(super) fn settings(values: &Values) -> Settings {
     Settings {
         following_window: values.get(FOLLOWING_WINDOW),
@@ -64,7 +64,7 @@ pub(super) fn settings(values: &Values) -> Settings {
     }
 }
 
-/// The default values of the table, with the values that depend on the motor \[OURS].
+/// The default values of all objects. \[OURS] Limits, velocities and ramps follow from the motor.
 pub(super) fn defaults(motor: &Motor) -> Values {
     let mut values = Values::new(OBJECTS);
     let turn = motor.counts_per_turn.max(1);
@@ -136,7 +136,8 @@ const STEPPER_PDOS: &[Pdo<Drive>] = &[
     Pdo::empty(0x1A07),
 ];
 
-/// PDOs for masters that change between the cyclic modes in OP: they map all targets and all actual values.
+/// PDOs that a master maps if it changes between the cyclic modes in OP: all targets and all actual values. One function copies
+/// a PDO with exactly these entries, which is faster than entry by entry.
 pub(super) const OFTEN_MAPPED: &[Pdo<Drive>] = &[
     tx_pdo!(OBJECTS, 0x1A00, false, [0x6041_0010, 0x6064_0020, 0x606C_0020, 0x6077_0010]),
     rx_pdo!(OBJECTS, 0x1600, false, [0x6040_0010, 0x607A_0020, 0x60FF_0020, 0x6071_0010]),
@@ -149,7 +150,7 @@ pub(super) const fn pdos_of(kind: DriveKind) -> &'static [Pdo<Drive>] {
     }
 }
 
-/// The objects in which a drive differs from other CiA 402 axes.
+/// The objects that a drive has in addition to those of every CiA 402 axis.
 const DRIVE: &[Row] = &[
     // [OURS] Hardware and software are their first versions.
     Row::text(0x1009, 0, "Hardware version", |_| "1.0"),
@@ -236,8 +237,8 @@ const DRIVE: &[Row] = &[
     Row::u32(0x6502, 0, "Supported drive modes").live(supported_modes),
 ];
 
-/// \[OURS] Maximum current of the motor (0.1 % of rated), rated current (mA) and DC link voltage (mV) of a drive of this
-/// size.
+/// \[OURS] Maximum current of the motor (0.1 % of rated), rated current (mA) and DC link voltage (mV): those of a drive with
+/// the default motor (1.27 N m rated torque) on 230 V AC.
 const MAX_CURRENT: i64 = 3000;
 const RATED_CURRENT_MA: i64 = 2800;
 const DC_LINK_MV: i64 = 325_000;

@@ -11,7 +11,8 @@ use crate::ethercat::sii::{CategoryKind, Sii, SiiSmType};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::{Slave, SyncEvent};
 
-/// The time that a slave waits for outputs or SYNC0 on its way to OP, ns: 9 s minus 50 ms (public slave stacks).
+/// How long a slave waits for outputs or SYNC0 on its way to OP, ns. After that it stays in SafeOP with an error. Public slave
+/// stacks wait 9 s minus a margin of 50 ms.
 pub const OP_WAIT_NS: Ns = 8_950_000_000;
 
 /// The numbers of the sync managers for process data.
@@ -37,10 +38,12 @@ impl ProcessManagers {
     }
 }
 
-/// The number of a sync manager that no controller uses. A direction without process data gets this number.
+/// The last sync manager number, 15, stands for a direction without process data. That sync manager is normally disabled, so
+/// its length reads as 0 and no `Option` is needed.
 const NO_MANAGER: u8 = MANAGERS_MAX as u8 - 1;
 
-/// The state of the AL state machine.
+/// The AL state machine of a slave: AL status and AL status code, the pending request of the master, and what the slave waits
+/// for.
 #[derive(Clone, Debug)]
 pub(super) struct Application {
     status: AlStatusRegister,
@@ -53,7 +56,7 @@ pub(super) struct Application {
     waiting: Option<Ns>,
     /// The time by which SYNC0 must have come, in SafeOP and OP; `None` without such a limit.
     lock_due: Option<Ns>,
-    /// Whether SafeOP was entered with distributed clocks.
+    /// Whether the SYNC unit generated SYNC0 when SafeOP was entered, so that the slave runs by SYNC0.
     pub(super) is_synchronized: bool,
     /// Whether SYNC0 has come since SafeOP was entered.
     pub(super) sync_came: bool,
@@ -61,13 +64,13 @@ pub(super) struct Application {
     pub(super) outputs_came: bool,
 }
 
-/// The consequence of a change of state for the other parts of the slave.
+/// What the slave has to start after a change of the AL state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
     None,
     /// The mailbox starts, in PreOP or in bootstrap.
     MailboxOn,
-    /// Process data start.
+    /// Process data start: the slave has come to SafeOP or OP from PreOP or Init.
     ProcessDataOn,
 }
 
@@ -96,7 +99,7 @@ impl Application {
         self.shown_state() == RequestedState::Boot
     }
 
-    /// The AL state of the device. During bootstrap the device is in Init.
+    /// The AL state as the device model knows it, which has no bootstrap: while AL status shows bootstrap, this is Init.
     pub(super) fn state(&self) -> AlState {
         match self.status.state() {
             RequestedState::State(state) => state,
@@ -132,7 +135,7 @@ impl Application {
         self.show(status, code, controller);
     }
 
-    /// Makes the slave leave its state on its own, with an error.
+    /// Takes the slave to the lower state `to` without a request of the master, with the error flag and an AL status code.
     pub(super) fn fall(&mut self, to: AlState, code: AlStatus, controller: &mut Controller, device: &mut dyn Slave) {
         // Every device can go to a lower state, so the result is always `Ok`.
         let _ = device.enter(to);
@@ -152,7 +155,8 @@ impl Application {
         controller.managers.deactivate(self.managers.outputs, true, &mut controller.memory);
     }
 
-    /// Handles a deactivated SYNC0: the slave leaves OP. In SafeOP the device may report an error.
+    /// Handles the deactivation of SYNC0 by the master: in OP the slave falls to SafeOP or lower, with an error. In SafeOP and
+    /// below it shows an error only if the device reports one.
     pub(super) fn lose_sync(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
         device.report_sync(SyncEvent::LockLost);
         if self.state() < AlState::Op {
@@ -165,7 +169,8 @@ impl Application {
         self.fall(device.state().min(AlState::SafeOp), code, controller, device);
     }
 
-    /// Adopts the state of the device if the device has left its state on its own.
+    /// If the device has left its state on its own, shows the device's state and AL status code, with the error flag. Not with
+    /// device emulation, where AL status only copies AL control.
     pub(super) fn follow(&mut self, controller: &mut Controller, device: &dyn Slave) {
         if device.state() != self.state() && !controller.is_device_emulated() {
             self.fail(device.state(), device.al_status(), controller);
@@ -177,7 +182,7 @@ impl Application {
         self.requested = Some((control, due));
     }
 
-    /// The time of the next action; `None` if nothing is pending.
+    /// The time of the next action of [`Self::advance`]; `None` if no request, wait or time limit is pending.
     pub(super) fn due(&self) -> Option<Ns> {
         [self.requested.map(|(_, due)| due), self.waiting, self.lock_due].into_iter().flatten().min()
     }
@@ -187,7 +192,8 @@ impl Application {
         self.requested.is_some() || self.waiting.is_some() || self.lock_due.is_some()
     }
 
-    /// Processes a request that is due, and continues on the way to OP. Called after a frame and when time has passed.
+    /// Processes a request of the master that is due, checks the time limit for SYNC0, and continues a pending change to OP.
+    /// Called after a frame and when time has passed.
     pub(super) fn advance(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) -> Change {
         if let Some((control, _)) = self.requested.take_if(|(_, due)| *due <= now) {
             let change = self.handle(control, now, controller, device);
@@ -204,8 +210,8 @@ impl Application {
         Change::None
     }
 
-    /// Checks SYNC0 when its time limit is over. \[OURS] If the first pulse is still scheduled, the time limit starts at
-    /// that pulse.
+    /// Fails with the device's AL status code if no SYNC0 pulse has come within the time limit. \[OURS] If the first pulse is
+    /// still scheduled, the time limit starts at that pulse.
     fn check_lock(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) {
         if self.state() < AlState::SafeOp || !self.is_synchronized || self.sync_came {
             return;
@@ -218,8 +224,8 @@ impl Application {
         self.fail(device.state(), device.al_status(), controller);
     }
 
-    /// Handles AL control without a state machine: AL status copies AL control with its acknowledge bit, and the device
-    /// goes to that state without checks.
+    /// Handles a write to AL control with device emulation, which has no state machine: AL status copies AL control with its
+    /// acknowledge bit, and the device goes to that state without checks.
     fn copy_control(&mut self, control: AlControl, controller: &mut Controller, device: &mut dyn Slave) -> Change {
         const COPIED: u16 = 0x1F;
         let from = self.state();
@@ -262,7 +268,8 @@ impl Application {
         let RequestedState::State(to) = control.state() else {
             let refused = device.request_state(control.state()).err();
             let code = refused.unwrap_or(AlStatus::UNKNOWN_STATE);
-            // Bootstrap can be entered from Init only, whether the slave supports it or not.
+            // Bootstrap can be entered from Init only, whether the slave supports it or not: in other states the code is that
+            // of an invalid change.
             let is_wrong_step = code == AlStatus::BOOT_UNSUPPORTED && from != AlState::Init && device.state() == from;
             let code = if is_wrong_step { AlStatus::INVALID_CHANGE } else { code };
             self.fail(device.state(), code, controller);
@@ -313,7 +320,7 @@ impl Application {
         device: &mut dyn Slave,
     ) -> Result<Change, AlStatus> {
         let checked = match (from, to) {
-            // The change is made once outputs have come, see `try_op`.
+            // `try_op` goes to OP once outputs and SYNC0 have come, or reports an error after `OP_WAIT_NS`.
             (AlState::SafeOp, AlState::Op) => {
                 self.waiting = Some(now + OP_WAIT_NS);
                 return Ok(Change::None);
@@ -363,7 +370,7 @@ impl Application {
             return;
         }
         self.waiting = None;
-        // The master may have activated SYNC0 since its request.
+        // The master may have activated SYNC0 since it requested OP, so the device gets the present settings.
         device.set_communication(&controller.communication());
         match device.enter(AlState::Op) {
             Ok(()) => self.succeed(AlState::Op, controller),
@@ -371,7 +378,9 @@ impl Application {
         }
     }
 
-    /// Repeats the checks after a sync manager was enabled, disabled or changed; the slave may fall back to a lower state.
+    /// Repeats the checks of the mailbox and of process data after the master has written activate registers of sync managers
+    /// (`activated`, bit n for sync manager n). `lens` are the lengths of outputs and inputs at the change to SafeOP, bytes. If
+    /// a check fails, the slave falls back to a lower state.
     pub(super) fn check_again(
         &mut self,
         activated: u16,

@@ -1,4 +1,5 @@
-//! A line of slave controllers with a cable, whose handle lets scripts and tests inject faults while frames pass.
+//! A line of slave controllers that follows a [`Cable`]: scripts and tests inject faults through that handle, while frames
+//! pass.
 
 use super::scripted::Scripted;
 use super::{Chain, DescriptionError, EscSettings, EscSlave, FrameFate, Predecessor};
@@ -12,9 +13,9 @@ use crate::slave::cable::{self, Cable, Noise};
 pub struct UndescribedError {
     /// The number of the slave, from 1.
     pub slave: usize,
-    /// The name of the slave.
+    /// The display name of the slave.
     pub kind: String,
-    /// The reason.
+    /// Why no EEPROM content can be generated.
     pub source: DescriptionError,
 }
 
@@ -26,19 +27,21 @@ fn drift_of(n: usize, count: usize, most: u32) -> i32 {
     drift.clamp(i32::MIN.into(), i32::MAX.into()) as i32
 }
 
-/// A line of slaves that carries out the faults of its [`Cable`].
+/// A line of slaves with faults: before each frame, and when time advances, it applies the faults that its [`Cable`] asks for,
+/// such as a cut or a silent slave.
 pub struct CabledChain {
     chain: Chain,
     cable: Cable,
-    /// The number of slaves in front of the cut, as last applied.
+    /// The number of slaves in front of the cut of the [`Cable`], as last applied to `chain`, to notice a change.
     reach: u8,
-    /// The slaves that do not answer, as last applied.
+    /// The slaves that do not answer, one bit each, as last applied to `chain`, to notice a change.
     silent: [u64; 4],
-    /// Whether the first network card is connected to the first slave. A cut of the [`Cable`] is separate.
+    /// Whether the first network card is connected to the first slave. There may still be a cut of the [`Cable`] between them.
     has_first: bool,
     /// Whether a second network card is connected to the last slave.
     is_ring: bool,
-    /// The number of frames since the last damaged one, and whether the next frame is damaged on its way back.
+    /// `passed`: the frames that have passed the noisy cable section since the last one that was damaged there. `is_back_next`:
+    /// whether the next damaged frame is damaged on its way back to the master instead of on its way out; the two alternate.
     passed: u16,
     is_back_next: bool,
 }
@@ -121,7 +124,7 @@ impl CabledChain {
         is_damaged
     }
 
-    /// The number of slaves that frames reach.
+    /// The number of slaves that frames from the first network card reach.
     const fn reached(&self) -> u8 {
         let last = self.chain.len() as u8;
         if self.reach < last { self.reach } else { last }
@@ -148,7 +151,9 @@ impl CabledChain {
             self.chain.slave_mut(before).controller_mut().note_invalid_frame(IN);
             (before + 1..reached).for_each(|n| self.chain.slave_mut(n).controller_mut().note_forwarded_error(IN));
         }
-        // All slaves except the last one receive the frame again from the slave behind them.
+        // On its way back, the damaged frame comes in again at port 1 of every slave in front of the last one that it reaches,
+        // and these slaves count it there. If the damage is on the way back, only the slaves in front of the damaged section
+        // see it.
         let back = if is_back { before } else { reached - 1 };
         for n in (0..back).rev() {
             let controller = self.chain.slave_mut(n).controller_mut();
@@ -194,7 +199,7 @@ impl CabledChain {
         self.chain.advance(now);
     }
 
-    /// Applies the state of the cable to the slaves.
+    /// Applies changes of the cable (cuts, lost power, silent slaves, faults inside devices) to the slaves.
     fn follow_cable(&mut self, now: Ns) {
         let chain = &mut self.chain;
         let place = |slave: u8| usize::from(slave) - 1;

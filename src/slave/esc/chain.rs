@@ -26,15 +26,16 @@ pub enum FrameFate {
     Lost,
 }
 
-/// A network of slaves.
+/// A network of slaves with their slave controllers, connected as a tree.
 #[derive(Default)]
 pub struct Chain {
     places: Vec<Place>,
-    /// The index of the slave, and its port, to which a second card is connected.
+    /// The index of the slave, and its port, to which a second network card is connected, which makes the network a ring;
+    /// `None` without a second card.
     ring: Option<(usize, usize)>,
-    /// The routes of frames from the first and from the last end.
+    /// The routes of frames from the first end and from the last end of the line, kept until a cable or a port changes.
     routes: [Route; 2],
-    /// The datagrams of the present frame. Kept between frames so that none allocates.
+    /// The list of the present frame's datagrams, kept from frame to frame so that no frame allocates.
     passing: Passing,
 }
 
@@ -57,8 +58,8 @@ impl Chain {
         self.push(slave, None);
     }
 
-    /// Connects a slave to port 1 to 3 of another one and returns its number. If that port already has a slave, that slave
-    /// stays connected.
+    /// Connects a slave to port 1 to 3 of slave `parent` and returns the number of the new slave. If that port already has a
+    /// slave, the new slave is dropped, and no slave has the returned number.
     ///
     /// # Panics
     /// If there is no slave `parent`, or the port is not in 1..=3.
@@ -195,7 +196,7 @@ impl Chain {
     /// Sends a frame at `now` in front of the first slave. `frame` then contains the frame as it comes back. Frames have to
     /// be sent in the order of their times.
     ///
-    /// \[OURS] A frame whose datagrams do not fit into it only increments error counters of the slaves.
+    /// \[OURS] A frame whose datagrams are longer than the frame only increments error counters of the slaves.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
         self.process_from(CableEnd::First, frame, now).0
     }
@@ -209,7 +210,8 @@ impl Chain {
     pub fn process_from(&mut self, end: CableEnd, frame: &mut [u8], now: Ns) -> (FrameFate, CableEnd) {
         let place = usize::from(end == CableEnd::Last);
         if self.routes[place].exit.is_none() {
-            // The frame may get lost at a port that is open temporarily. Advance first, because that time may be over.
+            // By the route of the previous frame this one gets lost at an open port without a link. Temporary loop settings
+            // that have opened this port may be over at `now`: advance the slaves first, so that the port closes.
             self.advance(now);
         }
         let mut route = std::mem::take(&mut self.routes[place]);
@@ -287,7 +289,8 @@ fn has_link(places: &[Place], n: usize) -> bool {
     place.is_powered && place.is_connected && parent_is_powered
 }
 
-/// Lets the devices of neighbouring slaves that have received outputs work on them. Their motors are computed side by side.
+/// Lets the devices of up to [`SIDE_BY_SIDE`] neighbouring slaves process the outputs that they have received. Their motors are
+/// computed together with vector instructions, which is faster than one after the other.
 fn work(places: &mut [Place]) {
     let mut motors = [const { None }; SIDE_BY_SIDE];
     let mut step_ns = 0;

@@ -15,7 +15,8 @@ pub const MAILBOX_BYTES_MAX: u16 = 1486;
 /// \[OURS] The minimum SYNC0 cycle time with which a slave goes to SafeOP, ns.
 pub const SYNC0_CYCLE_MIN_NS: u32 = 100_000;
 impl Application {
-    /// Checks that the EEPROM is loaded and the mailbox sync managers have valid settings.
+    /// Checks that the EEPROM is loaded, and that both mailbox sync managers are enabled in mailbox mode with the right
+    /// direction, a valid length and separate areas in RAM.
     pub(super) fn check_mailbox(&self, controller: &Controller) -> Result<(), AlStatus> {
         if DlStatus(controller.memory.u16(DL_STATUS)).0 & DlStatus::SII_LOADED == 0 {
             return Err(AlStatus::EEPROM_ERROR);
@@ -39,8 +40,8 @@ impl Application {
         if all_right { Ok(()) } else { Err(AlStatus::INVALID_MAILBOX) }
     }
 
-    /// Checks that the process data sync managers have valid settings, apart from their lengths. The one for inputs is
-    /// checked first.
+    /// Checks direction, mode and area of the process data sync managers; the device checks their lengths. A sync manager that
+    /// is off or has a length of 0 passes. Inputs are checked first: if both are wrong, the AL status code names the inputs.
     pub(super) fn check_areas(&self, controller: &Controller) -> Result<[SyncManager; 2], AlStatus> {
         let outputs = controller.managers.registers(self.managers.outputs);
         let inputs = controller.managers.registers(self.managers.inputs);

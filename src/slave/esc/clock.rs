@@ -4,8 +4,8 @@
 use crate::ethercat::Ns;
 use crate::ethercat::registers::SystemTimeDifference;
 
-/// \[OURS] The maximum correction of the local time by one received system time, ns. It also limits the jump of a clock
-/// when a master writes 0 at its start.
+/// \[OURS] The maximum correction of the local time by one received system time, ns. So a master that starts and writes a
+/// system time of 0 cannot make the clock jump.
 pub const SLEW_MAX_NS: i64 = 1_000;
 /// \[OURS] The divisor of the rate change during a correction: the clock runs faster or slower by 1/100.
 const SLEW_DIVISOR: u64 = 100;
@@ -17,7 +17,7 @@ pub(super) const FILTERS: [u8; 2] = [0x04, 0x0C];
 /// The clock of one slave controller.
 #[derive(Clone, Debug)]
 pub(super) struct Clock {
-    /// The network time of the last update, ns.
+    /// The simulated time of the last update, ns: one time for the whole network, which no slave can read.
     now: Ns,
     /// The local time at the last update, ns.
     local: u64,
@@ -30,7 +30,7 @@ pub(super) struct Clock {
     pub(super) offset: u64,
     /// The propagation delay from the reference clock to this one, ns.
     pub(super) delay: u32,
-    /// The filtered difference to the received system times, ns.
+    /// The filtered difference of this clock to the received system times, ns; positive if this clock is ahead.
     difference: i64,
 }
 
@@ -39,7 +39,7 @@ impl Clock {
         Self { now, local, drift_ppb, remainder: 0, correction: 0, offset: 0, delay: 0, difference: 0 }
     }
 
-    /// Advances the clock to network time `now`.
+    /// Advances the clock to `now`, the time of the simulated network, which is not the distributed system time.
     #[inline]
     pub(super) fn advance(&mut self, now: Ns) {
         let passed = now.saturating_sub(self.now);
@@ -53,7 +53,7 @@ impl Clock {
         }
     }
 
-    /// Applies drift and correction for a period of network time, as part of [`Self::advance`].
+    /// Applies drift and correction for a period of simulated time, as part of [`Self::advance`].
     fn drift(&mut self, passed: Ns) {
         if self.drift_ppb != 0 {
             let drifted = i128::from(passed) * i128::from(self.drift_ppb) + i128::from(self.remainder);
@@ -73,19 +73,20 @@ impl Clock {
         }
     }
 
-    /// The earliest network time at which the clock can have advanced by `ns`, whatever corrections it receives.
+    /// The earliest simulated time at which the clock can have advanced by `ns`, whatever corrections it receives.
     pub(super) fn soonest(&self, ns: u64) -> Ns {
         let drift = u128::from(ns) * u128::from(self.drift_ppb.max(0).unsigned_abs()) / 1_000_000_000;
         let at_its_own = ns.saturating_sub(u64::try_from(drift).unwrap_or(u64::MAX));
         self.now.saturating_add(at_its_own - at_its_own / SLEW_DIVISOR)
     }
 
-    /// The local time, ns.
+    /// The local time at the last update, ns.
     pub(super) const fn local(&self) -> u64 {
         self.local
     }
 
-    /// The local time at network time `at`, ns, which must be near the last update.
+    /// The local time at the simulated time `at`, ns. A correction between the last update and `at` is not included, so the
+    /// result may be off by 1 % of the time between them.
     pub(super) fn local_at(&self, at: Ns) -> u64 {
         let ahead = i128::from(at) - i128::from(self.now);
         let drift = (ahead * i128::from(self.drift_ppb)).div_euclid(1_000_000_000);
@@ -97,7 +98,8 @@ impl Clock {
         self.local.wrapping_add(self.offset)
     }
 
-    /// The system time at network time `at`, ns, which must be near the last update.
+    /// The system time at the simulated time `at`, ns. As for [`Self::local_at`], the result may be off by 1 % of the time
+    /// since the last update.
     pub(super) fn system_at(&self, at: Ns) -> u64 {
         self.local_at(at).wrapping_add(self.offset)
     }
@@ -107,7 +109,8 @@ impl Clock {
         self.system().wrapping_sub(self.delay as u64)
     }
 
-    /// Handles the lower 32 bits of a received system time. The filter gain for the mean difference is 1/2^`depth`.
+    /// Compares the clock with the lower 32 bits of a received system time, and begins to correct the local time. The mean
+    /// difference is filtered with the gain 1/2^`depth`.
     pub(super) fn receive(&mut self, received: u32, depth: u8) {
         let ahead = i64::from((self.system_for_network() as u32).wrapping_sub(received).cast_signed());
         self.difference += (ahead - self.difference) >> depth.min(15);

@@ -31,7 +31,7 @@ pub(super) struct ControllerEvents {
     pub(super) watchdog: bool,
     /// The SYNC unit was activated or deactivated.
     pub(super) sync_changed: bool,
-    /// The master has reset the controller.
+    /// The master has reset the controller by the reset sequence, register 0x0040.
     pub(super) reset: bool,
 }
 
@@ -39,14 +39,15 @@ pub(super) struct ControllerEvents {
 #[derive(Clone, Debug)]
 #[repr(C)] // The fields that each frame uses are adjacent, at the beginning.
 pub struct Controller {
-    /// The arrival time of the newest frame.
+    /// The arrival time of the newest frame, ns of simulated time.
     pub(super) arrival: Ns,
     pub(super) watchdog: Watchdog,
     clock: Clock,
     pub(super) events: ControllerEvents,
-    /// Whether a frame has written registers that affect the device or the next event.
+    /// Whether a frame has written registers that trigger an action of the device, or that change the time of the next timer
+    /// event or SYNC pulse.
     pub(super) is_set_anew: bool,
-    /// The time before which no SYNC pulse comes.
+    /// The simulated time before which no SYNC pulse comes, ns; [`Self::look_for_pulse`] computes it.
     without_pulse: Ns,
     /// Whether a port has been opened or closed since the route of frames was computed.
     pub(super) ports_have_changed: bool,
@@ -67,12 +68,13 @@ pub struct Controller {
     /// For the loop setting "auto close": whether each port may open. A lost link clears this, a write to DL control sets
     /// it again.
     opened: [bool; PORTS],
-    /// Whether each port is open.
+    /// Whether each port is open, so that frames leave by it.
     open: [bool; PORTS],
-    /// The permanent loop settings (bits 8 to 15 of DL control), and the time when temporary ones end.
+    /// The permanent loop settings (bits 8 to 15 of DL control), and the time when temporary ones end; `None` if there are
+    /// none.
     permanent_loops: u8,
     temporary_until: Option<Ns>,
-    /// The number of bytes of the reset sequence received so far.
+    /// The number of bytes of the reset sequence, `RES` to register 0x0040, received so far.
     reset_progress: usize,
     /// A reusable buffer for combining the data of a datagram with those of the memory.
     pub(super) scratch: Vec<u8>,
@@ -134,7 +136,7 @@ impl Controller {
         let ports = settings.ports.iter().rev().fold(0, |byte, port| byte << 2 | port & 0b11);
         memory.set_u8(registers::PORT_DESCRIPTOR, ports);
         memory.set_u16(registers::FEATURES, settings.features.0);
-        // Existing ports start in automatic mode.
+        // Existing ports start with the loop setting "auto": open while they have a link.
         let exists = |port: &usize| settings.ports[*port] >= 2;
         let auto = |control: DlControl, port| control.with_loop(port, LoopControl::Auto);
         let control = (0..PORTS).filter(exists).fold(DlControl::POWER_ON, auto);
@@ -192,7 +194,8 @@ impl Controller {
         self.protection.blocks_all()
     }
 
-    /// Begins a frame that arrives at time `arrival`.
+    /// Begins a frame that arrives at time `arrival`. Writing that the previous frame has enabled in spite of write protection
+    /// is disabled again.
     #[inline]
     pub(super) fn begin_frame(&mut self, arrival: Ns) {
         self.arrival = arrival;
@@ -219,7 +222,7 @@ impl Controller {
         self.memory.count(registers::FORWARDED_ERRORS + port as u16);
     }
 
-    /// Counts a frame whose datagrams do not fit into it.
+    /// Counts a frame whose datagrams are longer than the frame.
     pub fn note_wrong_structure(&mut self) {
         self.memory.count(registers::PROCESSING_UNIT_ERRORS);
     }
@@ -234,7 +237,8 @@ impl Controller {
         self.memory.set_u16(ECAT_EVENT, left.0);
     }
 
-    /// The event bits that the controller ORs into each datagram.
+    /// The ECAT event bits (register 0x0210, masked by 0x0200) that the controller ORs into the event field (IRQ) of each
+    /// datagram.
     pub(super) fn masked_events(&self) -> u16 {
         match self.event_mask {
             0 => 0,
@@ -242,7 +246,7 @@ impl Controller {
         }
     }
 
-    /// The event bits of the sync managers for the master.
+    /// The ECAT event bits that mailboxes and buffers set for the master: a buffer that the slave has written or read.
     fn manager_events(&self) -> u16 {
         let mut events = EcatEvents::NONE;
         for n in 0..self.managers.count().min(8) {
@@ -273,14 +277,14 @@ impl Controller {
         }
     }
 
-    /// Advances only the clock to `now`. The caller has made sure that nothing else happens before.
+    /// Advances only the clock to `now`. The caller has made sure that no timer event and no SYNC pulse is due up to then.
     #[inline]
     pub(super) fn advance_quietly(&mut self, now: Ns) {
         self.clock.advance(now);
     }
 
-    /// Whether no event other than frames occurs up to `now`. Valid if [nothing is ahead](Self::has_something_ahead) and
-    /// the next pulse [was computed](Self::look_for_pulse).
+    /// Whether no timer event and no SYNC pulse occurs up to `now`. The answer is wrong if [an EEPROM command or a temporary
+    /// loop is pending](Self::has_something_ahead), or before [`Self::look_for_pulse`] was called.
     #[inline]
     pub(super) fn is_quiet_until(&self, now: Ns) -> bool {
         now < self.without_pulse && self.watchdog.due().is_none_or(|due| now < due)
@@ -304,7 +308,8 @@ impl Controller {
         Some(at.wrapping_sub(self.clock.system()).cast_signed().max(0).unsigned_abs())
     }
 
-    /// Whether a frame has written registers that trigger an action of the device or change the next event.
+    /// Whether a frame has written registers that trigger an action of the device, or that change the time of the next timer
+    /// event or SYNC pulse.
     #[inline]
     pub(super) const fn is_set_anew(&self) -> bool {
         self.is_set_anew
@@ -325,12 +330,12 @@ impl Controller {
         [self.watchdog.due(), self.eeprom.due(), self.temporary_until].into_iter().flatten().min()
     }
 
-    /// The network time of the next SYNC pulse, as estimated by the clock; `None` if no pulse is scheduled.
+    /// The simulated time of the next SYNC pulse, as estimated by the clock; `None` if no pulse is scheduled.
     pub(super) fn next_pulse(&self, now: Ns) -> Option<Ns> {
         Some(now + self.until_pulse()?)
     }
 
-    /// Skips all SYNC pulses up to `now` at once.
+    /// Drops all SYNC pulses up to `now` at once, without calling the device for each one. Their status and event bits are set.
     pub(super) fn skip_pulses(&mut self, now: Ns) {
         self.clock.advance(now);
         let skipped = self.sync.skip_to(self.clock.system());
@@ -339,7 +344,7 @@ impl Controller {
         }
     }
 
-    /// Takes the next SYNC pulse that is due.
+    /// Takes the next SYNC pulse if it is due, and sets its status and event bits.
     pub(super) fn take_pulse(&mut self) -> Option<SyncPulse> {
         let (_, pulse) = self.sync.take(self.clock.system())?;
         self.show_pulse(pulse);
@@ -355,7 +360,8 @@ impl Controller {
         self.memory.set_u8(status, 1);
     }
 
-    /// Takes the pending events for the device.
+    /// Takes the pending events for the device, and clears the bits of a written AL control and of changed sync managers in the
+    /// AL event register.
     pub(super) fn take_events(&mut self) -> ControllerEvents {
         let events = std::mem::take(&mut self.events);
         self.is_set_anew = false;
@@ -373,7 +379,7 @@ impl Controller {
         AlControl(self.memory.u16(AL_CONTROL))
     }
 
-    /// Shows the device's AL status with its code. The code is written first.
+    /// Sets AL status and AL status code, and raises the event of a changed AL status for the master.
     pub(super) fn set_al_status(&mut self, status: AlStatusRegister, code: AlStatus) {
         self.memory.set_u16(AL_STATUS_CODE, code.0);
         self.memory.set_u16(AL_STATUS, status.0);
@@ -390,7 +396,7 @@ impl Controller {
         if self.has_clock() { SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION)) } else { SyncActivation::NONE }
     }
 
-    /// The registers that the device checks before a change of state.
+    /// The settings of sync managers, watchdog and distributed clocks that the device checks before a change of state.
     pub(super) fn communication(&self) -> Communication {
         let settings = |n| {
             let manager = self.managers.registers(n);
@@ -409,34 +415,35 @@ impl Controller {
         }
     }
 
-    /// The SYNC0 cycle time, ns.
+    /// The SYNC0 cycle time that the master has set, ns.
     pub(super) fn sync0_cycle_ns(&self) -> u32 {
         self.memory.u32(registers::SYNC0_CYCLE)
     }
 
-    /// Sets the level of a latch input, 0 to [`LATCHES`](registers::LATCHES) - 1, from network time `at` on, which must be
-    /// near the arrival of the newest frame. Without effect for an unchanged level, for an input that does not exist, and
-    /// without distributed clocks.
+    /// Sets the level of a latch input, 0 to [`LATCHES`](registers::LATCHES) - 1, from the simulated time `at` on, which should
+    /// be near the arrival of the newest frame: the captured system time may be off by 1 % of the time between them. Without
+    /// effect for an unchanged level, for an input that does not exist, and without distributed clocks.
     pub fn set_latch_input(&mut self, input: usize, is_on: bool, at: Ns) {
         if self.has_clock() && input < registers::LATCHES {
             latch_unit::set_level(input, is_on, at, &self.clock, &mut self.memory);
         }
     }
 
-    /// Sets the levels of the latch inputs at power-on without causing edges; bit 0 is input 0.
+    /// Sets the levels of the latch inputs at power-on; bit 0 is input 0. They are initial levels and no edges, so no time is
+    /// captured.
     pub(super) fn begin_latch_inputs(&mut self, levels: u8) {
         if self.has_clock() {
             latch_unit::set_levels(levels, &mut self.memory);
         }
     }
 
-    /// Writes bytes that masters cannot write, or that have no side effects: the RAM, and the station alias.
+    /// Writes bytes of the RAM or the station alias on behalf of the model, without the side effects of a write by the network.
     pub(super) fn fill(&mut self, address: u16, data: &[u8]) {
         let room = self.memory.end().saturating_sub(address.into());
         self.memory.put(address, &data[..data.len().min(room)]);
     }
 
-    /// Takes the EEPROM for the slave's processor, or gives it back to the master.
+    /// Assigns the access to the EEPROM to the slave's processor, or gives it back to the master.
     pub fn take_eeprom(&mut self, takes: bool) {
         self.memory.set_u8(registers::SII_PDI_ACCESS, takes.into());
     }

@@ -72,7 +72,8 @@ impl Controller {
         }
     }
 
-    /// Takes the reusable buffer with `len` bytes of 0.
+    /// Takes the reusable buffer `scratch` out of the controller, filled with `len` bytes of 0. The caller puts it back after
+    /// use.
     pub(super) fn take_scratch(&mut self, len: usize) -> Vec<u8> {
         let mut scratch = std::mem::take(&mut self.scratch);
         scratch.clear();
@@ -80,7 +81,7 @@ impl Controller {
         scratch
     }
 
-    /// Reads memory and ORs it into the data of the datagram.
+    /// Reads memory and ORs it into the data of the datagram (command BRD). Returns the increment of the working counter.
     fn read_combined(&mut self, address: usize, data: &mut [u8]) -> u16 {
         let mut own = self.take_scratch(data.len());
         let done = self.read(address, &mut own);
@@ -106,7 +107,7 @@ impl Controller {
     #[inline]
     fn pass_logical(&mut self, header: &DatagramHeader, data: &mut [u8]) -> u16 {
         let command = header.command;
-        // Write before reading, in case outputs and inputs share logical bytes.
+        // LRW: write before reading. If outputs and inputs share logical bytes, reading first would replace the outputs.
         let written = command != Command::Lrd && self.write_mapped(header.address, data);
         let read = command != Command::Lwr && self.read_mapped(header.address, data);
         let done = Done { read, written };

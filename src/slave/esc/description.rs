@@ -17,13 +17,13 @@ use crate::slave::Slave;
 const EEPROM_BYTES: usize = 2048;
 /// \[OURS] EEPROM word 2, the length of the SYNC0 and SYNC1 pulses, in units of 10 ns: 10 us.
 const SYNC_PULSE_LENGTH: u16 = 1000;
-/// \[OURS] The mailbox areas of a device.
+/// \[OURS] The mailbox areas of every simulated device: the first 256 bytes of RAM, which leaves the rest for process data.
 const MAILBOX: MailboxAreas =
     MailboxAreas { receive: MailboxArea { start: 0x1000, len: 128 }, send: MailboxArea { start: 0x1080, len: 128 } };
 /// \[OURS] The bootstrap mailbox areas of a device with files. Longer mailboxes transfer a file in fewer packets.
 const BOOT_MAILBOX: MailboxAreas =
     MailboxAreas { receive: MailboxArea { start: 0x1000, len: 256 }, send: MailboxArea { start: 0x1100, len: 256 } };
-/// \[OURS] The start addresses of outputs and inputs, with room for three buffers of the longest process data each.
+/// \[OURS] The start addresses of outputs and inputs, with room for three buffers of the longest process data, 64 bytes, each.
 const OUTPUTS_START: u16 = 0x1100;
 const INPUTS_START: u16 = 0x1400;
 /// The object index of a padding entry in a PDO mapping.
@@ -65,7 +65,7 @@ fn list(device: &mut dyn Slave, index: u16) -> Result<Vec<u32>, DescriptionError
     (1..=count).map(|sub| number(device, index, sub)).collect()
 }
 
-/// The assigned PDOs of one direction, each with its entries.
+/// The PDOs of one direction, each as its index and its entries. `assignment` is the object that lists them: 0x1C12 or 0x1C13.
 fn pdos(device: &mut dyn Slave, assignment: u16) -> Result<Vec<(u16, Vec<SiiPdoEntry>)>, DescriptionError> {
     let mut pdos = Vec::new();
     for index in list(device, assignment)? {
@@ -103,7 +103,8 @@ fn name_of(device: &mut dyn Slave) -> String {
 /// Init, and returns to Init.
 ///
 /// # Errors
-/// [`DescriptionError`].
+/// [`DescriptionError`] if the device refuses PreOP, lacks an object that the EEPROM needs, or maps too many objects for the
+/// size of the EEPROM.
 pub fn eeprom_of(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, DescriptionError> {
     device.enter(AlState::PreOp).map_err(DescriptionError::State)?;
     let written = write(device, settings);
@@ -135,7 +136,7 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
     let mut eeprom = vec![0; EEPROM_BYTES];
     let mut sii = SiiWriter::new(&mut eeprom, &info)?;
     let (name, kind) = (name_of(device), device.name().to_owned());
-    // SOEM-based masters show the first text as the name, whatever the general category says.
+    // Masters that are based on SOEM show the first string as the name, and ignore which string the general category names.
     sii.strings(&[&name, "ecmsk", &kind])?;
     let coe = coe_details(device);
     let ports = settings.ports.map(|port| match port {
@@ -159,7 +160,8 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
     Ok(eeprom)
 }
 
-/// The CoE features of the device. Masters read the mapping by complete access if the EEPROM says that it is supported.
+/// The CoE features that the EEPROM announces. Masters that find complete access among them read PDO assignment and mapping by
+/// it, so it is announced only if the device can read 0x1C00 in that way.
 fn coe_details(device: &mut dyn Slave) -> CoeDetails {
     let has_information = device.object_from(0).is_some();
     let sync_manager_types = ObjectAddress::new(0x1C00, 0);

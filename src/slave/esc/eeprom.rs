@@ -16,17 +16,17 @@ const LOADING_ERRORS: SiiControl = SiiControl(SiiControl::CHECKSUM_ERROR.0 | Sii
 /// The byte offset of the station alias, word 4.
 const ALIAS: usize = 8;
 
-/// The EEPROM with its interface.
+/// The content of the EEPROM, and the state of the registers through which the master accesses it.
 #[derive(Clone, Debug)]
 pub(super) struct Eeprom {
     content: Vec<u8>,
     reads_8_bytes: bool,
     takes_ns: Ns,
-    /// The duration of an internal write cycle, in which the EEPROM acknowledges no command, ns; and the end of the present
-    /// one.
+    /// `silence_ns`: the duration of the internal write cycle after a write command, ns. `silent_until`: the end of the newest
+    /// write cycle. In a write cycle the EEPROM acknowledges no command, and the command fails.
     silence_ns: Ns,
     silent_until: Ns,
-    /// The control word of the running command, and the time when the command is done.
+    /// The running command: the value that was written to the control register, and the time when the command is done.
     running: Option<(SiiControl, Ns)>,
 }
 
@@ -40,7 +40,8 @@ impl Eeprom {
         &self.content
     }
 
-    /// The configuration words for power-on; `None` if their checksum is wrong.
+    /// Loads the configuration words (words 0 to 7), at power-on or by a reload command, and resets the control register.
+    /// Returns `None`, and shows an error in that register, if their checksum is wrong.
     pub(super) fn load(&mut self, memory: &mut Memory) -> Option<SiiInfo> {
         self.running = None;
         let info = Sii::new(&self.content).ok().filter(Sii::has_right_checksum).map(|sii| sii.info());
@@ -65,19 +66,20 @@ impl Eeprom {
         if self.content.len() > 2048 { reads | SiiControl::TWO_ADDRESS_BYTES } else { reads }
     }
 
-    /// Whether the master may write to the interface now.
+    /// Whether the master may write to the interface now: the EEPROM is assigned to it, and no command is running.
     pub(super) fn is_free(&self, memory: &Memory) -> bool {
         memory.u8(registers::SII_PDI_ACCESS) & 1 == 0 && self.running.is_none()
     }
 
-    /// Handles a write of only the lower byte of the control word, in which a master can change one bit.
+    /// Handles a write to only the lower byte of the control register. It starts no command; the only bit that a master can
+    /// change there is write enable.
     pub(super) fn written_in_part(&mut self, memory: &mut Memory) {
         let written = SiiControl(memory.u16(SII_CONTROL));
         let kept = SiiControl(written.0 & (0xFF00 | SiiControl::WRITE_ENABLE.0));
         memory.set_u16(SII_CONTROL, (kept | self.fixed_bits()).0);
     }
 
-    /// Handles a write of the control word: starts the command.
+    /// Handles a write of the control word: starts the command that it contains, if any.
     pub(super) fn command(&mut self, written: SiiControl, now: Ns, memory: &mut Memory) {
         let kept = SiiControl(memory.u16(SII_CONTROL) & LOADING_ERRORS.0) | self.fixed_bits();
         let written = SiiControl(written.0 & WRITABLE.0);
@@ -98,7 +100,7 @@ impl Eeprom {
             SiiCommand::Read => {
                 let len = if self.reads_8_bytes { 8 } else { 4 };
                 for n in 0..len {
-                    // Beyond its end the EEPROM reads as erased.
+                    // Beyond its end the EEPROM reads as erased (0xFF).
                     let byte = self.content.get(at.saturating_add(n)).copied().unwrap_or(0xFF);
                     memory.set_u8(SII_DATA + n as u16, byte);
                 }

@@ -19,7 +19,7 @@ const VENDOR: &str = "ecmsk";
 /// to Init.
 ///
 /// # Errors
-/// [`DescriptionError`].
+/// [`DescriptionError`] as of [`eeprom_of`].
 pub fn esi_of(device: &mut dyn Slave, settings: &EscSettings) -> Result<String, DescriptionError> {
     let eeprom = eeprom_of(device, settings)?;
     device.enter(AlState::PreOp).map_err(DescriptionError::State)?;
@@ -136,8 +136,8 @@ fn type_name(code: u8, bits: u8) -> String {
     }
 }
 
-/// The mailbox element with its CoE features. \[OURS] A device whose values all fit into one message does not support
-/// segments, as in the manufacturer's ESI file of the DP3CL.
+/// The `Mailbox` element of the ESI file with the CoE features. `has_segments`: whether a value may be too long for one mailbox
+/// message. \[OURS] Otherwise `SegmentedSdo` is 0, as in the manufacturer's ESI file of the DP3CL.
 fn mailbox(general: &SiiGeneral, protocols: MailboxProtocols, has_segments: bool) -> String {
     let flag = |bit| u8::from(general.coe.contains(bit));
     let files = if protocols.contains(MailboxProtocols::FOE) { "<FoE/>" } else { "" };
@@ -151,8 +151,8 @@ fn mailbox(general: &SiiGeneral, protocols: MailboxProtocols, has_segments: bool
     )
 }
 
-/// The configuration words of the EEPROM, and the bootstrap mailboxes if there are any, as hexadecimal bytes in EEPROM
-/// order.
+/// The EEPROM element: the configuration words 0 to 6 and, if the device supports FoE, the bootstrap mailboxes, each as
+/// hexadecimal bytes in EEPROM order. A configuration tool writes them to the slave's EEPROM.
 fn memory(info: &SiiInfo, eeprom: &[u8]) -> String {
     const CONFIGURED: Range<usize> = 0..14;
     const BOOT_MAILBOX: Range<usize> = 0x28..0x30;

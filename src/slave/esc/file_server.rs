@@ -5,7 +5,7 @@
 use crate::ethercat::foe::{FOE_OVERHEAD, FoeError, FoeMessage};
 use crate::slave::files::{FILE_BYTES_MAX, FileStore};
 
-/// The present transfer.
+/// The FoE transfer in progress.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Transfer {
     #[default]
@@ -16,7 +16,7 @@ enum Transfer {
     Write { packet: u32 },
 }
 
-/// The state of the FoE server.
+/// The FoE server of a slave: the transfer in progress, with the name and the bytes of its file.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FileServer {
     transfer: Transfer,
@@ -25,13 +25,13 @@ pub(super) struct FileServer {
     is_in_bootstrap: bool,
 }
 
-/// The number of file bytes that fit into a mailbox.
+/// The number of file bytes that fit into one message of a mailbox of `mailbox` bytes.
 fn packet_bytes(mailbox: usize) -> usize {
     mailbox.saturating_sub(FOE_OVERHEAD).max(1)
 }
 
 impl FileServer {
-    /// Ends a transfer without a message, because the mailbox restarts. `is_in_bootstrap` says whether it restarts in
+    /// Ends the present transfer without a message, because the mailbox restarts. `is_in_bootstrap` says whether it restarts in
     /// bootstrap.
     pub(super) fn reset(&mut self, is_in_bootstrap: bool) {
         self.is_in_bootstrap = is_in_bootstrap;
@@ -118,7 +118,8 @@ impl FileServer {
         Ok(Sent::Ack(0))
     }
 
-    /// Handles a data packet from the master. A packet that does not fill the mailbox is the last one.
+    /// Handles a data packet of a file that the master writes. A packet that does not fill the mailbox ends the file; after a
+    /// full last packet the master sends an empty one.
     fn take(&mut self, packet: u32, data: &[u8], mailbox: usize, files: &mut FileStore) -> Result<Sent, FoeError> {
         let Transfer::Write { packet: expected } = self.transfer else { return Err(FoeError::ILLEGAL) };
         if packet != expected {
@@ -137,7 +138,7 @@ impl FileServer {
     }
 }
 
-/// The answer to a message, before it is encoded.
+/// An answer other than an error: a data packet of the file, or an acknowledgement, each with its packet number.
 #[derive(Clone, Copy, Debug)]
 enum Sent {
     Packet(u32),

@@ -10,13 +10,15 @@ use crate::ethercat::registers::{self, Fmmu, FmmuDirections};
 /// The maximum number of FMMUs of a slave controller.
 pub(super) const FMMUS_MAX: usize = 16;
 
-/// The decoded registers of one FMMU for the fast path, in which a datagram contains the whole area of the FMMU.
+/// One FMMU as the fast path needs it. The fast path applies if a datagram contains all logical bytes of the FMMU: one copy
+/// exchanges them with the buffer of a sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 struct Whole {
     /// The logical address of the first byte, and the number of bytes.
     logical: u32,
     len: u16,
-    /// The bit mask of the sync manager whose area is exactly the area that the FMMU maps byte by byte; 0 if there is none.
+    /// The sync manager whose area starts where the FMMU maps to and has the same length, as a mask with one bit; 0 if there is
+    /// none, or if the FMMU maps single bits.
     area: u16,
 }
 
@@ -51,8 +53,8 @@ impl Fmmus {
         fmmus
     }
 
-    /// How far FMMU `n` overlaps a datagram of `data_len` bytes at logical `address`. `areas` are the sync managers whose
-    /// areas can be exchanged as a whole.
+    /// Classifies the overlap of FMMU `n` with a datagram of `data_len` bytes at logical `address`. `areas` has a bit for each
+    /// sync manager that allows the fast path, see `Managers::writable` and `Managers::readable`.
     #[inline]
     fn share(&self, n: usize, areas: u16, address: u32, data_len: usize) -> Share {
         let Whole { logical, len, area } = self.wholes[n];
@@ -68,12 +70,12 @@ impl Fmmus {
     }
 }
 
-/// The overlap of an FMMU with a datagram.
+/// How an FMMU overlaps with a datagram.
 enum Share {
     /// No overlap.
     None,
-    /// The datagram contains the whole FMMU, and its area can be exchanged as a whole: the number of the sync manager, and
-    /// the range of bytes in the datagram.
+    /// The datagram contains all bytes of the FMMU, and one copy exchanges them with the whole buffer of a sync manager: the
+    /// number of that sync manager, and the range of the bytes in the datagram.
     Whole(usize, Range<usize>),
     /// A possible overlap of single bytes or bits, which [`part_of`] computes exactly.
     Part,
@@ -111,8 +113,8 @@ fn part_of(fmmu: &Fmmu, address: u32, data: &[u8]) -> Option<Part> {
     })
 }
 
-/// The mapped bits of a part, as pairs of bit numbers: in the datagram, and in the memory relative to the first mapped
-/// byte.
+/// The mapped bits in the overlap of an FMMU and a datagram, as pairs of bit numbers: in the datagram, and in the memory
+/// relative to the first mapped byte.
 fn bits<'f>(fmmu: &'f Fmmu, part: &Part) -> impl Iterator<Item = (usize, usize)> + use<'f> {
     let (first, total) = (usize::from(fmmu.first_bit), fmmu.bits() as usize);
     let begin = 8 * part.skipped;
@@ -158,7 +160,7 @@ impl Controller {
         done
     }
 
-    /// Writes the part of an FMMU that a datagram contains.
+    /// Writes to the memory those bytes of an FMMU that a datagram contains. Returns whether anything was written.
     #[inline(never)]
     fn write_part(&mut self, n: usize, address: u32, data: &[u8]) -> bool {
         let fmmu = self.fmmus.all[n];
@@ -171,7 +173,8 @@ impl Controller {
         }
     }
 
-    /// \[OURS] Unmapped neighbouring bits keep their values everywhere, not only in the digital outputs.
+    /// Writes the bits of an FMMU that does not map whole bytes. Slave controllers keep the unmapped bits of the same bytes
+    /// only in the digital output registers; \[OURS] here they keep their values in the whole memory.
     fn write_bits(&mut self, fmmu: &Fmmu, part: &Part, data: &[u8]) -> bool {
         let Some((first, last)) = bounds(fmmu, part) else { return false };
         let address = usize::from(fmmu.physical) + first / 8;
@@ -205,7 +208,8 @@ impl Controller {
         done
     }
 
-    /// Reads the part of an FMMU that a datagram contains.
+    /// Reads from the memory into a datagram those bytes of an FMMU that the datagram contains. Returns whether anything was
+    /// read.
     #[inline(never)]
     fn read_part(&mut self, n: usize, address: u32, data: &mut [u8]) -> bool {
         let fmmu = self.fmmus.all[n];
@@ -233,7 +237,8 @@ impl Controller {
     }
 }
 
-/// The first and the last bit of the memory that a part maps.
+/// The numbers of the first and of the last memory bit that the overlap of an FMMU and a datagram maps, counted from the first
+/// mapped byte; `None` if the overlap maps no bit.
 fn bounds(fmmu: &Fmmu, part: &Part) -> Option<(usize, usize)> {
     let mut all = bits(fmmu, part);
     let first = all.next()?.1;

@@ -10,12 +10,12 @@ use crate::slave::dictionary::{EntryDescription as Entry, ObjectDescription as O
 
 /// Bytes of a mailbox in front of the data of a fragment: mailbox header, CoE header and SDO information header.
 const OVERHEAD: usize = 6 + 2 + InformationFragment::HEADER_LEN;
-/// The capacity reserved for a response, bytes. A longer response allocates.
+/// The capacity that is reserved for a response, bytes. Only a longer response allocates.
 const ANSWER_ROOM: usize = 1024;
-/// \[OURS] The maximum length of an entry name in a response, bytes.
+/// \[OURS] The maximum length of an entry name in a response, bytes; a longer name is cut.
 const NAME_ROOM: usize = 256;
 
-/// A response that is sent fragment by fragment.
+/// An SDO information response, which is sent fragment by fragment.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Information {
     answer: Vec<u8>,
@@ -25,7 +25,7 @@ pub(super) struct Information {
 }
 
 impl Information {
-    /// Drops the rest of a response.
+    /// Drops what is left of the present response, because a new request has come or the mailbox restarts.
     pub(super) fn reset(&mut self) {
         self.answer.clear();
         self.answer.reserve(ANSWER_ROOM);
@@ -108,7 +108,7 @@ impl Information {
 
     fn put(&mut self, kind: InformationKind, encode: impl FnOnce(&mut [u8]) -> Result<usize, WireError>) {
         self.answer.resize(ANSWER_ROOM, 0);
-        // A name that does not fit leaves the description empty.
+        // If the name of the object or of the entry does not fit into the buffer, the response has no data.
         let len = encode(&mut self.answer).unwrap_or(0);
         self.answer.truncate(len);
         self.kind = Some(kind);
@@ -137,7 +137,8 @@ impl Information {
     /// The next fragment for a mailbox of `mailbox` bytes; `None` if nothing is left.
     pub(super) fn next(&mut self, mailbox: usize) -> Option<InformationFragment<'_>> {
         let kind = self.kind?;
-        // A fragment must not split a 16-bit index.
+        // The number of data bytes is even, so that a fragment of an object list does not split a 16-bit index. It is at least
+        // 2, so that the fragments come to an end even with a mailbox that is too short.
         let room = (mailbox.saturating_sub(OVERHEAD) & !1).max(2);
         let (from, whole) = (self.sent, self.answer.len());
         let len = (whole - from).min(room);

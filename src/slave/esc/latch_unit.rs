@@ -10,10 +10,10 @@ use crate::ethercat::registers::{
     LatchStatus, latch_time,
 };
 
-/// Bit 4 of [`CYCLIC_UNIT_CONTROL`]: latch input 0 belongs to the slave's processor; bit 5: latch input 1.
+/// Bit 4 of [`CYCLIC_UNIT_CONTROL`]: the slave's processor controls latch input 0, instead of the master; bit 5: latch input 1.
 const OWNED_BY_DEVICE: u8 = 1 << 4;
 
-/// Whether a latch input belongs to the slave's processor instead of the master.
+/// Whether the slave's processor controls a latch input, instead of the master.
 pub(super) fn is_devices(input: usize, memory: &Memory) -> bool {
     memory.u8(CYCLIC_UNIT_CONTROL) & OWNED_BY_DEVICE << input != 0
 }
@@ -22,7 +22,7 @@ fn status(input: usize, memory: &Memory) -> LatchStatus {
     LatchStatus(memory.u8(LATCH_STATUS + input as u16))
 }
 
-/// Sets the levels of the inputs without causing edges; bit 0 is input 0.
+/// Sets the levels of the latch inputs without an edge, so no time is captured; bit 0 is input 0.
 pub(super) fn set_levels(levels: u8, memory: &mut Memory) {
     for input in 0..LATCHES {
         let without = status(input, memory).without(LatchStatus::PIN);
@@ -31,7 +31,7 @@ pub(super) fn set_levels(levels: u8, memory: &mut Memory) {
     }
 }
 
-/// Sets the level of an input from network time `at` on. In continuous mode the time of every edge is captured; in
+/// Sets the level of an input from the simulated time `at` on. In continuous mode the time of every edge is captured; in
 /// single-event mode only that of the first edge, until its time is read.
 pub(super) fn set_level(input: usize, is_on: bool, at: Ns, clock: &Clock, memory: &mut Memory) {
     let before = status(input, memory);
@@ -52,23 +52,22 @@ pub(super) fn set_level(input: usize, is_on: bool, at: Ns, clock: &Clock, memory
     }
 }
 
-/// The levels of the inputs.
+/// The levels of the latch inputs; bit 0 is input 0.
 fn levels(memory: &Memory) -> u8 {
     (0..LATCHES)
         .filter(|input| status(*input, memory).contains(LatchStatus::PIN))
         .fold(0, |bits, input| bits | 1 << input)
 }
 
-/// Acknowledges an edge whose time the master has read: if the input belongs to the master, the next edge is captured
-/// again.
+/// Acknowledges an edge whose time the master has read: if the master controls the input, the next edge is captured again.
 pub(super) fn acknowledge(input: usize, edge: LatchEdge, memory: &mut Memory) {
     if !is_devices(input, memory) {
         forget(input, edge, memory);
     }
 }
 
-/// Handles a write to the latch control or to the assignment of the inputs. \[OURS] An edge that is now in continuous mode
-/// no longer counts as an event.
+/// Handles a write to the latch control registers, or to the register that assigns the inputs to master or processor. \[OURS]
+/// An edge that is now in continuous mode is no longer shown as an event.
 pub(super) fn control_written(memory: &mut Memory) {
     for input in 0..LATCHES {
         for edge in LatchEdge::ALL {

@@ -15,14 +15,14 @@ use crate::ethercat::registers::{SmActivate, SmPdiControl, SmStatus};
 use crate::ethercat::{Ns, WireError, registers::SyncManager};
 use crate::slave::Slave;
 
-/// The sync manager for requests.
+/// The number of the sync manager for requests of the master.
 pub(super) const REQUESTS: u8 = 0;
-/// The sync manager for responses.
+/// The number of the sync manager for responses of the slave.
 pub(super) const ANSWERS: u8 = 1;
 /// \[OURS] The maximum number of pending emergencies; further ones are lost.
 pub const EMERGENCIES_MAX: usize = 8;
 
-/// A message in a reusable buffer.
+/// A buffer for one message that is kept for reuse. `is_used` says whether the message is still needed.
 #[derive(Clone, Debug, Default)]
 struct Slot {
     bytes: Vec<u8>,
@@ -37,7 +37,8 @@ impl Slot {
     }
 }
 
-/// The state of the mailbox.
+/// The mailbox of a slave: its message counters, the messages that wait or are in sync manager 1, and the servers that answer
+/// requests.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Mailbox {
     /// The message counter of the last request.
@@ -47,7 +48,7 @@ pub(super) struct Mailbox {
     request: Vec<u8>,
     /// A response that is not in sync manager 1 yet.
     answer: Slot,
-    /// The earliest time for putting that response into sync manager 1.
+    /// The earliest time for putting the response `answer` into sync manager 1.
     answer_due: Ns,
     /// An additional delay of SDO responses, ns.
     sdo_delay_ns: Ns,
@@ -55,9 +56,9 @@ pub(super) struct Mailbox {
     /// A response that was in sync manager 1 when the master requested a repeat. It is posted again after the repeated
     /// message.
     put_back: Slot,
-    /// The message in sync manager 1.
+    /// The message that was put into sync manager 1 last.
     posted: Vec<u8>,
-    /// Whether the message in sync manager 1 is a repetition.
+    /// Whether the message in sync manager 1 is the last read message, posted again because the master requested a repeat.
     is_repeat: bool,
     /// The last message that the master has read.
     read: Slot,
@@ -68,7 +69,8 @@ pub(super) struct Mailbox {
     files: FileServer,
     /// Whether the slave is in bootstrap, where only FoE is served.
     is_in_bootstrap: bool,
-    /// Whether counters and the last read message survive Init, as in some devices.
+    /// Whether the message counters and the last read message survive Init. Some devices keep them, which masters have to cope
+    /// with.
     remembers: bool,
 }
 
@@ -99,7 +101,8 @@ impl Mailbox {
         self.is_in_bootstrap = is_in_bootstrap;
     }
 
-    /// Makes the message counters and the last read message survive Init from now on, and sets them.
+    /// Makes the message counters and the last read message survive Init from now on, as in some devices. Sets both counters to
+    /// `last_request` and the message to `read`, as if a previous master had exchanged them.
     pub(super) fn remember(&mut self, last_request: MailboxCounter, read: &[u8]) {
         (self.remembers, self.last_request, self.counter) = (true, last_request, last_request);
         self.read.keep(read);
@@ -110,7 +113,7 @@ impl Mailbox {
         self.remembers = false;
     }
 
-    /// Delays SDOs by `ns`, from the next one on.
+    /// Delays the responses to SDO requests by `ns`, from the next request on; 0 ends the delay.
     pub(super) const fn delay_sdo(&mut self, ns: Ns) {
         self.sdo_delay_ns = ns;
     }
@@ -123,7 +126,8 @@ impl Mailbox {
         }
     }
 
-    /// Whether [`Self::serve`] has something to do after these accesses of the network to sync managers.
+    /// Whether [`Self::serve`] has something to do: since its last call the network has accessed a sync manager of the mailbox
+    /// (`done`), or a message is waiting for its place in sync manager 1.
     pub(super) const fn is_touched(&self, done: ManagerEvents) -> bool {
         const BOTH: u16 = 1 << REQUESTS | 1 << ANSWERS;
         (done.written | done.read | done.activated) & BOTH != 0
@@ -149,7 +153,7 @@ impl Mailbox {
             self.posted = posted;
         }
         self.repeat(managers, memory);
-        // The first round may post a pending response, after which the second round can process the next request.
+        // Two rounds: the first one may post a response that was waiting, so that the second one can process the next request.
         for _ in 0..2 {
             self.take_request(managers, memory, device);
             self.post(managers, memory);
@@ -284,7 +288,7 @@ impl Mailbox {
         self.answer.is_used = matches!(written, Some(Ok(len)) if encode_around(header, len, bytes).is_ok());
     }
 
-    /// Puts the next message into sync manager 1 if it is empty.
+    /// Puts the next waiting message into sync manager 1, if the master has read the previous one.
     fn post(&mut self, managers: &mut Managers, memory: &mut Memory) {
         let manager = managers.registers(ANSWERS);
         if !manager.is_enabled() || manager.status.contains(SmStatus::FULL) {

@@ -1,8 +1,8 @@
 //! The sync managers of a slave controller: mailbox mode with its handshake, and buffered mode with three buffers, of which
 //! the reader gets the newest.
 //!
-//! Accessing the first byte opens a buffer, and accessing the last byte closes it. \[OURS] Effects take place at the
-//! datagram, not at the end of the frame.
+//! Accessing the first byte opens a buffer, and accessing the last byte closes it. \[OURS] A buffer opens and closes when the
+//! slave processes the datagram, not at the end of the frame.
 
 mod manager;
 
@@ -16,14 +16,14 @@ use manager::{Manager, Side};
 /// The maximum number of sync managers of a slave controller.
 pub(super) const MANAGERS_MAX: usize = 16;
 
-/// The accesses of the network to sync managers since the last query, one bit per sync manager.
+/// The accesses of the network to sync managers since the slave last took these events, one bit per sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ManagerEvents {
-    /// The sync managers whose whole buffer was written, bit n for sync manager n.
+    /// Bit n: the network has written the whole buffer of sync manager n since the slave last took these events.
     pub(super) written: u16,
-    /// The sync managers whose whole buffer was read.
+    /// Bit n: the network has read the whole buffer of sync manager n since the slave last took these events.
     pub(super) read: u16,
-    /// The sync managers whose activate register was written.
+    /// Bit n: the network has written the activate register of sync manager n since the slave last took these events.
     pub(super) activated: u16,
 }
 
@@ -31,7 +31,9 @@ pub(super) struct ManagerEvents {
 #[repr(C)] // The fields that each frame uses are adjacent, at the beginning.
 pub(super) struct Managers {
     pub(super) events: ManagerEvents,
-    /// The buffered sync managers whose whole area the network can write (read) without a check for overlaps, one bit each.
+    /// The sync managers on the fast path, bit n for sync manager n: the network writes (`writable`) or reads (`readable`)
+    /// their whole buffer with one copy. They are in buffered mode and in RAM, and no earlier sync manager overlaps them. Other
+    /// accesses search the sync manager of each byte range.
     writable: u16,
     readable: u16,
     /// The sync managers that are enabled and have an area, one bit each.
@@ -56,15 +58,15 @@ impl Managers {
         memory.put(registers::sync_manager(n as u8), &self.managers[n].registers.encode());
     }
 
-    /// Updates the status registers in the memory, which accesses to areas have changed. Must be called before the
-    /// registers are read.
+    /// Updates the status registers in the memory. Must be called before the network reads them, because accesses to buffers
+    /// change only the decoded status in [`Manager`].
     pub(super) fn show_statuses(&self, memory: &mut Memory) {
         for n in 0..self.count {
             memory.set_u8(registers::sync_manager_status(n), self.registers(n).status.0);
         }
     }
 
-    /// Writes a byte of the registers from the network.
+    /// Writes a byte of the registers for the network. `offset` counts from the first register of sync manager 0.
     pub(super) fn write_register(&mut self, offset: u16, value: u8, memory: &mut Memory) {
         let (n, at) = (usize::from(offset) / SYNC_MANAGER_LEN, usize::from(offset) % SYNC_MANAGER_LEN);
         let manager = &mut self.managers[n];
@@ -90,7 +92,7 @@ impl Managers {
         self.find_whole(memory);
     }
 
-    /// Finds the sync managers whose buffers can be exchanged as a whole.
+    /// Computes which sync managers allow the fast path, see [`Self::writable`] and [`Self::readable`].
     fn find_whole(&mut self, memory: &Memory) {
         (self.writable, self.readable) = (0, 0);
         for n in 0..usize::from(self.count) {
@@ -107,24 +109,28 @@ impl Managers {
         }
     }
 
-    /// The sync managers in buffered mode whose whole area the network can write, one bit each.
+    /// The sync managers for [`Self::write_whole`], one bit each: in buffered mode, open to writes of the network, in RAM, and
+    /// not overlapped by an earlier sync manager.
     pub(super) const fn writable(&self) -> u16 {
         self.writable
     }
 
-    /// The sync managers in buffered mode whose whole area the network can read, one bit each.
+    /// The sync managers for [`Self::read_whole`], one bit each: in buffered mode, open to reads of the network, in RAM, and
+    /// not overlapped by an earlier sync manager.
     pub(super) const fn readable(&self) -> u16 {
         self.readable
     }
 
-    /// The bit mask of the first enabled sync manager with exactly this area; 0 if there is none.
+    /// A mask with the bit of the first enabled sync manager that has exactly this start address and length; 0 if there is
+    /// none. An FMMU that maps the same bytes can take the fast path.
     pub(super) fn of_area(&self, start: u16, len: u16) -> u16 {
         let has_it =
             |manager: &Manager| manager.is_active() && manager.registers.start == start && manager.registers.len == len;
         self.managers.iter().position(has_it).map_or(0, |n| 1 << n)
     }
 
-    /// The initial status of a sync manager.
+    /// The status of a sync manager before its first access: no event, and in buffered mode the code 3, no buffer written, as
+    /// the last written buffer.
     fn idle(control: SmControl) -> SmStatus {
         match control.mode() {
             BufferMode::Buffered => SmStatus::NONE.with_last_buffer(3),
@@ -150,8 +156,8 @@ impl Managers {
         (None, next)
     }
 
-    /// Writes a whole buffer of a [writable](Self::writable) sync manager from the network. Returns whether this triggers
-    /// the watchdog.
+    /// Writes a whole buffer of a [writable](Self::writable) sync manager from the network. Returns whether this restarts the
+    /// process data watchdog.
     #[inline]
     pub(super) fn write_whole(&mut self, n: usize, data: &[u8], memory: &mut Memory) -> bool {
         let manager = &mut self.managers[n];
@@ -169,7 +175,8 @@ impl Managers {
         self.events.read |= 1 << n;
     }
 
-    /// Writes RAM from the network. Returns whether any byte was written.
+    /// Writes bytes from address 0x1000 on for the network. Bytes in the area of a sync manager go through its buffers. Returns
+    /// whether any byte was written.
     pub(super) fn write(&mut self, address: usize, data: &[u8], memory: &mut Memory) -> bool {
         let mut done = false;
         let mut at = 0;
@@ -202,7 +209,8 @@ impl Managers {
         done
     }
 
-    /// Reads RAM for the network. Returns whether any byte was read; other bytes of `data` are left unchanged.
+    /// Reads bytes from address 0x1000 on for the network. Bytes in the area of a sync manager come from its buffers. Returns
+    /// whether any byte was read; other bytes of `data` are left unchanged.
     pub(super) fn read(&mut self, address: usize, data: &mut [u8], memory: &mut Memory) -> bool {
         let mut done = false;
         let mut at = 0;
@@ -281,7 +289,8 @@ impl Managers {
         Some(manager.buffer_start(buffer))
     }
 
-    /// Takes back a message that the network has not read yet. Returns the content of the whole mailbox.
+    /// Takes a message that the network has not read yet out of the mailbox, because a repeated message goes first. Returns the
+    /// whole mailbox, message and padding; `None` if the sync manager is off or the mailbox is empty.
     pub(super) fn take_back<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
         let n = usize::from(n);
         let manager = &mut self.managers[n];

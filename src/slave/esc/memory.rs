@@ -18,7 +18,7 @@ pub(super) enum ByteAccess {
 
 const REGISTERS: usize = RAM as usize;
 
-/// The access of the network to each byte of the registers, from [`MAP`].
+/// The access of the network to each byte of the registers, computed from the register table [`MAP`].
 static REGISTER_BYTES: [ByteAccess; REGISTERS] = {
     let mut bytes = [ByteAccess::Absent; REGISTERS];
     let mut n = 0;
@@ -97,7 +97,7 @@ impl Memory {
         self.bytes.get_mut(address..address.saturating_add(len)).unwrap_or_default()
     }
 
-    /// The `N` bytes of a register.
+    /// The `N` bytes of the register at an address.
     pub(super) fn get<const N: usize>(&self, address: u16) -> [u8; N] {
         self.bytes[usize::from(address)..].first_chunk().copied().unwrap_or([0; N])
     }
@@ -145,8 +145,8 @@ impl Memory {
     }
 }
 
-/// Copies bytes like `copy_from_slice`. Process data of a slave are few bytes, and a call would take longer than copying
-/// them.
+/// Copies bytes like `copy_from_slice`, but 8 to 16 bytes, a usual length of process data, by two moves without a call. A call
+/// would take longer than the copying.
 ///
 /// # Panics
 /// If the lengths differ.

@@ -1,7 +1,7 @@
 //! Slave controllers (ESC) of simulated slaves, as the network sees them: frames pass a [`Chain`] of them and return.
 //!
-//! Everything here is plain data and pure steps: time is an argument, in nanoseconds of one clock for the whole network,
-//! and a frame allocates nothing.
+//! Nothing here reads a clock or does I/O: time is an argument, in nanoseconds of one clock for the whole network, and a frame
+//! allocates nothing.
 //!
 //! | file | content |
 //! | --- | --- |

@@ -12,7 +12,7 @@ struct Datagram {
     header: DatagramHeader,
     /// The offset of the data in the frame.
     data: usize,
-    /// The increments of the working counter by the slaves so far.
+    /// The sum of the increments of the working counter by the slaves so far.
     counts: u16,
 }
 
@@ -30,8 +30,8 @@ impl Default for Passing {
 }
 
 impl Passing {
-    /// Begins a frame with these datagrams; `None` for a frame without datagrams. Returns false if they do not fit into the
-    /// frame; then no datagram is passed on.
+    /// Begins a frame with these datagrams; `None`: the frame has none. Returns false if the datagrams do not fit into the
+    /// frame; then slaves get none of them.
     pub(super) fn begin(&mut self, datagrams: Option<Datagrams<'_>>) -> bool {
         self.datagrams.clear();
         let mut at = FRAME_HEADER_LEN;

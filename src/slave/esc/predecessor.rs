@@ -1,4 +1,5 @@
-//! The state in which another master leaves slaves that keep their power: any register may differ from its power-on value.
+//! Simulates another master that has run before and has left the slaves powered: any register may differ from its power-on
+//! value. Tests start masters on such slaves.
 //!
 //! A seed determines the AL state of each slave, and which of the writable registers were written, with which values. The
 //! writes also have their effects: a closed port hides the slaves behind it, a watchdog with a divider of 0 expires at
@@ -29,11 +30,11 @@ pub struct Predecessor {
     dice: Rand64,
 }
 
-/// The mailboxes and the process data areas of a slave, from its EEPROM.
+/// What the EEPROM of a slave describes: its mailboxes and its process data areas.
 #[derive(Default)]
 struct Described {
     mailbox: Option<MailboxAreas>,
-    /// The sync managers by their numbers.
+    /// The sync managers that the EEPROM describes, in the order of their numbers.
     managers: Vec<SyncManager>,
     outputs: Option<SyncManager>,
 }
@@ -57,7 +58,7 @@ impl Described {
 }
 
 impl Predecessor {
-    /// A predecessor that leaves the random states that this seed determines.
+    /// A predecessor; the seed determines the random states in which it leaves slaves.
     pub fn seeded(seed: u64) -> Self {
         Self { dice: Rand64::new(seed.into()) }
     }
@@ -113,8 +114,9 @@ impl Predecessor {
         }
     }
 
-    /// Leaves a request in the mailbox, running message counters, and a last read message. The slave repeats that message
-    /// if the repeat bit has the wrong state.
+    /// Leaves traces of mailbox traffic, each in half of the cases: an SDO request in the mailbox, or message counters and a
+    /// last read response as after a transfer. The slave repeats that response as soon as the repeat bit of sync manager 1
+    /// differs from the repeat acknowledge.
     fn leave_mailbox(&mut self, slave: &mut EscSlave, described: &Described, now: Ns) {
         let Some(areas) = described.mailbox else { return };
         let counter = MailboxCounter::new(self.below(8) as u8).unwrap_or_default();
@@ -137,7 +139,8 @@ impl Predecessor {
         }
     }
 
-    /// Writes random values to a register, or to a group of adjacent registers of the same kind.
+    /// Writes random values to a register, or to a group of adjacent registers of the same kind. Registers for which most
+    /// random values would have no effect, such as FMMUs and the station address, get values that have one.
     fn leave_register(&mut self, slave: &mut EscSlave, address: u16, len: u16, now: Ns) {
         let bytes = match address {
             STATION_ADDRESS => self.station().to_le_bytes().to_vec(),
@@ -165,7 +168,8 @@ impl Predecessor {
         slave.write_unseen(address, &bytes, now);
     }
 
-    /// A random station address, often one that the next master may give to another slave.
+    /// A random station address: in half of the cases 0x1001 to 0x1008, which the next master may assign to another slave if
+    /// its addresses begin at 0x1001, as those of SOEM do.
     fn station(&mut self) -> u16 {
         let near = 0x1001 + self.below(8) as u16;
         let any = self.dice.rand_u64() as u16;
@@ -188,7 +192,7 @@ impl Predecessor {
         }
     }
 
-    /// A refused EEPROM command, and one that is still running.
+    /// Leaves a refused EEPROM write, a read that is still running, both or neither.
     fn leave_eeprom(&mut self, slave: &mut EscSlave, now: Ns) {
         const READ: u8 = 1;
         const WRITE: u8 = 2;
@@ -215,7 +219,7 @@ impl Predecessor {
         }
     }
 
-    /// Random sync managers: other areas, control bytes and repeat bits.
+    /// Random sync managers: areas, control bytes and repeat bits that the EEPROM does not describe.
     fn leave_managers(&mut self, slave: &mut EscSlave, now: Ns) {
         let first = self.pick(&[0, 2, 4]);
         for n in first..slave.controller().settings().sync_managers.min(16) {

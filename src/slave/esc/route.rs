@@ -15,7 +15,8 @@ pub(super) struct Visit {
     pub(super) place: usize,
     /// The time from the start of the frame to its arrival at the slave, ns.
     pub(super) after_ns: Ns,
-    /// The group number. The slaves of a group are neighbours, and their devices work at the same time.
+    /// The group number. The slaves of a group are neighbours; their devices process the outputs of the frame together, which
+    /// is faster.
     pub(super) group: usize,
 }
 
@@ -26,16 +27,17 @@ pub(super) struct Exit {
     pub(super) after_ns: Ns,
 }
 
-/// The route of a frame.
+/// The route of a frame through the slaves, computed once and used until a cable or a port changes.
 #[derive(Debug, Default)]
 pub(super) struct Route {
     /// Whether the route is up to date: no cable or port has changed since it was computed.
     pub(super) is_current: bool,
-    /// The slaves that process the frame, in their order.
+    /// The slaves that process the frame, in the order in which it reaches them.
     pub(super) visits: Vec<Visit>,
     /// The exit of the frame; `None`: the frame gets lost.
     pub(super) exit: Option<Exit>,
-    /// Whether the route passes the processing unit of a slave.
+    /// Whether any slave processes the frame. False for a frame from the last end that reaches the first end without turning
+    /// round.
     pub(super) is_worked_on: bool,
     /// Whether the frame turns round at a closed port 0.
     pub(super) turns: bool,
@@ -87,8 +89,8 @@ struct Search<'v, L> {
 }
 
 impl<L: Fn(&[Place], usize) -> bool> Search<'_, L> {
-    /// Continues at a slave that the frame reaches after `after_ns` by port 0. Returns when the frame is back at port 0, or
-    /// where it has left the network.
+    /// Follows the frame through a slave that it enters by port 0 after `after_ns`, and through all slaves behind it. Returns
+    /// the exit: the frame is back at port 0, or it has left the network at the last end; `None` if it is lost.
     fn go_on(&mut self, places: &mut [Place], place: usize, after_ns: Ns) -> Option<Exit> {
         *self.is_worked_on = true;
         if !places[place].is_silent {
@@ -115,7 +117,8 @@ impl<L: Fn(&[Place], usize) -> bool> Search<'_, L> {
         Some(exit.unwrap_or(Exit { end: CableEnd::First, after_ns: at }))
     }
 
-    /// Sends the frame out by a port other than 0 and back again; a closed port is skipped.
+    /// Sends the frame out by a port other than 0 and back again; a closed port is skipped. Returns the exit; `None` if the
+    /// frame is lost.
     fn go_out(&mut self, places: &mut [Place], place: usize, port: usize, at: Ns) -> Option<Exit> {
         if !places[place].slave.controller().is_open(port) {
             return Some(Exit { end: CableEnd::First, after_ns: at });
@@ -131,8 +134,9 @@ impl<L: Fn(&[Place], usize) -> bool> Search<'_, L> {
         Some(Exit { after_ns: exit.after_ns + hop_ns, ..exit })
     }
 
-    /// Continues towards the first slave, from a slave that the frame reaches at time `at` by a port other than 0. The
-    /// frame passes slaves unprocessed until it turns round at a slave whose port 0 is closed.
+    /// Follows a frame that was sent from the last end towards the first slave. It enters this slave at time `at` by a port
+    /// other than 0, and passes slaves unprocessed until it turns round at a slave whose port 0 is closed. Returns the exit;
+    /// `None` if the frame is lost.
     fn go_back(&mut self, places: &mut [Place], place: usize, port: usize, at: Ns) -> Option<Exit> {
         let mut at = at;
         for next in ORDER.into_iter().skip_while(|other| *other != port).skip(1) {

@@ -10,7 +10,7 @@ use crate::slave::identity::Identity;
 use crate::slave::plant::Servo;
 use crate::slave::{AxisFault, Communication, Fault, FileStore, LatchChange, ManufacturerObjects, Slave, SyncEvent};
 
-/// A device, with scripted refusals and aborts.
+/// A device that refuses AL states and aborts SDO transfers where the script of its cable demands it.
 pub(super) struct Scripted {
     device: Box<dyn Slave>,
     cable: Cable,
@@ -23,8 +23,8 @@ impl Scripted {
         Self { device, cable, number }
     }
 
-    /// Checks a change of state against the script. \[OURS] A change to a lower state is never refused, because a slave
-    /// that has lost its outputs has to make it.
+    /// Checks a change of state against the script. \[OURS] A change to a lower state is never refused, because a slave that
+    /// has lost its outputs has to leave OP.
     fn may_enter(&self, state: AlState) -> Result<(), AlStatus> {
         match self.cable.refusal(self.number, state) {
             Some(status) if state > self.device.state() => Err(status),
@@ -37,7 +37,7 @@ impl Scripted {
     }
 }
 
-/// All other functions are passed on to the device.
+/// Changes of state and SDO transfers are checked against the script first. All other functions only call the device.
 impl Slave for Scripted {
     fn name(&self) -> &str {
         self.device.name()

@@ -7,7 +7,7 @@ use crate::slave::Slave;
 
 /// \[OURS] The maximum length of a value that a master can write, bytes.
 pub const VALUE_BYTES_MAX: u32 = 0x1_0000;
-/// The capacity reserved for a value, bytes. A longer value allocates.
+/// The capacity that is reserved for a value, bytes. Only a longer value allocates.
 const VALUE_ROOM: usize = 512;
 
 /// The present segmented transfer.
@@ -21,7 +21,7 @@ enum Transfer {
     Download { object: ObjectAddress, scope: SdoScope, size: usize, toggle: bool },
 }
 
-/// The answer of the server.
+/// The server's answer to an SDO request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SdoAnswer<'a> {
     Response(SdoResponse<'a>),
@@ -30,7 +30,7 @@ pub(super) enum SdoAnswer<'a> {
     None,
 }
 
-/// The state of the SDO server.
+/// The SDO server of a slave: the segmented transfer in progress, with the value that it transfers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SdoServer {
     transfer: Transfer,
@@ -38,14 +38,15 @@ pub(super) struct SdoServer {
 }
 
 impl SdoServer {
-    /// Ends a transfer without a message.
+    /// Ends the present transfer without a message to the master.
     pub(super) fn reset(&mut self) {
         self.transfer = Transfer::None;
         self.value.clear();
         self.value.reserve(VALUE_ROOM);
     }
 
-    /// Answers a request. `mailbox` is the length of the response mailbox, bytes.
+    /// Answers a request. `mailbox` is the length of the response mailbox, bytes: a value that does not fit is uploaded in
+    /// segments.
     pub(super) fn answer(&mut self, request: SdoRequest<'_>, mailbox: usize, device: &mut dyn Slave) -> SdoAnswer<'_> {
         match request {
             SdoRequest::Upload { object, scope } => self.upload(object, scope, mailbox, device),
@@ -60,7 +61,7 @@ impl SdoServer {
         }
     }
 
-    /// Aborts the present transfer with an abort code.
+    /// Aborts the present transfer, and answers with an abort code.
     fn abort(&mut self, code: AbortCode) -> SdoAnswer<'_> {
         let object = match self.transfer {
             Transfer::Upload { object, .. } | Transfer::Download { object, .. } => object,
@@ -128,7 +129,7 @@ impl SdoServer {
         let written = match value {
             SdoValuePart::Expedited(data) => device.write(object, scope, data),
             SdoValuePart::Unsized(four) => {
-                // The request does not give the size, so use the length of the object.
+                // An expedited request without the size indicator: use the length of the object, at most four bytes.
                 let len = device.read(object, scope, &mut []).unwrap_or(four.len()).min(four.len());
                 device.write(object, scope, &four[..len])
             }

@@ -1,17 +1,18 @@
-//! The properties of a slave controller, and the accuracy of its crystal.
+//! The properties of a simulated slave controller: its registers at power-on, its EEPROM and the frequency error of its clock.
 
 use crate::ethercat::Ns;
 use crate::ethercat::registers::Features;
 
-/// The minimum mailbox length of most devices, bytes (public slave stacks), see [`EscSettings`].
+/// The minimum mailbox length with which most devices go to PreOP, bytes (public slave stacks): the default of
+/// [`EscSettings::mailbox_bytes_min`].
 pub const MAILBOX_BYTES_MIN: u16 = 34;
 
 /// The properties of a slave controller and its device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EscSettings {
-    /// Type, register 0x0000.
+    /// Type of the slave controller, register 0x0000.
     pub controller_type: u8,
-    /// Revision, register 0x0001.
+    /// Revision of the slave controller, register 0x0001.
     pub revision: u8,
     /// Build number of the slave controller, register 0x0002.
     pub build: u16,
@@ -31,8 +32,8 @@ pub struct EscSettings {
     pub mailbox_bytes_min: u16,
     /// The type of each port, register 0x0007: 0 and 1 none, 2 EBUS, 3 MII.
     pub ports: [u8; 4],
-    /// The value of register 0x0400 in a controller that was built with a fixed watchdog divider; `None`: the master can
-    /// write the register.
+    /// The watchdog divider, register 0x0400, of a controller that was built with a fixed one, which the master cannot write.
+    /// `None`: the master can write the register.
     pub fixed_watchdog_divider: Option<u16>,
     /// Whether a read of the EEPROM returns 8 bytes instead of 4.
     pub reads_8_bytes: bool,
@@ -40,7 +41,7 @@ pub struct EscSettings {
     pub eeprom_ns: Ns,
     /// The time after a write during which the EEPROM does not acknowledge, ns.
     pub eeprom_silence_ns: Ns,
-    /// The local time at power-on, ns.
+    /// The local time (the free-running clock, without the offset of the system time) at power-on, ns.
     pub local_time_ns: u64,
     /// The frequency error of the crystal, parts per billion; positive if it is too fast.
     pub drift_ppb: i32,
@@ -53,8 +54,8 @@ pub struct EscSettings {
 }
 
 impl Default for EscSettings {
-    /// \[OURS] A controller with two ports, 8 FMMUs, 8 sync managers, 8 KiB of RAM and 64-bit clocks, without delays and
-    /// without drift.
+    /// \[OURS] A controller with two ports, 8 FMMUs, 8 sync managers, 8 KiB of RAM and 64-bit clocks. EEPROM commands and
+    /// changes of state take no time, and the clock does not drift.
     fn default() -> Self {
         Self {
             controller_type: 0x11,
@@ -68,7 +69,8 @@ impl Default for EscSettings {
                 | Features::ENHANCED_LINK_MII
                 | Features::SEPARATE_CHECK_ERRORS
                 | Features::ENHANCED_SYNC,
-            // SPI as the process data interface, with SYNC and latch units.
+            // 0x05: SPI is the process data interface; 0x0C00: the SYNC unit and the latch unit of the distributed clocks are
+            // enabled.
             pdi_control: 0x0C05,
             pdi_configuration: 0,
             mailbox_bytes_min: MAILBOX_BYTES_MIN,

@@ -18,18 +18,22 @@ use frames::Work;
 
 pub use cycle::ERROR_CYCLE_NS;
 
-/// \[OURS] The cycle time of a device that neither outputs nor SYNC0 trigger, ns. Each cycle takes over the newest outputs.
+/// \[OURS] The cycle time of a device in free run, whose cycles neither outputs nor SYNC0 trigger, ns. Each cycle takes the
+/// newest outputs and provides inputs.
 pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
-/// \[OURS] The time that a device waits for the next outputs, or the next SYNC0, before it works in free run, ns.
+/// \[OURS] The time that a device waits for the next outputs, or the next SYNC0, ns. After it, the device runs its next cycle
+/// without a trigger (free run).
 pub const DRIVEN_NS: Ns = 20_000_000;
-/// \[OURS] The maximum number of SYNC0 and SYNC1 pulses that are processed at once; further pulses are skipped.
+/// \[OURS] The maximum number of SYNC0 and SYNC1 pulses that one call of [`EscSlave::advance`] processes, to bound its
+/// computing time. Further pulses are dropped: they set their status bits, but the device runs no cycle for them.
 const PULSES_MAX: u32 = 10_000;
-/// \[OURS] The capacity reserved for outputs, and for inputs, bytes. Longer process data allocate.
+/// \[OURS] The capacity that is reserved for outputs, and for inputs, bytes. Only longer process data allocate, on the change
+/// to SafeOP.
 const PROCESS_DATA_USUAL: usize = 64;
 /// A slave as the network sees it: a slave controller with a device.
 ///
-/// Nearly every frame carries only process data, and nothing happens between frames. Then the slave is quiet and takes a
-/// fast path.
+/// Nearly every frame carries only process data, and nothing happens between frames. Then the slave is quiet: it takes a fast
+/// path, which skips the AL state machine, the mailbox, the EEPROM and the timers.
 #[repr(C)] // The fields that each frame uses come first, the mailbox comes last.
 pub struct EscSlave {
     /// The time up to which the controller has advanced.
@@ -38,27 +42,28 @@ pub struct EscSlave {
     stepped: Ns,
     /// The time of the device's next cycle in free run.
     free_run: Ns,
-    /// The time of the device's last check for errors.
+    /// The time of the last check of the device's error code. Changes of the code are reported by emergencies.
     looked: Ns,
-    /// The error code at the last check for errors.
+    /// The device's error code (0x603F) at its last check.
     error_code: u16,
     /// Whether the slave is quiet: apart from frames there is nothing to do before the next free-run cycle, SYNC pulse or
     /// watchdog expiry.
     is_quiet: bool,
-    /// Whether the device is connected to latch inputs of the controller.
+    /// Whether inputs of the device are also latch inputs of the controller.
     has_latches: bool,
-    /// The AL state, valid while the slave is quiet.
+    /// The AL state when [`Self::react`] last ran. The fast path uses it, because the state cannot change while the slave is
+    /// quiet.
     quiet_state: AlState,
-    /// The progress of the device's work on the outputs of the newest frame.
+    /// How far the device has processed the outputs of the newest frame.
     work: Work,
     device: Box<dyn Slave>,
     /// The newest outputs, with the length of sync manager 2.
     outputs: Vec<u8>,
-    /// The arrival time of outputs that no SYNC0 pulse has followed yet.
+    /// The arrival time of outputs that no SYNC0 pulse has followed yet, to report the interval to the device.
     outputs_came: Option<Ns>,
     /// The buffer for the inputs, with the length of sync manager 3.
     inputs: Vec<u8>,
-    /// The station alias of the device at its last power-on.
+    /// The station alias of the device at its last power-on, to notice a new one at the next power-on.
     station_alias: u16,
     application: Application,
     controller: Controller,
@@ -98,7 +103,7 @@ impl EscSlave {
     /// gets a controller without them.
     ///
     /// # Errors
-    /// [`DescriptionError`].
+    /// [`DescriptionError`] as of [`eeprom_of`].
     pub fn describe(mut device: Box<dyn Slave>, settings: EscSettings, now: Ns) -> Result<Self, DescriptionError> {
         let clocks = Features::CLOCK | Features::CLOCK_64_BITS;
         let features = if device.has_dc() { settings.features } else { settings.features.without(clocks) };
@@ -150,7 +155,8 @@ impl EscSlave {
         &*self.device
     }
 
-    /// Writes to the slave as another master would, outside of a frame. Returns whether any byte was written.
+    /// Writes registers or memory for a [`Predecessor`](super::Predecessor), with all effects of a write by a master, but
+    /// without a frame that other slaves or the present master could see. Returns whether any byte was written.
     pub(super) fn write_unseen(&mut self, address: u16, data: &[u8], now: Ns) -> bool {
         self.is_quiet = false;
         self.advance(now);
@@ -160,7 +166,7 @@ impl EscSlave {
         is_done
     }
 
-    /// The mailbox, mutable, for leaving messages in it.
+    /// The mailbox, mutable, in which a [`Predecessor`](super::Predecessor) leaves messages.
     pub(super) const fn mailbox_mut(&mut self) -> &mut Mailbox {
         &mut self.mailbox
     }
@@ -175,19 +181,20 @@ impl EscSlave {
         self.application.shown_state()
     }
 
-    /// The AL state of the device. During bootstrap the device is in Init.
+    /// The AL state as the device model knows it, which has no bootstrap: while AL status shows bootstrap, this is Init.
     pub fn state(&self) -> AlState {
         self.application.state()
     }
 
-    /// Sends an emergency as soon as the mailbox has room for it.
+    /// Queues an emergency, which is sent as soon as the master has emptied the mailbox. If `EMERGENCIES_MAX` (8) are pending,
+    /// it is lost.
     pub fn send_emergency(&mut self, emergency: Emergency) {
         self.mailbox.raise(emergency);
         self.react(self.controller.arrival);
     }
 
-    /// Delays SDO responses by `ns` from the next request on; 0 ends the delay. A delayed response comes with a time step,
-    /// at most [`FREE_RUN_CYCLE_NS`] late.
+    /// Delays SDO responses by `ns` from the next request on; 0 ends the delay. A delayed response is put into the mailbox when
+    /// the slave next advances after the delay, at most [`FREE_RUN_CYCLE_NS`] later.
     pub const fn delay_sdo(&mut self, ns: Ns) {
         self.mailbox.delay_sdo(ns);
     }
@@ -214,7 +221,7 @@ impl EscSlave {
         }
     }
 
-    /// Advances the slave to `now` when events occur before that time.
+    /// Advances the slave to `now`, and processes the events that occur on the way: the slow path of [`Self::advance`].
     #[inline(never)]
     fn advance_with_care(&mut self, now: Ns) {
         let mut pulses = 0;
@@ -245,7 +252,8 @@ impl EscSlave {
         others.into_iter().flatten().fold(self.free_run, Ns::min)
     }
 
-    /// Advances to `now`; no event occurs before. Returns the number of pulses processed.
+    /// Advances to `now`; the caller has made sure that no event occurs before that time. Returns the number of pulses
+    /// processed.
     fn run_to(&mut self, now: Ns) -> u32 {
         self.now = self.now.max(now);
         self.controller.advance(now);
@@ -253,7 +261,7 @@ impl EscSlave {
         while let Some(pulse) = self.controller.take_pulse() {
             pulses += 1;
             if !self.follows_pulses() {
-                // The device does not use the pulses, so skip them all.
+                // The device does not run by SYNC pulses, so all due pulses are dropped.
                 self.controller.skip_pulses(now);
             } else if pulse == SyncPulse::Sync0 {
                 self.application.sync_came = true;
@@ -274,7 +282,8 @@ impl EscSlave {
         pulses
     }
 
-    /// Carries out the immediate actions of the device, after a frame or when time has passed.
+    /// Handles events of the controller after a frame or when time has passed: a reset, changed sync managers, new outputs, an
+    /// expired watchdog, a request for a state, and mailbox messages.
     fn react(&mut self, now: Ns) {
         let events = self.controller.take_events();
         if events.reset {
@@ -336,7 +345,8 @@ impl EscSlave {
         }
     }
 
-    /// Takes over written outputs. Returns whether the device works on them now, because SYNC0 does not trigger it.
+    /// Copies written outputs from their sync manager to `outputs`. Returns whether the device runs a cycle with them now,
+    /// because SYNC0 does not trigger its cycles.
     #[inline]
     fn take_outputs(&mut self, state: AlState) -> bool {
         if state < AlState::SafeOp {
@@ -351,14 +361,15 @@ impl EscSlave {
         !self.application.is_synchronized
     }
 
-    /// Handles an expired process data watchdog.
+    /// Handles an expired process data watchdog: it matters only in SafeOP and OP, to a slave with outputs.
     fn watchdog_expired(&mut self) {
         if self.state() >= AlState::SafeOp && !self.outputs.is_empty() {
             self.application.lose_outputs(&mut self.controller, &mut *self.device);
         }
     }
 
-    /// Handles the activation or deactivation of the SYNC unit.
+    /// Handles the activation or deactivation of the SYNC unit: a slave that runs by SYNC0 in SafeOP or OP has lost SYNC0 if
+    /// the unit is now off.
     fn sync_changed(&mut self) {
         let is_running = self.controller.sync_activation().contains(SyncActivation::ACTIVATE);
         if self.state() >= AlState::SafeOp && self.application.is_synchronized && !is_running {

@@ -11,10 +11,11 @@ pub enum SyncPulse {
     Sync1,
 }
 
-/// The maximum distance of a start time that counts as in the near future, ns.
+/// The limit for the start time of SYNC0 if the master has set bit 6 (near future) of the activation register, ns: a start time
+/// that is this far ahead of the system time, or farther, is out of range.
 const NEAR_FUTURE_NS: i64 = 1 << 31;
 
-/// The state of the SYNC unit.
+/// The SYNC unit of a slave controller: its settings and the times of its next pulses.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SyncUnit {
     activation: SyncActivation,
@@ -24,13 +25,13 @@ pub(super) struct SyncUnit {
     next1: Option<u64>,
     cycle0_ns: u32,
     delay1_ns: u32,
-    /// Whether the start time was not in the near future.
+    /// Whether the start time was out of range: not ahead, or too far ahead. Register 0x0984 shows it.
     is_out_of_range: bool,
     /// Whether SYNC0 and SYNC1 have had a pulse since the activation.
     fired: [bool; 2],
 }
 
-/// Whether `time` is not after `now`; both wrap around.
+/// Whether `now` has reached `time`. Both are system times, which wrap around.
 const fn is_reached(time: u64, now: u64) -> bool {
     (now.wrapping_sub(time)).cast_signed() >= 0
 }
@@ -52,7 +53,8 @@ impl SyncUnit {
             self.is_out_of_range = !(1..range).contains(&ahead);
             self.next0 = match activation.contains(SyncActivation::CHECK_START) && self.is_out_of_range {
                 true => Some(now),
-                // A start in the past would be reached only when the counter wraps, which is never.
+                // Without the check of the start time (bit 5 of the activation register), a start time in the past schedules no
+                // pulse: the 64-bit system time wraps only after centuries.
                 false => (ahead > 0).then_some(start),
             };
             self.next1 = self.next0.map(|first| first.wrapping_add(self.delay1_ns.into()));
@@ -96,7 +98,8 @@ impl SyncUnit {
         Some((at, pulse))
     }
 
-    /// The period of SYNC1, ns: the number of whole SYNC0 cycles in its delay plus one, times the SYNC0 cycle time.
+    /// The period of SYNC1, ns. A SYNC0 pulse starts the delay of SYNC1, and the SYNC0 pulses during the delay do not start it
+    /// again. So the period is the number of whole SYNC0 cycles in the delay plus one, times the SYNC0 cycle time.
     fn period1_ns(&self) -> u64 {
         let turns = self.delay1_ns.checked_div(self.cycle0_ns).map_or(0, |turns| u64::from(turns) + 1);
         turns * u64::from(self.cycle0_ns)
@@ -118,7 +121,7 @@ impl SyncUnit {
         skipped
     }
 
-    /// The values of registers 0x0990 and 0x0998: the times of the next pulses.
+    /// The values of registers 0x0990 and 0x0998: the system times of the next SYNC0 and SYNC1 pulses, ns.
     pub(super) fn shown(&self) -> (Option<u64>, Option<u64>) {
         (self.next0, self.next1)
     }

@@ -13,7 +13,7 @@ const TIME: u16 = 0x03E8;
 /// The period of the 25 MHz clock that the watchdog divider divides, ns.
 const TICK_NS: Ns = 40;
 
-/// The watchdog. It starts with the first outputs.
+/// The process data watchdog. It starts when the first outputs come.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Watchdog {
     /// The time when the watchdog expires; `None` while it is not running.

@@ -1,9 +1,10 @@
 //! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`], [`SUPPORTED`] and the tables
 //! of the tests.
 //!
-//! Eight search plans suffice: each method is one of them or its mirror image (left and right are exchanged, and so are the
-//! limit switches), with or without the index pulse. A plan looks for one edge of one switch. Home is where the shaft
-//! crosses the edge in one direction; a run that reaches the edge from the other side reverses there.
+//! A search plan names one edge of one switch, and the direction in which the shaft has to cross the edge. Home is where the
+//! shaft crosses it in that direction; a search that reaches the edge from the other side reverses there and crosses it again.
+//! Eight plans suffice for all methods: each method is one of them or its mirror image (left and right are exchanged, and so
+//! are the limit switches), with or without the index pulse.
 
 use crate::slave::switches::Input;
 
@@ -53,7 +54,7 @@ impl Direction {
 /// The switch edge that determines home.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// The switch.
+    /// The switch whose edge it is.
     pub switch: Input,
     /// The direction in which the shaft has to cross the edge.
     pub moving: Direction,
@@ -68,15 +69,15 @@ impl Edge {
     }
 }
 
-/// The search plan of a homing method. It is written for the unmirrored variant, which starts to the right if its switch is
-/// inactive.
+/// The search plan of a homing method, as it is if the search starts to the right while the switch is inactive. For a method
+/// that starts to the left, [`Method::mirrored`] exchanges left and right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SearchPlan {
     /// Home is at the edge of a switch, or at the first index pulse behind the edge.
     Edge {
         /// The edge that determines home.
         edge: Edge,
-        /// Whether the positive limit switch reverses the run, once, instead of ending it with a homing error.
+        /// Whether the positive limit switch reverses the search, once, instead of ending it with `HomingError::WrongLimit`.
         limit_reverses: bool,
     },
     /// Home is at the next index pulse.
@@ -88,7 +89,7 @@ pub enum SearchPlan {
 /// A homing method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Method {
-    /// The search plan.
+    /// The search plan, as it is without mirroring.
     pub plan: SearchPlan,
     /// Whether left and right are exchanged in the plan.
     pub mirrored: bool,
@@ -126,12 +127,13 @@ impl Method {
     }
 }
 
-/// Whether a method of 1 to 14 starts to the left if its switch is inactive.
+/// Whether a method of 1 to 14 starts to the left if the switch of its edge is inactive.
 const fn is_mirrored(code: i8) -> bool {
     matches!(code, 1 | 5 | 6 | 11..=14)
 }
 
-/// The plan of a method of 1 to 14. A mirrored method has the plan of its mirror image.
+/// The plan of a method of 1 to 14. A [mirrored](is_mirrored) method has the plan of its mirror image, which starts to the
+/// right.
 const fn edge_plan(code: i8) -> SearchPlan {
     use Direction::{Negative, Positive};
     let (switch, moving, rises) = match code {

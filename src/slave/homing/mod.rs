@@ -68,7 +68,7 @@ pub enum HomingError {
     /// Both limit switches are active at once.
     #[error("both limit switches are active; check their wiring")]
     BothLimits,
-    /// Home was not found within this distance, counts \[OURS].
+    /// Home was not found although the search has covered this distance, [`Switches::search_limit`], counts \[OURS].
     #[error("home was not found within {0} counts; check the switches")]
     TooFar(u64),
     /// The shaft was moving when the run was started.
@@ -96,7 +96,7 @@ pub struct HomePosition {
 pub struct Shaft {
     /// Position of the shaft, counts.
     pub position: i64,
-    /// Whether the shaft or its demand moves.
+    /// Whether the shaft or the position demand of the axis moves.
     pub moves: bool,
 }
 
@@ -142,7 +142,7 @@ impl Homing {
         }
     }
 
-    /// Handles the controlword while the drive is in Operation enabled.
+    /// Handles the controlword while the drive is in Operation enabled: starts or interrupts a run by bit 4, halts it by bit 8.
     pub fn command(&mut self, word: Controlword, shaft: Shaft, settings: &HomingSettings, switches: &Switches) {
         let was_set = std::mem::replace(&mut self.start_bit, starts(word));
         self.halted = word.0 & Controlword::HALT != 0;
@@ -160,8 +160,8 @@ impl Homing {
         }
     }
 
-    /// The count to which the shaft has to run back, and its maximum speed, counts/s; `None` if the shaft is not to run
-    /// back now.
+    /// The count to which the shaft has to run back, and its maximum speed, counts/s. `None` unless home was found and the
+    /// shaft is not there yet, and during a halt.
     pub fn destination(&self) -> Option<(i64, f64)> {
         match self.phase {
             Phase::Returning(at) if !self.halted => Some((at, self.settings.zero_speed.into())),
@@ -184,7 +184,7 @@ impl Homing {
         }
     }
 
-    /// The maximum acceleration of the motion, counts/s² (0x609A).
+    /// The maximum acceleration of the search and of the return to home, counts/s² (0x609A).
     pub fn acceleration(&self) -> f64 {
         self.settings.acceleration.into()
     }
@@ -199,8 +199,8 @@ impl Homing {
         self.halted.then_some(self.settings.halt_option)
     }
 
-    /// Evaluates the switches and the index pulse between the counts `from` and `to` that the shaft has moved through.
-    /// Meanwhile the demand has moved by `way` counts.
+    /// Evaluates the switches and the index pulse between the counts `from` and `to` that the shaft has moved through. `way` is
+    /// the distance of the position demand in the same time, counts, which counts toward the limit of the search.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) {
         let Phase::Searching(run) = &mut self.phase else { return };
         match run.pass(from, to, way, switches) {

@@ -4,14 +4,15 @@
 //! exchanged, so that every run starts to the right if its switch is inactive.
 //!
 //! **Speeds** \[OURS]. A run uses the switch speed (0x6099:1) until the switch has been active and the shaft moves in the
-//! direction in which the edge counts. From then on, and while searching for the index pulse, it uses the zero speed
-//! (0x6099:2). A run that reaches the edge on its first leg, from outside the switch, uses the switch speed up to the edge.
+//! direction in which it has to cross the edge for home. From then on, and while searching for the index pulse, it uses the
+//! zero speed (0x6099:2). A run that starts where the switch is inactive and reaches the edge without reversing uses the switch
+//! speed up to the edge.
 
 use super::method::{Direction, Edge, Method, SearchPlan};
 use super::{HomingError, HomingSettings, Shaft};
 use crate::slave::switches::{Inputs, Switches};
 
-/// The present target of the search.
+/// What the search looks for at present: an edge of a switch, or the index pulse.
 #[derive(Clone, Copy, Debug)]
 enum Sought {
     Edge(Edge),
@@ -23,16 +24,17 @@ enum Sought {
 pub struct Run {
     method: Method,
     sought: Sought,
-    /// Whether the positive limit switch will reverse the run. It does so only once.
+    /// Whether the positive limit switch still reverses the run; it does so only once.
     limit_reverses: bool,
     heading: Direction,
-    /// Whether the run has not reversed yet and began where the switch is inactive.
+    /// Whether the run began where the switch is inactive and has not reversed yet. The first leg uses the switch speed up to
+    /// the edge.
     on_first_leg: bool,
     /// Whether the switch has been active during the run.
     switch_seen: bool,
-    /// The states of the switches at the last position, in the orientation of the plan.
+    /// The states of the switches at the count that was evaluated last, in the orientation of the plan.
     inputs: Inputs,
-    /// The distance of the demand since the start, counts.
+    /// The distance that the position demand has covered since the start of the run, counts, for the limit of the search.
     distance: f64,
 }
 
@@ -40,7 +42,8 @@ impl Run {
     /// Starts a run; `None` if home is the present position.
     ///
     /// # Errors
-    /// The reason why the run cannot start; the shaft does not move then.
+    /// An unsupported method, a moving shaft, an input that is not wired, a speed or acceleration of 0, or an active limit
+    /// switch that the search cannot leave. The shaft does not move then.
     pub fn start(settings: &HomingSettings, shaft: Shaft, switches: &Switches) -> Result<Option<Self>, HomingError> {
         let code = settings.method;
         let method = Method::from_code(code).ok_or(HomingError::UnsupportedMethod(code))?;
@@ -71,7 +74,8 @@ impl Run {
         if inputs.has_both_limits() {
             return Err(HomingError::BothLimits);
         }
-        // [OURS] A run that starts on a limit switch that would reverse it starts in the reverse direction.
+        // [OURS] If the positive limit switch is active at the start, and the plan of the method reverses the search at this
+        // switch, the run starts in the negative direction: in the other one the travel ends.
         if run.heading == Direction::Positive && inputs.has(Direction::Positive.limit()) && run.limit_reverses {
             run.reverse_at_limit();
         }
@@ -107,7 +111,7 @@ impl Run {
     /// Returns the count of home if home was found.
     ///
     /// # Errors
-    /// The reason why the run ends without home.
+    /// The run ends without home, because of a limit switch that the method does not use, both limit switches, or the distance.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let is_new = as_planned(self.method, switches.read(from)) != self.inputs;
         let is_met = is_new || matches!(self.sought, Sought::Index) || switches.change_between(from, to);
@@ -125,7 +129,8 @@ impl Run {
     /// the count of home if home was found.
     fn scan_path(&mut self, from: i64, to: i64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let mirrored = self.method.mirrored;
-        // An input may change while the shaft is at standstill. This counts as a motion in the direction of the run.
+        // An input may change while the shaft is at standstill, for example by a fault. An edge needs a direction: the
+        // direction of the run.
         let moving = match to.cmp(&from) {
             std::cmp::Ordering::Less => Direction::Negative.mirrored_if(mirrored),
             std::cmp::Ordering::Equal => self.heading,
@@ -158,11 +163,12 @@ impl Run {
                 let rises = now.has(edge.switch);
                 self.switch_seen |= rises;
                 match (moving == edge.moving, rises == edge.rises) {
-                    // While the shaft brakes in order to reverse, it crosses the edge before the run looks for it.
+                    // The run has reversed already, and the shaft still brakes in the old direction. An edge that it crosses
+                    // meanwhile is not home, because the run now seeks home in the new direction.
                     (true, true) if self.heading != moving => {}
                     (true, true) if self.method.index => self.sought = Sought::Index,
                     (true, true) => return Ok(true),
-                    // The shaft has reached the edge from the other side.
+                    // The shaft has crossed the edge against the direction that counts: reverse, to cross it in that direction.
                     (false, false) => self.reverse(edge.moving),
                     _ => {}
                 }
@@ -178,7 +184,8 @@ impl Run {
         Ok(false)
     }
 
-    /// Handles the limit switch at one end of the travel when it becomes active.
+    /// Handles the limit switch at one end of the travel when it becomes active. The run goes on if it searches for this
+    /// switch, reverses if the plan of its method says so, and otherwise ends with an error.
     fn limit_reached(&mut self, end: Direction) -> Result<(), HomingError> {
         let Sought::Edge(edge) = self.sought else { return Err(self.wrong_limit(end)) };
         let turns =
@@ -193,7 +200,7 @@ impl Run {
         Ok(())
     }
 
-    /// Checks that the run does not continue towards an active limit switch, unless it searches for that switch.
+    /// Returns an error if the run would continue towards an active limit switch, unless it searches for that switch.
     fn check_limit_ahead(&self) -> Result<(), HomingError> {
         let sought = matches!(self.sought, Sought::Edge(edge) if edge.switch == self.heading.limit());
         if self.inputs.has(self.heading.limit()) && !sought {

@@ -36,9 +36,8 @@ const SUPPORTED_MODES: i64 = 1 << 5 | 1 << 7 | 1 << 8;
 
 const AXES: [AxisSlots; AXES_MAX] = [AxisSlots::of::<_, 0>(OBJECTS), AxisSlots::of::<_, 1>(OBJECTS)];
 
-/// The default values of the table, and \[OURS] those that depend on the maximum pulse rate: from that rate a channel
-/// brakes in 0.1 s, and with a quick stop in 0.01 s. Homing searches for a switch at two turns/s and for zero at 0.2
-/// turns/s.
+/// The default values of all objects. \[OURS] Some depend on the maximum pulse rate: a channel brakes from that rate to 0 in
+/// 0.1 s, and with a quick stop in 0.01 s. Homing searches for a switch at two turns/s and for zero at 0.2 turns/s.
 pub(super) fn defaults(train: &PulseTrain, pulses_per_turn: u32) -> Values {
     let mut values = Values::new(OBJECTS);
     let turn = pulses_per_turn.max(5);
@@ -53,7 +52,7 @@ pub(super) fn defaults(train: &PulseTrain, pulses_per_turn: u32) -> Values {
     values
 }
 
-/// The settings of a channel's axis, from the stored values.
+/// The settings of a channel's axis, such as limits and ramps, from the values of the objects.
 pub(super) fn settings(values: &Values, channel: usize) -> Settings {
     AXES[channel].settings(values)
 }
@@ -73,9 +72,9 @@ const PARTS: [&[Row]; 7] = [
     &channel::<1>(),
 ];
 
-/// The PDOs at power-on. \[OURS] The PDOs of the second axis are 16 higher, as in ETG.6010. The PDOs for CSP are assigned.
-/// Some PDOs are empty, for masters that map objects into other PDOs than the first ones. Only the low 16 bits of the
-/// digital inputs and outputs are used.
+/// The PDOs at power-on. \[OURS] The indices of the second axis's PDOs are 16 higher than those of the first one, as in
+/// ETG.6010. The PDOs for CSP are assigned. Some PDOs are empty, for masters that map objects into other PDOs than the first
+/// ones. Only the low 16 bits of the digital inputs and outputs are used.
 pub(super) const PDOS: &[Pdo<Hsp>] = &[
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020, 0x60FE_0120]),
     rx_pdo!(OBJECTS, 0x1601, false, [0x6040_0010, 0x60FF_0020, 0x60FE_0120]),
@@ -107,7 +106,7 @@ fn has<const N: usize>(hsp: &Hsp) -> bool {
     hsp.axes.len() > N
 }
 
-/// The objects of channel `N` (from 0) in which a pulse module differs from other CiA 402 axes.
+/// The objects of channel `N` (from 0) that a pulse module has in addition to those of every CiA 402 axis.
 const fn channel<const N: usize>() -> [Row; 6] {
     only_if(
         has::<N>,

@@ -15,7 +15,7 @@ pub const MANUFACTURER_FILE_BYTES_MAX: u64 = 4 << 20;
 /// The syntax of a line, for error messages.
 const FORM: &str = "a line is INDEX:SUB TYPE ACCESS VALUE NAME, e.g. `0x2101:1 u16 rw 0x0010 Motor code`";
 
-/// The maximum length of a value in the form of a number, bytes; a longer one is written in quotes.
+/// The maximum length of a value that is written as a number, bytes; a longer value is written in quotes.
 const NUMBER_BYTES_MAX: usize = size_of::<u64>();
 
 /// Why a text is not a valid list of objects.
@@ -45,7 +45,7 @@ impl ManufacturerObjects {
     /// `#` at the beginning of a line begins a comment. Each address may appear only once.
     ///
     /// # Errors
-    /// [`FormatError`], with the line number.
+    /// [`FormatError`] for the first line that does not have this form or repeats an address.
     pub fn parse(text: &str) -> Result<Self, FormatError> {
         let mut objects = Vec::new();
         let mut lines = std::collections::HashMap::new();
@@ -116,7 +116,8 @@ fn number(data: ManufacturerType, value: &str) -> Result<ManufacturerValue, Stri
             data.word()
         )
     })?;
-    // A number has no leading zeros, so the length of a text is given by its last non-zero byte.
+    // The value of a `text` or `any` object as a number, `0x4241` for "AB": the bytes in SDO order, the lowest first. Its
+    // length is that up to the highest byte that is not 0.
     let significant = significant_bytes(bits);
     let bytes = match (data, data.bytes()) {
         (_, Some(bytes)) => bytes.into(),
@@ -126,7 +127,7 @@ fn number(data: ManufacturerType, value: &str) -> Result<ManufacturerValue, Stri
     Ok(ManufacturerValue::of_bits(bits, bytes))
 }
 
-/// The length of a number without leading zeros, bytes.
+/// The number of bytes of a number up to its highest byte that is not 0.
 const fn significant_bytes(bits: u64) -> usize {
     NUMBER_BYTES_MAX - bits.leading_zeros() as usize / 8
 }
@@ -180,7 +181,8 @@ impl fmt::Display for ManufacturerObject {
             write!(f, "{mapping} ")?;
         }
         let bytes = self.value.bytes();
-        // A number does not say how many zero bytes stand at the end of a value without a fixed size.
+        // Leading zeros of a number are not kept, so a value without a fixed size that ends with zero bytes is written in
+        // quotes.
         let is_number = match self.data {
             ManufacturerType::Text => bytes.len() <= NUMBER_BYTES_MAX && bytes.last() != Some(&0),
             ManufacturerType::Any => bytes.len() == significant_bytes(self.value.bits()).max(super::ANY_BYTES_MIN),
@@ -211,7 +213,7 @@ fn write_quoted(f: &mut fmt::Formatter<'_>, bytes: &[u8]) -> fmt::Result {
     f.write_char('"')
 }
 
-/// Splits off the first word of a line.
+/// Splits a line behind its first word, at white space. Returns the word and the rest.
 fn word(text: &str) -> (&str, &str) {
     let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     (word, rest.trim_start())
@@ -225,7 +227,8 @@ fn whole(text: &str) -> Option<u64> {
     u64::from_str_radix(digits, radix).ok().filter(|_| plain)
 }
 
-/// Parses a value into the bytes of an SDO; `None` if the text is not a value of this data type.
+/// Parses a value; the result has the bytes of the SDO value, the first one lowest. `None` if the text is not a value of this
+/// data type.
 fn bits(data: ManufacturerType, value: &str) -> Option<u64> {
     let width = u32::from(data.bytes().unwrap_or(8)) * 8;
     let mask = u64::MAX >> (64 - width);

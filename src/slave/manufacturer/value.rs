@@ -9,7 +9,7 @@ const SHORT: usize = size_of::<u64>();
 #[derive(Clone, Debug)]
 pub struct ManufacturerValue(Bytes);
 
-/// The storage of a value. At most 8 bytes are stored inline, so that a transfer in a cycle does not allocate.
+/// The storage of a value. At most 8 bytes are stored inline, so that neither process data nor a short SDO allocates.
 #[derive(Clone, Debug)]
 enum Bytes {
     Short { len: u8, bytes: [u8; SHORT] },

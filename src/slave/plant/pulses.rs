@@ -58,7 +58,7 @@ impl Pulses {
         self.velocity
     }
 
-    /// Whether the rate was limited in the last period.
+    /// Whether the maximum rate or the drive's limit reduced the rate in the last period.
     pub const fn is_limited(&self) -> bool {
         self.limited
     }
@@ -77,7 +77,7 @@ impl Pulses {
         let (asked, by, velocity) = match setpoint {
             Setpoint::Coast | Setpoint::Torque(_) => (0.0, 0.0, 0.0),
             Setpoint::Position { from, fraction, by } => {
-                // Both values are close to each other, so the difference is exact.
+                // `from` and the position are close to each other, so `f64` holds their difference exactly.
                 let way = (from.wrapping_sub(self.whole) as f64 + (fraction - self.fraction)) + by;
                 let given = clamp_to(way, self.limit * seconds);
                 (way, given, given / seconds)

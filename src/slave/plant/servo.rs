@@ -19,8 +19,9 @@ use crate::ethercat::Ns;
 /// \[OURS] The maximum length of a sub-step, ns: the cascade runs at 4 kHz at least, as in a small servo drive.
 pub const SUBSTEP_MAX_NS: Ns = 250_000;
 
-/// \[OURS] The speed below which the drive gradually reduces its compensation of dry friction, counts/s. Otherwise it would
-/// push a shaft that has stopped at its target.
+/// \[OURS] The drive adds a torque in the direction of the demanded speed that compensates dry friction. Below this demanded
+/// speed, counts/s, it is proportional to the speed: the full torque at any speed would push a shaft that has stopped at its
+/// target.
 const FRICTION_FADE: f64 = 10.0;
 
 /// \[OURS] The speed below which a shaft counts as at standstill, counts/s.
@@ -71,8 +72,8 @@ impl Default for Motor {
 }
 
 impl Motor {
-    /// \[OURS] A closed-loop NEMA 23 stepper with an encoder of 10000 counts per turn, a load of twice its own inertia, 2 N
-    /// m rated torque, which is also the maximum, and 3000 rpm.
+    /// \[OURS] A closed-loop NEMA 23 stepper with an encoder of 10000 counts per turn and a load of twice its own inertia. Its
+    /// rated torque of 2 N m is also its maximum; its maximum speed is 3000 rpm.
     pub const fn stepper() -> Self {
         Self {
             counts_per_turn: 10_000,
@@ -88,37 +89,41 @@ impl Motor {
     }
 }
 
-/// Precomputed constants for a period of time. They are reused while the length of the periods stays the same.
+/// Constants that a setpoint period needs (one call of [`Servo::run`]). They are computed again only if the length of the
+/// period or a limit changes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Span {
     ns: Ns,
     substeps: u32,
     /// The length of a sub-step, seconds.
     substep_s: f64,
-    /// 1 / number of sub-steps.
+    /// 1 / number of sub-steps: the share of the setpoint's motion in one sub-step.
     share: f64,
     /// 1 / length of the period, 1/s.
     rate: f64,
-    /// Gain of the velocity loop for the actual speed, per sub-step.
+    /// Gain of the velocity loop for the actual speed: the change of speed in a sub-step, counts/s, for each count/s of actual
+    /// speed.
     gain: f64,
-    /// Gain of the velocity loop for the demanded speed, per sub-step. It includes the compensation of viscous friction.
+    /// Gain of the velocity loop for the demanded speed: the change of speed in a sub-step, counts/s, for each count/s of
+    /// demanded speed. It is larger than `gain`, because it includes the compensation of viscous friction.
     gain_wanted: f64,
-    /// The maximum change of speed in a sub-step at the torque limit, counts/s.
+    /// The torque limit, as the maximum change of speed in a sub-step, counts/s.
     torque: f64,
     /// The change of speed in a sub-step due to dry friction, counts/s.
     friction: f64,
-    /// Gain of the compensation of dry friction for the demanded speed; the result is limited to `friction`.
+    /// Gain of the compensation of dry friction: the change of speed in a sub-step, counts/s, for each count/s of demanded
+    /// speed. The result is limited to `friction`.
     friction_wanted: f64,
     /// The fraction of the speed that remains after viscous friction has acted for a sub-step.
     decay: f64,
-    /// The torque, as a fraction of the rated torque, per change of speed in a sub-step.
+    /// The torque, as a fraction of the rated torque, that changes the speed by 1 count/s in one sub-step.
     torque_per_change: f64,
 }
 
-/// The position setpoint of a motor for a period of time.
+/// The position setpoint of a motor for one period.
 #[derive(Clone, Copy, Debug, Default)]
 struct Way {
-    /// The position at the start, counts relative to the whole part of the shaft's position.
+    /// The position at the start of the period, counts relative to the whole part of the shaft's position at that time.
     start: f64,
     /// The distance in the period, counts.
     by: f64,
@@ -139,7 +144,7 @@ pub struct Servo {
     /// The lowest and the highest count that the shaft can reach.
     stops: (i64, i64),
     span: Span,
-    /// The setpoint that [`Self::aim_at`] has set.
+    /// The setpoint of the present period, see [`Self::aim_at`].
     way: Way,
     acceleration: f64,
     peak_torque: f64,
@@ -179,7 +184,7 @@ impl Servo {
     }
 
     /// Sets the mechanical end stops: the lowest and the highest count that the shaft can reach. The shaft stops there
-    /// immediately.
+    /// immediately. `None`: there are no end stops.
     pub fn set_stops(&mut self, stops: Option<(i64, i64)>) {
         self.stops = stops.unwrap_or(NO_STOPS);
     }
@@ -222,7 +227,7 @@ impl Servo {
         self.torque
     }
 
-    /// Whether torque or speed was limited at the end of the last period.
+    /// Whether torque or speed was limited in the last sub-step of the last period.
     pub const fn is_limited(&self) -> bool {
         self.limited
     }
@@ -237,8 +242,8 @@ impl Servo {
         self.torque_limit * self.acceleration
     }
 
-    /// Sets the position setpoint for the next period if the motor is [run with others](follow_side_by_side); see
-    /// [`Setpoint::Position`].
+    /// Sets the position setpoint, see [`Setpoint::Position`], for a motor that [`follow_side_by_side`] runs in the next
+    /// period.
     #[inline]
     pub const fn aim_at(&mut self, from: i64, fraction: f64, by: f64) {
         self.way = self.way_of(from, fraction, by);
@@ -246,11 +251,12 @@ impl Servo {
 
     #[inline]
     const fn way_of(&self, from: i64, fraction: f64, by: f64) -> Way {
-        // Both positions are close to each other, so the difference is exact.
+        // `from` and the position are close to each other, so `f64` holds their difference exactly.
         Way { start: from.wrapping_sub(self.whole) as f64 + fraction, by }
     }
 
-    /// Runs the motor for `ns` with a setpoint. The fraction stays precise for periods of up to tens of milliseconds.
+    /// Runs the motor for `ns` with a setpoint. In a period of more than some tens of milliseconds the fraction of a count
+    /// loses precision, because the whole distance is added to it before whole counts are carried.
     pub fn run(&mut self, setpoint: Setpoint, ns: Ns) {
         if ns == 0 {
             return;
@@ -277,7 +283,8 @@ impl Servo {
         }
     }
 
-    /// Ends a period: carries whole counts from the fraction, and stops the shaft at an end stop.
+    /// Ends a period: moves whole counts from the fraction to the whole part of the position, and stops the shaft at an end
+    /// stop.
     #[inline]
     fn settle(&mut self) {
         carry(&mut self.whole, &mut self.fraction);
@@ -334,7 +341,8 @@ impl Servo {
             wanted = feed_forward + self.position_gain * (demand - self.fraction);
             asked = self.change_for(span, clamp_to(wanted, self.velocity_limit));
             if by == 0.0 && self.velocity == 0.0 && clamp_to(asked, span.friction) == asked {
-                // Friction holds the shaft in this sub-step, and therefore in all following ones too.
+                // The setpoint and the shaft are at standstill, and the demanded torque is below dry friction: friction holds
+                // the shaft. Nothing changes in the following sub-steps, so it holds the shaft there too.
                 break;
             }
             self.substep(span, clamp_to(asked, span.torque));
@@ -383,8 +391,8 @@ impl Servo {
         self.fraction += self.velocity * span.substep_s;
     }
 
-    /// Stores the torque of the last sub-step, and whether torque or speed was limited. `change_max` and
-    /// `torque_per_change` are those of the period.
+    /// Stores the torque of the last sub-step, and whether torque or speed was limited. `asked` is the change of speed that the
+    /// velocity loop has demanded; `change_max` and `torque_per_change` are constants of the period, see [`Span`].
     #[inline]
     fn finish_span(&mut self, (change_max, torque_per_change): (f64, f64), asked: f64, speed_limited: bool) {
         let given = clamp_to(asked, change_max);

@@ -14,11 +14,12 @@ use crate::slave::dictionary::{
     number_of, put_first,
 };
 
-/// The maximum number of entries of a PDO \[OURS].
+/// The maximum number of entries of a PDO of most kinds of device \[OURS], see [`MappingLimits`].
 pub const ENTRIES_MAX: usize = 16;
-/// The capacity for the entries of a PDO, for any kind of device.
+/// The capacity of a list of entries or of assigned PDOs, items: the largest value of [`MappingLimits::entries`], that of the
+/// DP3CL.
 const ITEMS_ROOM: usize = 24;
-/// The maximum number of assigned PDOs per direction \[OURS].
+/// The maximum number of assigned PDOs per direction of most kinds of device \[OURS], see [`MappingLimits`].
 pub const PDOS_MAX: usize = 8;
 /// The maximum number of process data bytes per direction \[OURS].
 pub const IMAGE_BYTES_MAX: usize = 64;
@@ -26,9 +27,9 @@ pub const IMAGE_BYTES_MAX: usize = 64;
 /// The limits of the PDO mapping of a kind of device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MappingLimits {
-    /// The maximum number of entries of a PDO, at most 24.
+    /// The maximum number of entries of a PDO, at most 24, the capacity of a list.
     pub entries: usize,
-    /// The maximum number of assigned PDOs per direction, at most 24.
+    /// The maximum number of assigned PDOs per direction, at most 24, the capacity of a list.
     pub pdos: usize,
     /// The maximum number of process data bytes per direction, at most [`IMAGE_BYTES_MAX`].
     pub image_bytes: usize,
@@ -40,7 +41,7 @@ pub struct MappingLimits {
 }
 
 impl MappingLimits {
-    /// The default limits of a kind of device.
+    /// The limits of most kinds of device.
     pub const USUAL: Self = Self {
         entries: ENTRIES_MAX,
         pdos: PDOS_MAX,
@@ -61,7 +62,8 @@ pub struct Pdo<D> {
     pub entries: &'static [u32],
     /// Whether the PDO is assigned at power-on.
     pub assigned: bool,
-    /// A function that transfers the whole PDO, used while the PDO has these entries.
+    /// A function that copies the whole PDO, used while the PDO has these entries. If a master has mapped other entries, they
+    /// are copied one by one.
     pub mover: Mover<D>,
 }
 
@@ -97,7 +99,7 @@ const fn direction_of(index: u16) -> PdoDirection {
 pub(in crate::slave) struct MappingList {
     index: u16,
     count: u8,
-    /// The maximum number of items.
+    /// The maximum number of entries of the PDO, or of assigned PDOs.
     items_max: u8,
     items: [u32; ITEMS_ROOM],
 }
@@ -139,7 +141,7 @@ impl MappingList {
         &self.items[..usize::from(self.count).min(ITEMS_ROOM)]
     }
 
-    /// The value at a sub-index, and its size in bytes.
+    /// The value at a sub-index, and its size in bytes; `None` above the maximum number of items.
     fn value(&self, sub: u8) -> Option<(u32, usize)> {
         match sub {
             0 => Some((self.count.into(), 1)),
@@ -228,7 +230,8 @@ impl Mapping {
         pdos.map(|pdo| (pdo.index, pdo.items()))
     }
 
-    /// SDO upload, as [`dictionary::read`](crate::slave::dictionary::read).
+    /// SDO upload of a mapping or assignment object, with the parameters and the result of
+    /// [`dictionary::read`](crate::slave::dictionary::read).
     pub(in crate::slave) fn read(
         &self,
         at: ObjectAddress,
@@ -297,7 +300,7 @@ impl Mapping {
             }
             SdoScope::Complete => {
                 if at.sub != 0 {
-                    // [OURS] Without sub-index 0 the number of items is unknown.
+                    // [OURS] Complete access from sub-index 1 on is refused, because it does not write the count, sub-index 0.
                     return Err(AbortCode::UNSUPPORTED_ACCESS);
                 }
                 let (count, items) = value.split_at_checked(2).ok_or(AbortCode::LENGTH)?;

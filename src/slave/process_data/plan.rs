@@ -1,4 +1,5 @@
-//! The plan by which a cycle copies process data between a process image and the objects of a device.
+//! The plan of a device's process data: the list of the copies between a process image and the device's objects, made from the
+//! PDO mapping and carried out in each cycle.
 //!
 //! In an image the mapped entries follow each other without gaps other than padding, the lowest bit first; the image is
 //! extended to a whole byte (ETG.1000.6 5.6.7.4.7).
@@ -17,7 +18,7 @@ pub const MAPPED_MAX: usize = 32;
 /// How a cycle copies one object between the process image and the device.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::slave) struct EntryCopy {
-    /// Row and cell of the object in the dictionary, see [`Place`].
+    /// The row of the object in the dictionary's table, and its cell among the stored values, see [`Place`].
     row: u16,
     cell: u16,
     /// The position of the object in the image, bits.
@@ -29,11 +30,11 @@ pub(in crate::slave) struct EntryCopy {
 /// One step of a plan: what it copies.
 enum Step<D> {
     Object(EntryCopy),
-    /// A manufacturer-specific object. `row` and `cell` are the upper and lower 16 bits of its index in
-    /// [`ManufacturerObjects`](crate::slave::ManufacturerObjects).
+    /// A manufacturer-specific object. It has no row in the dictionary's table, so `row` and `cell` hold the upper and the
+    /// lower 16 bits of its index in [`ManufacturerObjects`](crate::slave::ManufacturerObjects) instead.
     Manufacturer(EntryCopy),
-    /// A whole PDO that begins at this byte. Its entries are those of a power-on PDO or of a PDO that masters often map, so
-    /// one function copies it.
+    /// A whole PDO that begins at this byte of the image. Its entries are those of a power-on PDO or of one in
+    /// [`Model::often_mapped`], for which one function copies the whole PDO.
     Inputs(usize, fn(&D, &mut [u8])),
     Outputs(usize, fn(&mut D, &[u8])),
 }
@@ -54,9 +55,9 @@ pub(in crate::slave) struct Plan<D> {
     inputs: usize,
     input_bytes: usize,
     output_bytes: usize,
-    /// Whether some bits of the input image belong to no object.
+    /// Whether some bits of the input image belong to no object. They have to be 0, so the image is cleared first.
     has_padding: bool,
-    /// The functions that copy all inputs (all outputs) at once, if they are a single PDO.
+    /// If all inputs are a single PDO that one function copies, that function; the same for all outputs.
     all_inputs: Option<fn(&D, &mut [u8])>,
     all_outputs: Option<fn(&mut D, &[u8])>,
 }
@@ -100,8 +101,8 @@ enum Entry {
 /// Finds what a mapping entry in a PDO of this direction stands for.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::NOT_MAPPABLE`], also for an entry whose length
-/// differs from that of the object (CiA 301 7.4.9.4).
+/// [`AbortCode::NO_OBJECT`] or [`AbortCode::NO_SUB_INDEX`] if the object does not exist; [`AbortCode::NOT_MAPPABLE`] if it
+/// cannot be mapped in this direction, or if the entry has another length than the object (CiA 301 7.4.9.4).
 fn entry<D: Model>(device: &D, direction: PdoDirection, entry: u32) -> Result<Entry, AbortCode> {
     let (at, bits) = parts(entry);
     if bits == 0 {
@@ -129,7 +130,7 @@ const fn parts(entry: u32) -> (ObjectAddress, u8) {
 /// Checks whether a mapping entry is allowed in a PDO of this direction.
 ///
 /// # Errors
-/// The abort codes of [`entry`].
+/// As [`entry`]: the object does not exist, cannot be mapped in this direction, or has another length.
 pub(in crate::slave) fn may_map<D: Model>(device: &D, direction: PdoDirection, wanted: u32) -> Result<(), AbortCode> {
     entry(device, direction, wanted).map(|_| ())
 }
@@ -179,7 +180,8 @@ impl<D: Model> Plan<D> {
         Ok(())
     }
 
-    /// Adds the steps of one direction; `None` if the mapping is invalid.
+    /// Adds the steps of one direction. Returns the size of that direction's image, with its padding; `None` if the mapping is
+    /// invalid.
     fn add(&mut self, device: &D, direction: PdoDirection, mapping: &Mapping) -> Option<Image> {
         let mut image = Image::default();
         for (index, entries) in mapping.assigned(direction) {
@@ -213,8 +215,8 @@ impl<D: Model> Plan<D> {
     }
 }
 
-/// A single step for a whole PDO, if the PDO has the entries of a power-on PDO or of one that masters often map, and begins
-/// at a byte boundary.
+/// A single step for a whole PDO, if the PDO has the entries of a power-on PDO or of one in [`Model::often_mapped`]. The PDO
+/// has to begin at a byte boundary, because the function of the step copies whole bytes.
 fn whole_pdo<D: Model>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
     let of_power_on = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries);
     let pdo = of_power_on.or_else(|| D::often_mapped().iter().find(|pdo| pdo.entries == entries))?;
@@ -225,7 +227,7 @@ fn whole_pdo<D: Model>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D
     bit.is_multiple_of(8).then_some(step)
 }
 
-/// The layout of one direction's image while its plan is compiled.
+/// The size of one direction's image while its plan is compiled.
 #[derive(Default)]
 struct Image {
     bits: usize,
@@ -233,7 +235,7 @@ struct Image {
     padding: bool,
 }
 
-/// Copies the inputs of the device into an image. An image that is too short is left unchanged.
+/// Copies the inputs of the device into an image. An image that is shorter than the mapped inputs is left unchanged.
 #[inline]
 pub(in crate::slave) fn put_inputs<D: Model>(device: &D, image: &mut [u8]) {
     let plan = &device.base().plan;
@@ -266,7 +268,7 @@ fn put_each_input<D: Model>(device: &D, image: &mut [u8]) {
     }
 }
 
-/// Copies the outputs in an image to the device. An image that is too short is ignored.
+/// Copies the outputs in an image to the device. An image that is shorter than the mapped outputs is ignored.
 #[inline]
 pub(in crate::slave) fn take_outputs<D: Model>(device: &mut D, image: &[u8]) {
     let plan = &device.base().plan;
@@ -300,7 +302,7 @@ fn take_each_output<D: Model>(device: &mut D, image: &[u8]) {
 /// The [`EntryCopy`] for a mapping entry of whole bytes that begins at `bit` of its image, evaluated at compile time.
 ///
 /// # Panics
-/// If there is no such object, or its length differs. In a constant this is a compile-time error.
+/// If there is no such object, or the entry has another length than the object. In a constant this is a compile-time error.
 pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u32) -> EntryCopy {
     let (at, bits) = parts(entry);
     let (mut row, mut cell) = (0, 0);
@@ -313,8 +315,8 @@ pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u
     EntryCopy { row: row as u16, cell, bit: bit as u16, bits }
 }
 
-/// Defines a power-on RxPDO: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, where `true` means that the PDO
-/// is assigned. Its mover is straight-line code, because the compiler knows the objects.
+/// Defines a power-on RxPDO: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, where `true` means that the PDO is
+/// assigned. Its [`Mover`](super::Mover) is straight-line code, because the compiler knows the objects.
 macro_rules! rx_pdo {
     ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
         $crate::slave::process_data::Pdo {
@@ -376,7 +378,7 @@ fn place_of_manufacturer(EntryCopy { row, cell, .. }: EntryCopy) -> usize {
     usize::from(row) << 16 | usize::from(cell)
 }
 
-/// Writes the low bits of a number into an image.
+/// Writes the low bits of a number to the position of an entry in an image.
 #[inline(always)]
 fn put(image: &mut [u8], EntryCopy { bit, bits, .. }: EntryCopy, number: u64) {
     let at = usize::from(bit / 8);

@@ -42,12 +42,13 @@ impl Reader<'_, '_> {
         })
     }
 
-    /// Reads a slave, from 1, and returns it with the index of one of its axes, from 0.
+    /// Reads a slave, from 1, and returns it with the index of one of its axes, from 0. `2.1` names an axis; `2` alone names
+    /// the first one.
     pub(super) fn axis(&mut self) -> Result<(u8, usize), LineError> {
         self.part(SlaveModel::axes, "axis", "a drive")
     }
 
-    /// Reads a slave, from 1, and returns it with the index of one of its motors, from 0.
+    /// Like [`Self::axis`], but only for an axis with a motor that can be jammed: a pulse module has axes and no motors.
     pub(super) fn motor(&mut self) -> Result<(u8, usize), LineError> {
         self.part(SlaveModel::motors, "axis", "a motor")
     }
@@ -57,8 +58,9 @@ impl Reader<'_, '_> {
         self.part(SlaveModel::channels, "channel", "digital inputs")
     }
 
-    /// Reads a slave, from 1, and returns it with the index of one of its axes or channels, from 0. `parts` returns how
-    /// many axes or channels a model has.
+    /// Reads the number of a slave, from 1, with that of one of its axes or channels, such as `2.1`, and returns the latter
+    /// from 0. `parts` returns how many axes or channels a model has; `name` and `has` are for error messages: "axis", and what
+    /// a slave needs to have one.
     fn part(&mut self, parts: fn(SlaveModel) -> usize, name: &str, has: &str) -> Result<(u8, usize), LineError> {
         let word = self.words.need("SLAVE", &self.form)?;
         let (slave, part) = word.text.split_once('.').unwrap_or((word.text, "1"));
@@ -82,8 +84,8 @@ impl Reader<'_, '_> {
         self.one_of("on|off", "value", [("on", true), ("off", false)])
     }
 
-    /// Takes the next word, which must be one of `words`. For error messages, `form` is the placeholder in the syntax and
-    /// `name` describes the value.
+    /// Takes the next word, which must be one of `words`. For error messages, `form` is the placeholder of this operand in the
+    /// syntax of the verb, and `name` describes the value.
     fn one_of<T: Copy, const N: usize>(
         &mut self,
         form: &str,
@@ -95,7 +97,7 @@ impl Reader<'_, '_> {
         found.ok_or_else(|| word.unknown(name, &words.map(|(text, _)| text)))
     }
 
-    /// Reads the bit pattern to which digital inputs are forced.
+    /// Reads the bit pattern to which digital inputs are forced: `inputs BITS`, or `walk TIME`.
     pub(super) fn pattern(&mut self) -> Result<InputPattern, LineError> {
         let word = self.words.need("inputs|walk", &self.form)?;
         match word.text {

@@ -7,7 +7,7 @@ use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
 use crate::slave::cable::{Cable, Noise};
 use crate::slave::{AlStatus, Fault};
 
-/// The effect of a line of a script on the board or a slave. Slaves are numbered from 1.
+/// What a line of a script makes happen to the board or a slave. Slaves are numbered from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ScriptAction {
     /// A fault inside a slave, such as an alarm or a stuck limit switch.
@@ -36,7 +36,7 @@ pub(super) enum ScriptAction {
 }
 
 impl ScriptAction {
-    /// The action that undoes this one. [`ScriptAction::Inputs`] has no such action and is returned unchanged.
+    /// The action that ends this one. [`ScriptAction::Inputs`] never ends by itself and is returned unchanged.
     pub(super) const fn undo(self) -> Self {
         match self {
             Self::Inputs(_) => self,
@@ -77,7 +77,8 @@ impl ScriptAction {
         }
     }
 
-    /// The error code, AL status code or abort code that the action makes the slave report.
+    /// The code that the action makes the slave show or answer: error code, AL status code or abort code. `None` for an action
+    /// without a code.
     fn code(self) -> Option<u32> {
         match self {
             Self::Fault { fault: Fault::Alarm { fault, .. }, .. } => Some(fault.code.into()),
@@ -113,7 +114,7 @@ impl ScriptAction {
     }
 }
 
-/// The moment from which the times of lines count.
+/// The moment from which the times of a script's lines count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScriptOrigin {
     /// The start of the script: the opening of the link, or the start of the server.
@@ -142,7 +143,8 @@ pub(super) struct Step {
     pub(super) ended: bool,
 }
 
-/// The steps whose times count from the same origin.
+/// The steps of a script whose times count from the same origin. Each origin is reached at its own time, so each has its own
+/// list.
 struct Part {
     steps: Vec<Step>,
     /// The index of the first step that has not been carried out.
@@ -160,7 +162,7 @@ pub struct RunningScript {
 }
 
 impl RunningScript {
-    /// Starts the steps, which are sorted by time. `zero` is the current time.
+    /// Starts the steps, which are sorted by time. The times of [`ScriptOrigin::Start`] count from `zero`, the present time.
     pub(super) fn new(steps: &[Step], network: Cable, board: BoardHandle, zero: Ns) -> Self {
         let parts = ScriptOrigin::ALL.map(|origin| Part {
             steps: steps.iter().filter(|step| step.from == origin).cloned().collect(),
@@ -196,13 +198,13 @@ impl engine::Script for RunningScript {
     }
 }
 
-/// Undoes everything that a script may have done to the network and to the board.
+/// Ends every effect that any script can have on the network and on the board.
 pub(crate) fn undo_all(network: &Cable, board: &BoardHandle) {
     let everywhere =
         [ScriptAction::Cut(None), ScriptAction::Silent(false), ScriptAction::Full(false), ScriptAction::Inputs(0)];
     let of_slave = |slave| {
         [
-            // Ending `Mute` also restores the power of a slave that has lost it.
+            // This also restores the power of a slave that has lost it: such a slave is silent in the same way.
             ScriptAction::Mute { slave, mute: false },
             ScriptAction::Refuse { slave, state: None },
             ScriptAction::SdoDelay { slave, ns: 0 },

@@ -1,5 +1,5 @@
-//! The verbs of a script. One table defines them for the parser and for the text of `ecmsk link help`. A new verb is a new
-//! row, and its action is in `run.rs`. A verb for a malfunction inside a slave makes a [`Fault`].
+//! The verbs of a script. The table `VERBS` defines them for the parser and for the text of `ecmsk link help`. A new verb is a
+//! new element of it, and its action is in `run.rs`. A verb for a fault inside a slave makes a [`Fault`].
 
 use std::num::NonZeroU16;
 
@@ -10,7 +10,7 @@ use crate::address::slaves::SlaveSpec;
 use crate::slave::cable::Noise;
 use crate::slave::{DeviceFault, Fault};
 
-/// A row of the table: one verb.
+/// A verb of scripts, an element of the table [`VERBS`].
 struct Verb {
     name: &'static str,
     /// The syntax of the verb's operands.
@@ -203,7 +203,8 @@ fn form(verb: &Verb) -> String {
     format!("{} {}", verb.name, verb.form).trim_end().to_owned()
 }
 
-/// Adds the steps of one line: none for an empty line, two for a line with `for`, otherwise one.
+/// Adds the steps of one line to `steps`: none for an empty line, two for a line with `for`, otherwise one. A line `from` adds
+/// none and sets the origin for the following lines.
 pub(super) fn parse_line(
     line: u32,
     text: &str,

@@ -26,7 +26,8 @@ impl Word<'_> {
         (self.column, format!("`{}` is {is}; allowed: {allowed}", self.text))
     }
 
-    /// The error for a word that is not allowed here, with a suggestion if one of the known words is similar.
+    /// The error for a word that is not among the `known` ones, with a suggestion if one of them is similar. `what` is the kind
+    /// of word that is expected.
     pub(super) fn unknown(&self, what: &str, known: &[&'static str]) -> LineError {
         let suggestion = suggestion(self.text, known.iter().copied());
         (self.column, format!("`{}` is no {what};{suggestion} allowed: {}", self.text, known.join(", ")))
@@ -54,7 +55,7 @@ impl<'a> Words<'a> {
         Some(word)
     }
 
-    /// Takes the next word; if there is none, the error names the missing operand `what`.
+    /// Takes the next word. If there is none, the error names the missing operand `what` and the syntax `form` of the verb.
     pub(super) fn need(&mut self, what: &str, form: &str) -> Result<Word<'a>, LineError> {
         let end = 1 + self.line.trim_end().chars().count();
         self.next().ok_or_else(|| (end, format!("{what} is missing; allowed: {form}")))
@@ -71,7 +72,7 @@ impl<'a> Words<'a> {
 }
 
 const TIMES: &str = "a time with its unit, such as 2.5s; units: us, ms, s, min, h; at most 1000h";
-/// The units of time. A word is matched by its suffix, so `ms` comes before `s`.
+/// The units of time. A word is matched by its suffix, so `us` and `ms` come before `s`.
 const UNITS: [(&str, Ns); 5] =
     [("us", 1_000), ("ms", 1_000_000), ("min", 60_000_000_000), ("s", 1_000_000_000), ("h", 3_600_000_000_000)];
 /// The longest time in a script, 1000 hours \[OURS].

@@ -3,14 +3,14 @@
 use crate::ethercat::Ns;
 use crate::xf::request::{AdcMode, Analog, DacTrigger};
 
-/// The middle of the ADC's range: the value of a differential input of 0 V.
+/// The middle of the ADC's range of 0 to 4095: the value of a differential input of 0 V.
 const MIDDLE: i32 = 2048;
 
 pub(super) struct AnalogUnit {
     dac: Option<DacTrigger>,
     delay_ns: Ns,
     data: u16,
-    /// A running DAC conversion: its end, and the value that it outputs.
+    /// A running DAC conversion: its end in the chip's time, ns, and the value that it outputs then.
     converting: Option<(Ns, u16)>,
     output: u16,
     start_pin: bool,
@@ -38,7 +38,7 @@ impl AnalogUnit {
         }
     }
 
-    /// Resets the unit as at power-on; the levels at its pins stay.
+    /// Resets DAC and ADC as at power-on; the levels at their pins stay.
     pub const fn reset(&mut self) {
         let (start_pin, inputs) = (self.start_pin, self.inputs);
         *self = Self { start_pin, inputs, ..Self::new() };
@@ -58,7 +58,8 @@ impl AnalogUnit {
         self.delay_ns = Ns::from(units) * 1_000 / 96;
     }
 
-    /// Sets the DAC's value; returns false if the DAC is closed.
+    /// Sets the value for DAC conversions, and converts it at once if new data or the present level of DAC_ST trigger the DAC.
+    /// Returns false if the DAC is closed.
     pub fn set_data(&mut self, now: Ns, value: Analog) -> bool {
         self.data = value.get() as u16;
         if self.dac == Some(DacTrigger::SetData) {
@@ -68,8 +69,8 @@ impl AnalogUnit {
         self.dac.is_some()
     }
 
-    /// Starts a DAC conversion; returns false if the DAC is closed. `[OURS]` If a pin or new data trigger the DAC, this has
-    /// no effect.
+    /// Starts a DAC conversion; returns false if the DAC is closed. `[OURS]` If a pin or new data trigger the DAC, nothing is
+    /// started, and the result is true.
     pub fn start_dac(&mut self, now: Ns) -> bool {
         if self.dac == Some(DacTrigger::StartConv) {
             self.convert(now);
@@ -77,7 +78,7 @@ impl AnalogUnit {
         self.dac.is_some()
     }
 
-    /// Sets the level of the pin DAC_ST.
+    /// Sets the level of the pin DAC_ST, and starts a DAC conversion if this edge or level triggers it.
     pub fn set_start_pin(&mut self, now: Ns, level: bool) {
         let edge = (self.start_pin, level);
         self.start_pin = level;
@@ -89,8 +90,8 @@ impl AnalogUnit {
         self.convert_at_level(now);
     }
 
-    /// Starts a conversion if a level of the pin DAC_ST triggers the DAC and the pin has that level. `[OURS]` New data are
-    /// then output at once.
+    /// Starts a DAC conversion if the pin DAC_ST has the level that triggers the DAC. `[OURS]` As long as the pin has this
+    /// level, each new value is converted at once.
     fn convert_at_level(&mut self, now: Ns) {
         let level = match self.dac {
             Some(DacTrigger::PinLow) => false,
@@ -130,7 +131,7 @@ impl AnalogUnit {
         self.adc.is_some()
     }
 
-    /// Whether a conversion is complete and its value was not read yet.
+    /// Whether an ADC conversion is complete and its value was not read yet.
     pub const fn adc_is_valid(&self) -> bool {
         self.adc_value.is_some()
     }
@@ -147,7 +148,7 @@ impl AnalogUnit {
         self.inputs = [positive.min(4095), negative.min(4095)];
     }
 
-    /// Lets time pass until `now`.
+    /// Ends the conversions that are complete at `now`: the DAC outputs its value, the ADC's value becomes valid.
     pub fn settle(&mut self, now: Ns) {
         if let Some((_, value)) = self.converting.take_if(|(end, _)| *end <= now) {
             self.output = value;
@@ -162,7 +163,8 @@ impl AnalogUnit {
     }
 }
 
-/// The value of two inputs in differential mode. `[OURS]` Half their difference, around the middle of the range.
+/// The value of two inputs in differential mode. `[OURS]` Half their difference, around the middle of the range, so that every
+/// difference is in the range.
 fn differential(positive: i32, negative: i32) -> u16 {
     (MIDDLE + (positive - negative) / 2).clamp(0, 4095) as u16
 }

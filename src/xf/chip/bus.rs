@@ -6,43 +6,46 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::request::{DcTiming, SlaveBits, SlaveNumber, WkcErrorLimit};
 use crate::xf::{EtherCatState, NetworkState};
 
-/// Whether process data travel in LRW before ECAT_INIT_OP or ENABLE_LRW selects it, and always with firmware that has no
-/// such selection. `[OURS]`
+/// `[OURS]` Process data travel in LRW until ECAT_INIT_OP or ENABLE_LRW selects otherwise. Firmware that has no such selection
+/// always uses LRW.
 const LRW_AT_START: bool = true;
 
-/// The data about a slave in the chip's memory.
+/// The state and the clock settings of a slave in the chip's memory, from which the chip answers ECAT_STATE_GET and
+/// ECAT_SLV_INFO_GET.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SlaveMemory {
-    /// The state as ECAT_STATE_GET reports it; [`NetworkState::NONE`] if the slave did not answer.
+    /// The state as ECAT_STATE_GET reports it: 0 before it was read, and only the error bit if the slave did not answer.
     pub state: NetworkState,
     pub al_status: u16,
-    /// The times of the slave's clock, as set by ECAT_DCSYNC or ECAT_INIT_OP.
+    /// The SYNC cycle times and the shift of the slave's clock, as set by ECAT_DCSYNC or ECAT_INIT_OP.
     pub dc: DcTiming,
     /// Whether the last initialisation of the clocks has activated this slave's distributed clock.
     pub dc_active: bool,
 }
 
-/// The lengths of a slave's outputs and inputs that the host has set, in bytes.
+/// The lengths of a slave's process data that the host has set by commands, in bytes. Index 0 is outputs, index 1 is inputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetLengths {
-    /// Lengths set by CONFIG_SM.
+    /// The lengths of outputs and inputs that CONFIG_SM has set; `None` for a direction that it has not set.
     pub of_managers: [Option<u16>; 2],
-    /// Lengths set by DIRECT_ASSIGN.
+    /// The lengths of outputs and inputs that DIRECT_ASSIGN has set; `None` for a direction that it has not set.
     pub assigned: [Option<u16>; 2],
-    /// Whether the lengths of DIRECT_ASSIGN are used.
+    /// Whether DIRECT_ASSIGN has switched its lengths on. Otherwise the slave has those of CONFIG_SM, and without these those
+    /// of its mapping objects.
     pub is_assigned: bool,
 }
 
-/// The network as the chip knows it.
+/// What the chip knows of its network: the slaves with their states as last read, process data, and working counter.
 pub(super) struct KnownNetwork {
     /// Whether ECAT_INIT_OP has succeeded.
     pub initialised: bool,
-    /// Number of slaves found.
+    /// Number of slaves that ECAT_INIT_OP has found.
     pub count: u8,
     pub known: [SlaveMemory; SLAVES_MAX],
     pub places: [ImageRanges; SLAVES_MAX],
     pub lengths: [SetLengths; SLAVES_MAX],
-    /// The slaves whose mailboxes are polled after the next layout of process data.
+    /// The slaves whose mailboxes the host wants polled. The chip takes them over into `polls` after the next layout of process
+    /// data.
     pub wants_polled: SlaveBits,
     /// The slaves whose mailboxes are polled now.
     pub polls: SlaveBits,
@@ -60,7 +63,8 @@ pub(super) struct KnownNetwork {
     /// Number of working counter errors in a row, up to 255.
     pub wkc_errors_in_a_row: u8,
     pub wkc_limit: WkcErrorLimit,
-    /// The time from which on the clocks are stable; `None` if no slave has a clock, or if they are not initialised.
+    /// The time from which on the clocks count as synchronised and the status bit DC_STABLE is set; `None` if no slave has a
+    /// clock, or if they are not initialised.
     pub dc_stable_at: Option<Ns>,
     pub cycle_ns: Ns,
 }
@@ -104,19 +108,19 @@ impl KnownNetwork {
         (count(|place| place.input_bytes > 0), count(|place| place.output_bytes > 0))
     }
 
-    /// Whether any slave was brought to that state or a higher one.
+    /// Whether the host has brought any slave to `state` or to a higher AL state.
     pub fn any_commanded(&self, state: AlState) -> bool {
         self.places().iter().any(|place| place.commanded >= state)
     }
 
-    /// The working counter that a cycle should have. `outputs_from` is the state from which on outputs count.
+    /// The working counter that a cycle should have. Slaves add to it for their outputs from the state `outputs_from` on.
     pub fn expected_working_counter(&self, outputs_from: AlState) -> u16 {
         self.places().iter().map(|place| place.counts(place.commanded, outputs_from)).sum()
     }
 
-    /// Reads a slave's state into the chip's memory. `[OURS]` The error bit is set while the slave is below the state
-    /// to which it was brought, or has refused a change. If the slave left OP by its watchdog and has no register for
-    /// it, the AL status is 0x1B.
+    /// Reads a slave's state and AL status code into the chip's memory. `[OURS]` The error bit is set while the slave is below
+    /// the state to which the chip has brought it, or has refused a change. Slave models have no AL status code: such a slave
+    /// below that state is taken to have left OP by its watchdog, code 0x1B.
     pub fn update(&mut self, network: &impl SlaveNetwork, slave: u8) {
         let (known, place) = (&mut self.known[usize::from(slave)], self.places[usize::from(slave)]);
         let Some(state) = network.state(slave) else {
@@ -138,8 +142,8 @@ impl KnownNetwork {
         SlaveNumber::new(slave).is_some_and(|slave| self.polls.contains(slave))
     }
 
-    /// The lengths of a slave's process data that the host has set; `None` if the slave's mapping objects decide.
-    /// `[OURS]` DIRECT_ASSIGN has priority over CONFIG_SM.
+    /// The lengths of a slave's outputs and inputs that the host has set, in bytes; `None` where the slave's mapping objects
+    /// decide. `[OURS]` DIRECT_ASSIGN has priority over CONFIG_SM.
     pub fn assigned_lengths(&self, slave: u8) -> [Option<u16>; 2] {
         let set = &self.lengths[usize::from(slave)];
         let direction = |n: usize| set.assigned[n].filter(|_| set.is_assigned).or(set.of_managers[n]);
@@ -158,8 +162,8 @@ impl KnownNetwork {
         }
     }
 
-    /// Lays out the process data from the lengths of outputs and inputs of each slave. The process images must have
-    /// room for them.
+    /// Lays out the process data from the lengths of outputs and inputs of each slave. The caller has checked that they fit
+    /// into the process images, [`IMAGE_MAX`] bytes each.
     pub fn lay_out(&mut self, lengths: &[[u16; 2]]) {
         let (mut outputs, mut inputs) = (0, 0);
         for (place, [output_bytes, input_bytes]) in self.places.iter_mut().zip(lengths.iter().copied()) {
@@ -186,7 +190,7 @@ impl KnownNetwork {
         right
     }
 
-    /// Whether there are more errors in a row than the limit allows.
+    /// Whether there are more working counter errors in a row than the host's limit allows.
     pub fn is_over_limit(&self) -> bool {
         self.wkc_limit.most().is_some_and(|most| self.wkc_errors_in_a_row > most)
     }

@@ -1,4 +1,4 @@
-//! The immediate effect of each command. Commands that take time are started here. By subject:
+//! What the chip does when it receives a command. Commands that take time are only started here, as jobs. By subject:
 //!
 //! | file | commands |
 //! | --- | --- |
@@ -24,12 +24,12 @@ use crate::xf::request::{FoeRequest, ReceiveMailbox, Request};
 use crate::xf::response::{Answer, Returned};
 use crate::xf::{CommandCode, Malformed};
 
-/// Commands that need registers, EEPROMs, files or raw mailboxes. A network of slave models has none of these; there
-/// the chip answers such commands with the command error. This includes operations 1 and 2 of FOE_FUNC_REQ, which
-/// transfer files, but not its access to the flash memory, which is the chip's own.
+/// Commands that need registers, EEPROMs or raw mailboxes. A network of slave models has none of these; there the chip answers
+/// such commands with the command error. It does the same for operations 1 and 2 of FOE_FUNC_REQ, which transfer files of
+/// slaves, but not for the other ones, which access the chip's own flash memory.
 ///
-/// On such a network ECAT_INIT_OP stores SYNC1 and the shift but does not use them, nor the reference clock. On no
-/// network does it use the special slaves, which the manuals do not explain.
+/// On such a network ECAT_INIT_OP stores the SYNC1 time and the shift of SYNC0 without using them, and ignores the choice of
+/// the reference clock. Its option for "special slaves", which the manuals do not explain, has no effect on any network.
 pub const NEED_REGISTERS: [CommandCode; 7] = [
     CommandCode::EepromRequest,
     CommandCode::EepromGet,
@@ -45,13 +45,14 @@ pub const NEED_REGISTERS: [CommandCode; 7] = [
 pub(super) struct CommandRefused;
 
 impl From<Malformed> for CommandRefused {
-    /// Refuses a field that the manuals do not allow, or an answer that does not fit into the data segment.
+    /// Refuses a command with a field that the manuals do not allow, or whose answer does not fit into the data segment of the
+    /// packet.
     fn from(_: Malformed) -> Self {
         Self
     }
 }
 
-/// The outcome of a command: the header fields of its answer, whose data are in the segment, or a refusal.
+/// The outcome of a command: the header fields of its answer, or a refusal. The answer's data are in the data segment already.
 pub(super) type CommandOutcome = Result<Returned, CommandRefused>;
 
 /// The outcome of a successful command without a result.
@@ -62,7 +63,7 @@ const fn done_if(done: bool) -> CommandOutcome {
     if done { DONE } else { Err(CommandRefused) }
 }
 
-/// The outcome with this answer, or a refusal if there is none.
+/// Writes the answer of a command into the data segment and returns the outcome; without an answer, the outcome is a refusal.
 fn answered<'a>(answer: Option<impl Answer<'a>>, data: &mut [u8]) -> CommandOutcome {
     Ok(answer.ok_or(CommandRefused)?.encode(data)?)
 }
@@ -154,7 +155,7 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Whether the firmware and the network support this function.
+    /// Whether the chip's firmware and its network support the command, and the function of it that the request selects.
     fn has(&self, request: &Request<'_>) -> bool {
         let needs_registers = match request {
             Request::FoeRequest(FoeRequest::Upload(_) | FoeRequest::Download(_)) => true,

@@ -5,14 +5,14 @@ use super::network::{IMAGE_MAX, ProcessExchange, SlaveNetwork};
 use crate::ethercat::{AlState, Ns};
 use crate::xf::Interrupts;
 
-/// RxPDOs are taken out of the FIFO once any slave is in this state. `[OURS]`
+/// `[OURS]` RxPDOs are taken out of the FIFO once at least one slave, not necessarily all, was brought to this state.
 const RX_FIFO_FROM: AlState = AlState::Op;
-/// Inputs are received once any slave is in this state. `[OURS]`
+/// `[OURS]` Process data are exchanged once any slave was brought to this state.
 const INPUTS_FROM: AlState = AlState::SafeOp;
 
 impl<N: SlaveNetwork> Chip<N> {
-    /// Lets time pass until `now`: EtherCAT cycles with the SYNC0 time of ECAT_INIT_OP, and the ends of commands. A
-    /// time in the past has no effect.
+    /// Lets time pass until `now`, ns since the chip's power-on: EtherCAT cycles with the SYNC0 time of ECAT_INIT_OP, and the
+    /// ends of commands. A time in the past has no effect.
     ///
     /// The call takes as long as all these cycles need: a second with a cycle time of 1 ms is a thousand cycles.
     pub fn run_until(&mut self, now: Ns) {

@@ -2,13 +2,14 @@
 
 use crate::xf::request::{EncoderMode, PeripheralInterrupts};
 
-/// The comparison value of the compare modes. `[OURS]` No command sets it.
+/// The count at which the modes `X2Compare` and `X4Compare` raise their interrupt and the count wraps. `[OURS]` The manuals
+/// have no command that sets this limit, so it is the largest count, which wraps anyway.
 const COMPARE_LIMIT: u32 = u32::MAX;
 
 pub(super) struct Encoder {
     mode: Option<EncoderMode>,
     is_running: bool,
-    /// Position in quarters of a period since the encoder was opened.
+    /// Position since the encoder was opened, in quarters of a period of its signals A and B.
     quarters: i64,
     count: u32,
     pub flags: PeripheralInterrupts,
@@ -35,7 +36,7 @@ impl Encoder {
         self.mode.map(|_| self.count)
     }
 
-    /// Turns the shaft by that many quarters of a period.
+    /// Turns the shaft by that many quarters of a period of the signals A and B.
     pub fn turn(&mut self, quarters: i32) {
         let Some(mode) = self.mode.filter(|_| self.is_running) else { return };
         let per_count = match mode {
@@ -56,7 +57,7 @@ impl Encoder {
         }
     }
 
-    /// Handles the index pulse.
+    /// Handles the index pulse: sets its interrupt flag; the count is kept.
     pub fn index(&mut self) {
         if self.is_running {
             self.flags = self.flags | PeripheralInterrupts::ENCODER_INDEX;

@@ -13,19 +13,19 @@ use crate::xf::{
     Interrupts, MAX_PACKET, Malformed, PacketError, Request, Reserve, Status,
 };
 
-/// Mask of GPIO 0 to 11, which the header drives with every firmware (XF EN 211).
+/// Mask of GPIO 0 to 11, which the header of a command packet drives with every firmware (XF EN 211).
 const HEADER_OUTPUTS: u16 = 0x0FFF;
 
-/// The packet that is sent in the next exchange.
+/// The answer packet that the next exchange sends.
 pub(super) struct Prepared {
     pub bytes: [u8; MAX_PACKET],
-    /// The packet's header, for an exchange in which the chip is not ready.
+    /// The header of the prepared packet, which is also the header of a "not ready" answer.
     pub header: AnswerHeader,
-    /// The packet's length.
+    /// The length of the prepared packet, bytes.
     pub len: usize,
 }
 
-/// An answer whose data are already encoded.
+/// An answer whose return byte and data are encoded already, so that writing the packet only copies them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Encoded<'a> {
     ret: u8,
@@ -43,7 +43,7 @@ impl<'a> Answer<'a> for Encoded<'a> {
     }
 }
 
-/// The answer to a command packet.
+/// The outcome of a command packet: the fields from which the answer packet is built, without the answer's data.
 struct Reply {
     index: u8,
     code: CommandCode,
@@ -52,7 +52,7 @@ struct Reply {
 }
 
 impl Reply {
-    /// `[OURS]` An answer with the NOP flag also repeats index and code.
+    /// An answer without a result, with the NOP flag in its status. `[OURS]` It repeats index and code of the command too.
     const fn nop(header: &CommandHeader) -> Self {
         Self { index: header.index, code: header.code, returned: Returned::NONE, is_nop: true }
     }
@@ -82,7 +82,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.now >= self.ready_at
     }
 
-    /// The length of the packet to send.
+    /// The length of the packet to send. It is that of the prepared answer, whose size may differ after SPI_RECONFIG_OP, or the
+    /// present packet length for "not ready".
     pub(super) const fn outgoing_len(&self, is_ready: bool) -> usize {
         if is_ready { self.prepared.len } else { self.size.packet_len() }
     }
@@ -100,8 +101,8 @@ impl<N: SlaveNetwork> Chip<N> {
 
     /// Processes a command packet and prepares the answer to it.
     pub(super) fn take(&mut self, command: &[u8]) {
-        // The levels are read before the command runs: the answer is sent in the next exchange, so the levels in it lag
-        // two exchanges behind (OBS).
+        // The FIFO levels are read before the command runs, and the answer is sent in the next exchange. So the levels that a
+        // host reads do not yet include the command of the exchange before (OBS).
         let counts = self.fifos.counts();
         let mut data = [0; DataSize::MAX.bytes()];
         let size = self.size;
@@ -119,8 +120,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ready_at = self.now + self.timing.packet_ns;
     }
 
-    /// Parses a command packet. `[OURS]` CRC_TYPE_SET is also accepted with the fixed check word, and the new type
-    /// applies from its answer on.
+    /// Parses a command packet, whose check word has to be of the type that CRC_TYPE_SET has set last. `[OURS]` CRC_TYPE_SET
+    /// itself may also have the fixed check word. The new type applies from its answer on.
     fn parse<'p>(&self, bytes: &'p [u8]) -> Result<CommandPacket<'p>, (PacketError, CommandHeader)> {
         let rule = self.check_rule(self.profile.coverages.commands);
         CommandPacket::parse(bytes, self.size, rule).or_else(|error| {
@@ -156,7 +157,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Runs a valid packet. `[OURS]` For a repeated packet only the header takes effect, without an update of states.
+    /// Runs a valid packet. `[OURS]` A packet with the index and code of the previous one is a repetition: its command is not
+    /// run again, and only its header takes effect, except for a request to update the states.
     fn run_packet(&mut self, packet: &CommandPacket<'_>, data: &mut [u8]) -> Reply {
         let header = &packet.header;
         self.take_header(header);
@@ -185,9 +187,9 @@ impl<N: SlaveNetwork> Chip<N> {
 
     /// Applies a header: clears errors and interrupt flags, and drives GPIOs.
     ///
-    /// `[OURS]` An error can be cleared only after an answer without NOP has shown it. One client sets the bits that
-    /// clear all errors in every packet from the first error on, but looks only at the answers to its commands (OBS).
-    /// Without this rule such a client would never see another error.
+    /// `[OURS]` A bit of the header clears an error only after an answer to a command has shown the error; answers with the NOP
+    /// flag do not count. One client sets all these bits in every packet from the first error on, but looks for errors only in
+    /// the answers to its commands (OBS). If the bits acted earlier, it would never see another error.
     fn take_header(&mut self, header: &CommandHeader) {
         let shown = self.errors.without(self.not_shown);
         self.errors = self.errors.without(Errors(shown.0 & header.control.0 & Control::CLEAR_ALL.0));
@@ -247,7 +249,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.prepare(&Reply::nop(&CommandHeader::default()), (0, 0), &[]);
     }
 
-    /// The levels: bits 0 to 2 of byte 0x09.
+    /// The bits 0 to 2 of byte 0x09, which show present conditions instead of errors: link pin, PHY link, error bit of a slave.
     fn levels(&self) -> Errors {
         let bit = |on, bit| if on { bit } else { Errors::NONE };
         bit(self.network.has_link(), Errors::LINK_PIN)

@@ -1,4 +1,4 @@
-//! The FIFOs of process data: capacity, memory, levels that raise interrupts.
+//! The FIFOs of process data: their capacity and memory, and the fill levels at which they raise interrupts.
 
 use crate::xf::Interrupts;
 use crate::xf::request::{FIFO_ENTRIES, FifoThresholdSet};
@@ -8,7 +8,7 @@ pub const FIFO_MEMORY: usize = 0x4000;
 /// The largest capacity of a FIFO, in entries (OBS).
 pub const FIFO_ENTRIES_MAX: u8 = 128;
 
-/// A ring buffer of entries of equal size.
+/// A ring buffer of entries of equal size in a fixed memory.
 struct Ring {
     memory: Vec<u8>,
     entry_bytes: usize,
@@ -57,13 +57,13 @@ impl Ring {
     }
 }
 
-/// The RxFIFO and the TxFIFO.
+/// The RxFIFO, with outputs that wait for their cycle, and the TxFIFO, with inputs that wait for the host.
 pub(super) struct Fifos {
     rx: Ring,
     tx: Ring,
-    /// The capacity of the RxFIFO in entries, as set by the host.
+    /// The capacity of the RxFIFO in entries that the host has set; it applies when the FIFOs are next built.
     pub rx_entries: u8,
-    /// The capacity of the TxFIFO in entries, as set by the host.
+    /// The capacity of the TxFIFO in entries that the host has set; it applies when the FIFOs are next built.
     pub tx_entries: u8,
     pub thresholds: FifoThresholdSet,
 }
@@ -79,7 +79,7 @@ impl Fifos {
         }
     }
 
-    /// Resets the FIFOs as at power-on, keeping their memory.
+    /// Resets the FIFOs as at power-on: they are empty, without process data. Their memory stays allocated.
     pub fn reset(&mut self) {
         self.build_none();
         (self.rx_entries, self.tx_entries) = (FIFO_ENTRIES, FIFO_ENTRIES);
@@ -91,7 +91,8 @@ impl Fifos {
         self.tx.build(0, 0);
     }
 
-    /// Allocates both FIFOs, empty; returns false, with no capacity, if they exceed the memory.
+    /// Divides the memory between both FIFOs, empty, for PDOs of these lengths. Returns false if they need more than
+    /// [`FIFO_MEMORY`]; then both have no capacity.
     pub fn build(&mut self, rx_bytes: u16, tx_bytes: u16) -> bool {
         let (rx, tx) = (usize::from(self.rx_entries), usize::from(self.tx_entries));
         let fits = rx * usize::from(rx_bytes) + tx * usize::from(tx_bytes) <= FIFO_MEMORY;
@@ -112,18 +113,18 @@ impl Fifos {
         self.tx.clear();
     }
 
-    /// The levels of the RxFIFO and of the TxFIFO, in entries.
+    /// The numbers of entries in the RxFIFO and in the TxFIFO.
     pub const fn counts(&self) -> (u8, u8) {
         (self.rx.len as u8, self.tx.len as u8)
     }
 
-    /// Adds an RxPDO of the host; returns false if the FIFO is full and the RxPDO is lost (XF EN 1262).
+    /// Adds an RxPDO of the host. Returns false if it is lost, because the FIFO is full (XF EN 1262) or the length is wrong.
     pub fn push_rx(&mut self, pdo: &[u8]) -> bool {
         pdo.len() == self.rx.entry_bytes && self.rx.push(pdo)
     }
 
-    /// Takes the RxPDO of a cycle, if there is one, into the beginning of `image`; returns the interrupt that this
-    /// raises.
+    /// Takes the RxPDO of a cycle, if there is one, into the beginning of `image`. Returns the low-level interrupt if the FIFO
+    /// has fallen to its threshold.
     pub fn pop_rx(&mut self, image: &mut [u8]) -> Interrupts {
         let Some(pdo) = self.rx.pop() else { return Interrupts::NONE };
         image[..pdo.len()].copy_from_slice(pdo);
@@ -131,8 +132,8 @@ impl Fifos {
         if falls { Interrupts::RX_FIFO_LOW } else { Interrupts::NONE }
     }
 
-    /// Adds the TxPDO of a cycle; a full FIFO loses its oldest entry (XF EN 1236). Returns the interrupt that this
-    /// raises.
+    /// Adds the TxPDO of a cycle; a full FIFO loses its oldest entry (XF EN 1236). Returns the high-level interrupt if the FIFO
+    /// has risen to its threshold.
     pub fn push_tx(&mut self, pdo: &[u8]) -> Interrupts {
         if self.tx.entries == 0 || pdo.len() != self.tx.entry_bytes {
             return Interrupts::NONE;

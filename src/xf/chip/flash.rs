@@ -1,8 +1,8 @@
-//! The part of the chip's flash memory that is for files, kept in RAM.
+//! The part of the chip's flash memory that holds files for FoE transfers with slaves, kept in RAM.
 
 use crate::xf::request::{FlashAddress, FlashBytes};
 
-/// Size of the memory in bytes (XF EN 1598).
+/// Size of the flash memory for files in bytes (XF EN 1598).
 pub const FLASH_BYTES: usize = FlashAddress::MAX.get() as usize + 1;
 /// The value of an erased byte.
 const ERASED: u8 = 0xFF;
@@ -37,14 +37,14 @@ impl Flash {
         }
     }
 
-    /// Writes the memory. `[OURS]` The chip erases the bytes before it writes them.
+    /// Writes the memory. `[OURS]` The chip erases the bytes first, so the host need not erase them.
     pub fn write(&mut self, start: u32, data: &[u8]) {
         if let Some(place) = self.memory.get_mut(start as usize..start as usize + data.len()) {
             place.copy_from_slice(data);
         }
     }
 
-    /// The bytes that were read last.
+    /// The bytes that were read last; `None` before the first read.
     pub fn result(&self) -> Option<&[u8]> {
         self.len.map(|len| &self.read[..len])
     }

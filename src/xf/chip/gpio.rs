@@ -12,7 +12,7 @@ struct Pin {
     pull: GpioPull,
     trigger: GpioTrigger,
     is_debounced: bool,
-    /// The output value that was set.
+    /// The output value that the host has set.
     output: bool,
     /// The level with which an external signal drives the pin; `None` if nothing drives it.
     wired: Option<bool>,
@@ -47,10 +47,10 @@ impl Pin {
         }
     }
 
-    /// Whether that edge raises the interrupt.
+    /// Whether a rising (`rises`) or falling edge raises the interrupt.
     ///
-    /// `[OURS]` The vendor's driver sends 3, 4 and 5 where the manual has 1 both, 2 falling, 3 rising. In the manual's
-    /// order 4 is falling and 5 is rising. 3 is rising, as in the manual.
+    /// `[OURS]` The manual's codes are 1 both, 2 falling, 3 rising. The vendor's driver sends 3 for both, 4 for falling and 5
+    /// for rising. The model understands 4 and 5 as the driver does, and 3 as the manual does.
     const fn is_triggered(&self, rises: bool) -> bool {
         match self.trigger {
             GpioTrigger::Off => false,
@@ -105,7 +105,7 @@ impl Gpio {
         self.pins[usize::from(channel)].trigger = trigger;
     }
 
-    /// Sets the outputs of the pins in the mask `pins`.
+    /// Sets the outputs of the pins in the mask `pins` to `values`; bit k is GPIO k.
     pub fn set_outputs(&mut self, now: Ns, pins: u32, values: u32) {
         for k in 0..PINS {
             self.change(now, pins & 1 << k, |pin| pin.output = values & 1 << k != 0);
@@ -126,7 +126,7 @@ impl Gpio {
         self.flags &= !pins;
     }
 
-    /// The levels that the chip reads.
+    /// The levels that the chip reads, after debouncing; bit k is GPIO k.
     pub fn values(&self) -> u32 {
         self.pins.iter().enumerate().fold(0, |values, (k, pin)| values | u32::from(pin.level) << k)
     }
@@ -136,7 +136,7 @@ impl Gpio {
         self.pins.get(usize::from(channel)).is_some_and(Pin::level)
     }
 
-    /// Lets time pass until `now`.
+    /// Lets time pass until `now`: debounced inputs take over a level that was constant for long enough.
     pub fn settle(&mut self, now: Ns) {
         for k in 0..PINS {
             let pin = &mut self.pins[k];

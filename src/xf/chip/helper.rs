@@ -1,4 +1,5 @@
-//! The CiA 402 helper: the chip drives the state machines of drives by the low bits of their controlwords.
+//! The CiA 402 helper: in each cycle the chip writes the bits 0 to 3 of the controlwords of axes into the outputs, so that each
+//! drive goes to the state that the host has chosen.
 
 use crate::ethercat::cia402::{Controlword, DriveState, Statusword};
 use crate::xf::chip::network::ImageRanges;
@@ -6,7 +7,8 @@ use crate::xf::request::{HelperConfigSet, HelperControl, HelperControlSet};
 
 /// Number of axes that the chip supports.
 const MOTORS: usize = 128;
-/// For how many cycles the fault reset bit is set, and for how many it is clear before the next reset. `[OURS]`
+/// `[OURS]` For how many cycles the fault reset bit is set. It is then clear for as many cycles, so that the next reset has a
+/// rising edge.
 const RESET_CYCLES: u8 = 8;
 /// Bits 0 to 3 of the controlword, which drive the state machine.
 const STATE_MACHINE_BITS: u16 = 0x0F;
@@ -19,11 +21,12 @@ struct Axis {
     statusword_at: u16,
     control: HelperControl,
     target: DriveState,
-    /// Number of cycles since the axis has been in Fault with a reset selected; 0 otherwise.
+    /// For the timing of the fault reset bit: the number of cycles for which the axis has been in Fault while its control byte
+    /// selects a reset. It begins again at 1 after each reset pulse and the pause that follows it.
     in_fault: u8,
 }
 
-/// The axes of the helper.
+/// The axes of the CiA 402 helper by motor number; `None` for an axis that is not configured.
 pub(super) struct Helper {
     axes: [Option<Axis>; MOTORS],
 }
@@ -50,8 +53,8 @@ impl Helper {
         self.axis_mut(motor).map(|axis| axis.target = target).is_some()
     }
 
-    /// 402_CTL_SET; returns false if the axis is not configured. `[OURS]` The slave in the request is used, the number
-    /// of motors is not.
+    /// 402_CTL_SET; returns false if the axis is not configured. `[OURS]` The axis gets the slave of the request; the number of
+    /// motors in the request is ignored.
     ///
     /// With `defaults` an axis that is not configured is configured, with controlword and statusword at the beginning of
     /// the slave's PDOs (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit").
@@ -74,7 +77,8 @@ impl Helper {
         self.axes[usize::from(motor)].map(|axis| axis.statusword(places, inputs).unwrap_or_default())
     }
 
-    /// Overwrites the controlwords in the outputs of a cycle.
+    /// Overwrites bits 0 to 3 of the controlwords in the outputs of a cycle, and the fault reset bit of axes whose control byte
+    /// selects a reset.
     pub fn drive_state_machines(&mut self, places: &[ImageRanges], outputs: &mut [u8], inputs: &[u8]) {
         for axis in self.axes.iter_mut().flatten().filter(|axis| axis.control.contains(HelperControl::ON)) {
             axis.drive_state_machine(places, outputs, inputs);
@@ -130,7 +134,8 @@ impl Axis {
         if self.in_fault == 2 + RESET_CYCLES {
             self.control = self.control.without(HelperControl::RESET_ONCE);
         }
-        // The bit is clear in the first cycle, so that there is a rising edge whatever its value was before.
+        // In the first cycle in Fault the bit is clear, so that there is a rising edge whatever its value was before. It is set
+        // from the second cycle on.
         (2..2 + RESET_CYCLES).contains(&self.in_fault)
     }
 }

@@ -3,7 +3,7 @@
 use crate::xf::Interrupts;
 use crate::xf::request::{InterruptEnable, PeripheralInterrupts, Polarity};
 
-/// The flags of word 0x10 except those of the encoder, and the enabled interrupts.
+/// The interrupt flags (word 0x10 of an answer's header) except those of the encoder, and which of them are enabled.
 pub(super) struct InterruptUnit {
     flags: Interrupts,
     pub enable: InterruptEnable,
@@ -25,7 +25,8 @@ impl InterruptUnit {
         self.flags = self.flags.with(flags);
     }
 
-    /// Clears flags. The manuals name only bits 31 and 29 for this; `[OURS]` bits 22 to 25 are cleared in the same way.
+    /// Clears flags. The manuals name only bits 31 and 29 as flags that a header clears; `[OURS]` bits 22 to 25 are cleared in
+    /// the same way.
     pub const fn clear(&mut self, flags: Interrupts) {
         self.flags = self.flags.without(flags);
     }
@@ -35,7 +36,7 @@ impl InterruptUnit {
         if encoder == PeripheralInterrupts::NONE { self.flags } else { self.flags | Interrupts::ENCODER }
     }
 
-    /// Whether INT1 is active: a flag is set and enabled (XF EN, figure 8).
+    /// Whether INT1 is active: any interrupt flag, of a GPIO or of the encoder too, is set and enabled (XF EN, figure 8).
     pub const fn is_active(&self, gpio: u32, encoder: PeripheralInterrupts) -> bool {
         let pins_8_to_11 = (gpio >> 8) as u8 & 0x0F;
         let peripherals = (encoder.0 | pins_8_to_11) & self.enable.peripherals.0;

@@ -1,7 +1,8 @@
-//! Commands that take time, as jobs. One job runs at a time, and ends with its effect or with an error.
+//! Commands that take time, as jobs. One job runs at a time; at its end its results are stored, or it reports an error.
 //!
-//! A job starts a [`Procedure`] with its requests to the network. It ends when these are answered and its own duration
-//! has passed. On a network that answers at once, the requests are made at the end of that duration.
+//! A job has one or more parts. A part starts a [`Procedure`] with its requests to the network, and ends when these are
+//! answered and the part's own duration ([`ChipTiming`](super::ChipTiming)) has passed. A network of slave models answers at
+//! once, so there the requests are made at the end of that duration.
 
 mod job;
 mod network;
@@ -23,7 +24,7 @@ pub(super) use requests::Requests;
 /// The sizes of each slave's outputs and inputs, in bytes.
 pub(super) type Lengths = List<[u16; 2], SLAVES_MAX>;
 
-/// A running job.
+/// A running job, with the state of its present part.
 pub(super) struct ActiveJob {
     pub job: Job,
     /// The time at which the job's requests to the network begin.
@@ -59,20 +60,21 @@ impl ActiveJob {
 /// The result of a job's requests to the network.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(super) enum JobResult {
-    /// The job makes no requests to the network.
+    /// The present part of the job makes no requests to the network.
     Nothing,
-    /// The requests could not be made, for example because the state of the network does not allow them.
+    /// The requests could not be made: the network has no link or no slaves, slaves are not in the state that the job needs,
+    /// or the chip refuses the target state.
     Failed,
     /// The network did not answer in time.
     TimedOut,
     Answer(OperationAnswer),
-    /// The sizes of each slave's outputs and inputs, in bytes.
+    /// The sizes of each slave's outputs and inputs, in bytes; or the abort code of the SDO transfer that failed.
     Lengths(Result<Lengths, AbortCode>),
     Pdos(Result<PdoConfig, AbortCode>),
 }
 
-/// The beginning of a part of a job: a procedure that makes requests to the network, or at once the result of a part
-/// without requests.
+/// What starting a part of a job returns: a procedure whose requests the network still has to answer, or the result, if the
+/// part needs no requests or all of them were answered at once.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum PartStart {
     Procedure(Procedure),
@@ -82,9 +84,9 @@ enum PartStart {
 /// The end of a part of a job, and how the job continues.
 pub(super) enum Progress {
     Done,
-    /// Another part follows, whose duration ends at this time.
+    /// Another part follows. It ends at this time at the earliest.
     Next(Ns),
-    /// The part is repeated at this time.
+    /// The same part begins again at this time.
     Again(Ns),
     Failed,
 }
@@ -123,13 +125,13 @@ impl<N: SlaveNetwork> Chip<N> {
         true
     }
 
-    /// Gives up the running job.
+    /// Gives up the running job and the operation that the network is executing for it.
     pub(super) fn drop_job(&mut self) {
         self.job = None;
         self.network.give_up();
     }
 
-    /// The time of the next step of the running job.
+    /// The time of the next step of the running job; `None` if no job is running, or if only an answer continues it.
     pub(super) fn next_job_event(&self) -> Option<Ns> {
         let running = self.job.as_ref()?;
         let work = running.procedure.as_ref().and_then(|_| self.network.next_work());
@@ -139,7 +141,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// The duration of the first part of a job.
+    /// The duration of the first or only part of a job, ns. For ECAT_INIT_OP it includes the wait for the network port; for
+    /// SDO_REQ the timeout of the command limits it.
     fn first_part_ns(&self, job: &Job) -> Ns {
         let timing = &self.timing;
         let count = Ns::from(self.bus.count);
@@ -188,7 +191,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Makes the job's requests to the network when it is time, and returns their result when the job is due.
+    /// Makes the requests of the present part from `begin_at` on. Returns their result once they are answered and the time
+    /// `due` has come.
     fn ask(&mut self, running: &mut ActiveJob) -> RequestProgress {
         if running.result.is_none() && running.procedure.is_none() {
             if self.now < running.begin_at {
@@ -222,7 +226,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.requests.begin(&mut self.network, procedure)
     }
 
-    /// Starts a procedure with a single operation.
+    /// Starts a procedure that makes one request to the network and returns its answer as the result.
     fn ask_for(&mut self, operation: Operation) -> PartStart {
         self.ask_network(|requests| async move { JobResult::Answer(requests.ask(operation).await) })
     }
@@ -297,7 +301,7 @@ impl<N: SlaveNetwork> Chip<N> {
             (Job::Datagram(job), result) => self.end_datagram(job, result),
             (Job::File(job), JobResult::Answer(OperationAnswer::File(result))) => self.end_file(job, result),
             (Job::ReceiveMail { .. }, JobResult::Answer(OperationAnswer::Mail(mail))) => self.end_mail(mail),
-            // Cannot happen: each result comes from the request of its own job.
+            // Cannot happen: each kind of job gets only the kind of answer that its own request has.
             _ => Progress::Failed,
         }
     }
@@ -323,7 +327,7 @@ impl<N: SlaveNetwork> Chip<N> {
     }
 }
 
-/// The progress of a job's requests to the network.
+/// The outcome of `Chip::ask`: the result of the present part of the job, or the need to wait.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum RequestProgress {
     Result(JobResult),

@@ -11,7 +11,7 @@ pub(super) struct Phys {
 }
 
 impl Phys {
-    /// Creates the registers. `[OURS]` All are 0.
+    /// Creates the registers of all PHYs. `[OURS]` They are 0.
     pub const fn new() -> Self {
         Self { registers: [[0; NUMBERS]; NUMBERS] }
     }

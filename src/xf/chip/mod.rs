@@ -1,8 +1,8 @@
-//! A model of the chip, the other end of the wire. A host's packets have the effects and errors that the manuals
-//! describe, on a network of simulated slaves.
+//! A model of the chip, the other end of the SPI or USB connection of a host. A host's packets have the effects and errors that
+//! the manuals describe, on a network of simulated slaves.
 //!
-//! The model is plain data. Time is an argument, in nanoseconds since power-on. The same calls always give the same
-//! bytes; an exchange and a cycle do not allocate.
+//! The model reads no clock and does no I/O. Time is an argument, in nanoseconds since power-on. The same calls always give the
+//! same bytes; an exchange and a cycle do not allocate.
 //!
 //! | file | what it holds |
 //! | --- | --- |
@@ -102,7 +102,7 @@ pub struct Chip<N> {
     profile: Profile,
     timing: ChipTiming,
     network: N,
-    /// The time until which the model has run.
+    /// The time until which the model has run, ns since power-on.
     now: Ns,
     next_cycle: Ns,
     last_cycle: Ns,
@@ -110,16 +110,17 @@ pub struct Chip<N> {
     size: DataSize,
     check: CheckType,
     prepared: Prepared,
-    /// Index and code of the previous packet.
+    /// Index and code of the previous packet: a packet with the same ones is a repetition and is not run again.
     previous: Option<(u8, CommandCode)>,
     /// The time from which on the next packet is accepted.
     ready_at: Ns,
     /// The time from which on the network port is initialised.
     port_ready_at: Ns,
-    /// Whether WARM_RESET has just been received.
+    /// Whether WARM_RESET has just been received: the chip restarts when the packet has been run.
     restarts: bool,
     errors: Errors,
-    /// Errors that no answer to a command has shown yet.
+    /// Errors that no answer to a command has shown yet. The bits of a header that clear errors leave these set, so that a host
+    /// that clears all errors in every packet sees each one.
     not_shown: Errors,
     crc_errors: u8,
     unknown_commands: u64,
@@ -128,14 +129,14 @@ pub struct Chip<N> {
     /// Whether the PHY had a link when the network was initialised.
     phy_link: bool,
     fifos: Fifos,
-    /// Whether RxPDOs are taken out of the RxFIFO, as at power-on (XF EN 674).
+    /// Whether RxPDOs are taken out of the RxFIFO in each cycle; true at power-on (XF EN 674).
     fifo_on: bool,
     helper: Helper,
     job: Option<ActiveJob>,
     sdo: SdoResult,
     results: Results,
     requests: Requests,
-    /// The PDOs that PDO_CONFIG_REQ has read.
+    /// The PDOs that PDO_CONFIG_REQ has read, for PDO_CONFIG_GET; `None` before the first one.
     pdo_config: Option<PdoConfig>,
 
     interrupts: InterruptUnit,
@@ -152,7 +153,7 @@ impl<N: SlaveNetwork> Chip<N> {
         Self::with_timing(profile, ChipTiming::default(), network)
     }
 
-    /// A chip with other durations, powered on at time 0.
+    /// A chip with these durations instead of the default ones, powered on at time 0.
     pub fn with_timing(profile: Profile, timing: ChipTiming, network: N) -> Self {
         let mut chip = Self {
             profile,
@@ -193,14 +194,14 @@ impl<N: SlaveNetwork> Chip<N> {
         chip
     }
 
-    /// Releases the reset line at `now`; the chip then starts.
+    /// Releases the reset line at `now`. The chip then starts as after power-on.
     pub fn reset(&mut self, now: Ns) {
         self.run_until(now);
         self.restart();
     }
 
-    /// Restarts the chip after power-on, the reset line or WARM_RESET. Everything is reset except the pins' external
-    /// signals and the flash memory.
+    /// Restarts the chip after power-on, the reset line or WARM_RESET. Everything is reset except the flash memory and the
+    /// levels with which the outside drives the pins.
     fn restart(&mut self) {
         self.size = self.profile.size;
         self.check = CheckType::Fixed;
@@ -235,12 +236,12 @@ impl<N: SlaveNetwork> Chip<N> {
         self.size
     }
 
-    /// The time until which the chip has run.
+    /// The time until which the chip has run, ns since its power-on.
     pub const fn now(&self) -> Ns {
         self.now
     }
 
-    /// The time from which on the chip accepts the next packet, at which INT0 becomes active.
+    /// The time from which on the chip accepts the next packet, at which INT0 becomes active, ns since power-on.
     pub const fn ready_at(&self) -> Ns {
         self.ready_at
     }
@@ -250,8 +251,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.bus.lrw
     }
 
-    /// The number of commands whose code or function is not in the manuals; each was answered with the command error.
-    /// The vendor's header has more codes than the manuals (OBS).
+    /// The number of commands with a code or a function parameter that is not in the manuals; each was answered with the
+    /// command error. Tests read it. The vendor's header has more codes than the manuals (OBS).
     pub const fn unknown_commands(&self) -> u64 {
         self.unknown_commands
     }
@@ -273,7 +274,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.is_ready() == self.interrupts.enable.polarity.contains(Polarity::INT0_HIGH)
     }
 
-    /// The level of INT1 at `now`. It is active, by default low, while an enabled flag is set.
+    /// The level of INT1 at `now`. It is active, by default low, while any enabled interrupt flag is set.
     pub fn int1(&mut self, now: Ns) -> bool {
         self.run_until(now);
         let is_active = self.interrupts.is_active(self.gpio.flags(), self.encoder.flags);
@@ -291,7 +292,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.gpio.level(channel)
     }
 
-    /// Turns the encoder's shaft by that many quarters of a period; negative values turn it backwards.
+    /// Turns the encoder's shaft by `quarters` quarters of a period of its signals A and B; negative values turn it backwards.
     pub fn turn_encoder(&mut self, quarters: i32) {
         self.encoder.turn(quarters);
     }
@@ -307,7 +308,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.analog.output()
     }
 
-    /// Sets the level of the pin DAC_ST.
+    /// Sets the level of the pin DAC_ST at `now`, which may start a DAC conversion.
     pub fn wire_dac_start(&mut self, now: Ns, level: bool) {
         self.run_until(now);
         self.analog.set_start_pin(self.now, level);

@@ -59,7 +59,7 @@ pub struct ImageRanges {
     pub inputs_at: u16,
     /// Size of the slave's inputs in bytes.
     pub input_bytes: u16,
-    /// The state to which the chip has brought the slave, which may have left it by itself.
+    /// The state to which the chip has brought the slave. The slave may have left that state by itself.
     pub commanded: AlState,
 }
 
@@ -74,9 +74,9 @@ impl ImageRanges {
         self.inputs_at as usize..self.inputs_at as usize + self.input_bytes as usize
     }
 
-    /// The slave's contribution to the working counter in that state: 1 for inputs that are read, 2 for outputs that
-    /// are written. With LRW the slaves themselves count this way (ETG.1000.4 5.4); with LWR and LRD the chip counts
-    /// each slave of the LWR twice (XF EN 434). `outputs_from` is the state from which on outputs count.
+    /// The slave's contribution to the expected working counter in AL state `state`: 1 for inputs that are read, plus 2 for
+    /// outputs that are written, from the state `outputs_from` on. With LRW the slave itself adds these numbers (ETG.1000.4
+    /// 5.4). With LRD and LWR it adds 1 to each, and the chip doubles the working counter of the LWR (XF EN 434).
     pub fn counts(&self, state: AlState, outputs_from: AlState) -> u16 {
         let read = state >= AlState::SafeOp && self.input_bytes > 0;
         let written = state >= outputs_from && self.output_bytes > 0;
@@ -107,7 +107,7 @@ pub struct SlaveSetup {
 /// The process data of a cycle.
 #[derive(Debug)]
 pub struct ProcessExchange<'a> {
-    /// The position of each slave's data, beginning with slave 0.
+    /// The positions of the slaves' data in `outputs` and `inputs`; index n is slave n.
     pub places: &'a [ImageRanges],
     /// The outputs of all slaves.
     pub outputs: &'a [u8],
@@ -120,17 +120,18 @@ pub struct ProcessExchange<'a> {
 /// The network of a chip. Slaves are numbered from 0. A number without a slave behaves like a slave that does not
 /// answer.
 ///
-/// Operations that take time on a wire are started with [`Self::start`] and answered by [`Self::poll`].
+/// Operations are started with [`Self::start`]. If the network has frames they take time, and [`Self::poll`] returns the
+/// answer.
 pub trait SlaveNetwork: Send {
-    /// Whether operations take time. If so they start with the command; otherwise they are executed at the end of the
-    /// command.
+    /// Whether operations take time. If so the chip starts them when it receives the command; otherwise it executes them at
+    /// once when the duration of the command has passed.
     fn takes_time(&self) -> bool;
 
     /// Whether the slaves have registers, EEPROMs, files and mailboxes besides their objects. If not, the chip answers
     /// commands that need them with the command error.
     fn knows_registers(&self) -> bool;
 
-    /// The state from which on outputs count in the working counter. `[OURS]` For slave models it is OP.
+    /// The state from which on slaves add to the working counter for their outputs. `[OURS]` Slave models do it in OP only.
     fn outputs_count_from(&self) -> AlState {
         AlState::Op
     }
@@ -147,28 +148,32 @@ pub trait SlaveNetwork: Send {
     /// The AL state as last read; `None` if the slave does not answer.
     fn state(&self, slave: u8) -> Option<AlState>;
 
-    /// The AL status code that was read with the state; `None` if there is no register for it.
+    /// The AL status code that was read with the state; `None` on a network without registers.
     fn al_status(&self, _slave: u8) -> Option<AlStatus> {
         None
     }
 
-    /// Makes a slave's settings for SafeOP; returns false if the slave does not support such process data.
+    /// Sets up a slave for SafeOP: the lengths of its process data and its SYNC signals. Returns false if the slave does not
+    /// support them; it then stays in PreOP.
     fn set_up(&mut self, slave: u8, setup: &SlaveSetup) -> bool;
 
-    /// Selects the reference clock: that of the first slave with a clock, or the chip's own.
+    /// Selects the reference clock: that of the first slave with a clock (true), or the chip's own (false).
     fn set_reference(&mut self, _is_first_slave: bool) {}
 
-    /// The additional duration of SDO transfers with this slave, for networks whose frames do not take time.
+    /// The time by which a script or test makes SDO transfers with this slave longer, for networks without frames; with frames
+    /// the slave itself delays its answers.
     fn sdo_delay_ns(&self, _slave: u8) -> Ns {
         0
     }
 
-    /// The abort code with which a slave always aborts transfers of SDO_REQ for this object; `None` if it does not.
+    /// The abort code with which a script or test makes the slave abort every SDO_REQ for this object; `None` if the slave is
+    /// not to abort it.
     fn sdo_abort(&self, _slave: u8, _object: ObjectAddress) -> Option<AbortCode> {
         None
     }
 
-    /// Starts an operation and gives up the previous one; returns the answer if it is already there.
+    /// Starts an operation. An operation that is still running is given up and gets no answer. Returns the answer if it is
+    /// already there.
     fn start(&mut self, operation: Operation) -> Option<OperationAnswer>;
 
     /// Returns the answer to the started operation once it is there, and only once.
@@ -176,16 +181,15 @@ pub trait SlaveNetwork: Send {
         None
     }
 
-    /// Gives up the operation that was started.
+    /// Gives up the operation that was started; it gets no answer.
     fn give_up(&mut self) {}
 
-    /// The time at which [`Self::work`] has to be called next for the started operation; `None` for whenever time
-    /// passes.
+    /// The time at which [`Self::work`] has to be called next for the started operation; `None` if it need not be called.
     fn next_work(&self) -> Option<Ns> {
         None
     }
 
-    /// Continues the started operation.
+    /// Continues the started operation at `now`, as far as the frames that have come back allow.
     fn work(&mut self, _now: Ns) {}
 
     /// Exchanges the process data of a cycle; returns the working counter.
@@ -194,12 +198,13 @@ pub trait SlaveNetwork: Send {
     /// Lets `dt_ns` pass in the slaves, until `now`.
     fn pass(&mut self, now: Ns, dt_ns: Ns);
 
-    /// Takes the next emergency that a slave has sent.
+    /// Takes the next emergency that a slave has sent, with the number of the slave, from 0; `None` if there is none.
     fn take_emergency(&mut self) -> Option<(u8, Emergency)> {
         None
     }
 
-    /// Sets whether unsolicited messages of a slave stay in its mailbox until [`Operation::ReceiveMail`].
+    /// Sets whether messages that answer no request of the chip, such as emergencies, stay in a slave's mailbox until
+    /// [`Operation::ReceiveMail`]. Otherwise the chip reads them itself.
     fn keep_mail(&mut self, _slave: u8, _keeps: bool) {}
 
     /// Whether there is a message in a mailbox whose messages are kept for the host, see [`Self::keep_mail`].

@@ -7,16 +7,16 @@ use crate::xf::MAX_PACKET;
 
 /// A chip behind a stream of bytes.
 ///
-/// The chip counts bytes: each n + 32 of them are a packet, wherever the host assumes its beginning. A host that is out
-/// of step sends invalid packets, each of which is a framing error. It finds the beginning of packets again at an end
-/// word followed by a start word in the received bytes.
+/// The chip only counts bytes: each 32 + n of them, where n is the size of the data segment, are a packet, wherever the host
+/// assumes its beginning. A host that is out of step sends invalid packets, each of which is a framing error. The host finds
+/// the beginning of packets again where an end word is followed by a start word in the bytes that it receives.
 pub struct ChipPort<N> {
     chip: Chip<N>,
     /// Number of bytes of the present packet that were transferred.
     at: usize,
-    /// Whether the chip was ready when the present packet began.
+    /// Whether the chip was ready when the present packet began. If not, the packet is lost.
     is_ready: bool,
-    /// The length of the present packet.
+    /// The length of the present packet, bytes.
     len: usize,
     outgoing: [u8; MAX_PACKET],
     incoming: [u8; MAX_PACKET],
@@ -38,8 +38,8 @@ impl<N: SlaveNetwork> ChipPort<N> {
         &mut self.chip
     }
 
-    /// Transfers bytes both ways at `now`: sends `to_chip` and receives the same number into `from_chip`. If their
-    /// lengths differ, the shorter one counts. Returns the number of bytes transferred.
+    /// Transfers bytes both ways at `now`: sends `to_chip` and receives the same number into `from_chip`. If their lengths
+    /// differ, as many bytes as the shorter one has are transferred. Returns that number.
     pub fn transfer(&mut self, now: Ns, to_chip: &[u8], from_chip: &mut [u8]) -> usize {
         self.chip.run_until(now);
         let passing = to_chip.len().min(from_chip.len());

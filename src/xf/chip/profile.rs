@@ -1,4 +1,4 @@
-//! The type of the chip and its firmware, with all differences between them.
+//! The types of chip and firmware that the model can be, with all differences between them.
 
 use crate::xf::request::PdoConfigForm;
 use crate::xf::response::{FirmwareIdentity, Series};
@@ -9,15 +9,15 @@ use crate::xf::{CrcCoverage, CrcCoverages, DataSize};
 pub struct Profile {
     /// The version that FW_VERSION_GET returns.
     pub version: u8,
-    /// The data that newer firmware adds to that answer (XF EN 1285); older firmware has none (XF ZH 1208).
+    /// The data that newer firmware adds to the answer of FW_VERSION_GET (XF EN 1285); older firmware adds none (XF ZH 1208).
     pub identity: Option<FirmwareIdentity>,
     /// The size of the data segment at power-on.
     pub size: DataSize,
     /// Whether the size cannot be changed, as on an ECM-XFU (XF EN 715).
     pub size_is_fixed: bool,
-    /// The coverage of a CRC-32 in each direction.
+    /// Which bytes of a packet the CRC-32 covers, for commands and for answers.
     pub coverages: CrcCoverages,
-    /// The form of PDO_CONFIG_GET's answer, with its number of PDOs.
+    /// The form of PDO_CONFIG_GET's answer: with room for three PDOs or for four.
     pub pdo_config: PdoConfigForm,
 }
 
@@ -25,7 +25,8 @@ impl Profile {
     /// The chip of the manuals' first editions: the data segment has 112 bytes, FW_VERSION_GET has no data, and LRW is
     /// not supported.
     ///
-    /// `[OURS]` Version 0x0E: it has the functions of firmware 9, but drives GPIO 12 to 15 only by command 32.
+    /// `[OURS]` Version 0x0E: newer than 9, so it has the functions that the manuals mark as new in firmware 9; older than
+    /// 0x1E, so GPIO 12 to 15 are driven only by command 32 and not by the header.
     pub const OLD: Self = Self {
         version: 0x0E,
         identity: None,
@@ -38,7 +39,7 @@ impl Profile {
     /// A newer chip: the data segment has 1024 bytes, and firmware 0x22 supports LRW and the reference clock in
     /// ECAT_INIT_OP.
     ///
-    /// `[OURS]` Identification and series are 0, since the manual gives no numbers for them.
+    /// `[OURS]` Identification and series in the answer of FW_VERSION_GET are 0, since the manual gives no numbers for them.
     pub const NEW: Self = Self {
         version: 0x22,
         identity: Some(FirmwareIdentity { extended: 0, series: Series(0), identification: [0; 16] }),
@@ -55,14 +56,15 @@ impl Profile {
         self.version >= 0x22
     }
 
-    /// Whether the CiA 402 helper has defaults, so that 402_CTL_SET works without 402_CONFIG_SET: the vendor's driver
-    /// for the first chips sends none (OBS). `[OURS]` This is firmware before 0x22, since the manual of the newer one
+    /// Whether the CiA 402 helper has defaults, so that 402_CTL_SET works without 402_CONFIG_SET: the vendor's driver for the
+    /// first chips never sends 402_CONFIG_SET (OBS). `[OURS]` This is firmware before 0x22, since the manual of the newer one
     /// demands 402_CONFIG_SET (XF EN 795).
     pub const fn has_helper_defaults(&self) -> bool {
         !self.is_newer()
     }
 
-    /// Whether the header can drive GPIO 12 to 15, with 12 and 13 exchanged: firmware 0x1E and later (XF ZH 246).
+    /// Whether the header of a command packet can drive GPIO 12 to 15 too: firmware 0x1E and later (XF ZH 246). Bit 12 of the
+    /// header is GPIO 13, and bit 13 is GPIO 12.
     pub const fn has_wide_header_outputs(&self) -> bool {
         self.version >= 0x1E
     }

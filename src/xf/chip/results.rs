@@ -5,10 +5,10 @@ use crate::ethercat::coe;
 use crate::xf::request::EMERGENCIES_MAX;
 use crate::xf::response::{Emergencies, Emergency};
 
-/// The result of EEPROM_REQ.
+/// The result of EEPROM_REQ, kept for EEPROM_GET.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EepromResult {
-    /// The error code; 0 for success.
+    /// The error code that EEPROM_GET returns: 0 success, 1 no answer, 2 timeout or busy, 3 command refused.
     pub error: u8,
     data: [u8; 8],
     len: usize,
@@ -50,12 +50,13 @@ pub(super) struct Results {
 pub(super) struct EmergencyList {
     /// The emergencies, the newest one first.
     newest: [Option<Emergency>; EMERGENCIES_MAX],
-    /// The serial number of the newest emergency.
+    /// The running number of the newest emergency.
     running_number: u16,
 }
 
 impl EmergencyList {
-    /// Adds an emergency of a slave. `[OURS]` The first one since the start has the serial number 1; the number wraps.
+    /// Adds an emergency of a slave. `[OURS]` Its running number, which COE_EMERGENCY shows, counts the emergencies since the
+    /// start of the chip from 1 on and wraps.
     pub fn add(&mut self, slave: u8, emergency: coe::Emergency) {
         self.running_number = self.running_number.wrapping_add(1);
         let coe::Emergency { code, register, data } = emergency;
@@ -64,7 +65,8 @@ impl EmergencyList {
         self.newest[0] = Some(Emergency { number: 0, slave, running_number, code, register, data });
     }
 
-    /// The newest emergencies. `[OURS]` The newest one has the number 0, and reading does not remove any.
+    /// The `count` newest emergencies, the newest one first; `None` if `count` is more than [`EMERGENCIES_MAX`]. `[OURS]` The
+    /// number of each is its position in the list, from 0, and reading removes none.
     pub fn list(&self, count: usize) -> Option<Emergencies> {
         let mut places = self.newest;
         for (number, place) in (0..).zip(&mut places) {

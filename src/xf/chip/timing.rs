@@ -2,9 +2,9 @@
 
 use crate::ethercat::{AlState, Ns};
 
-/// The durations of the chip's operations. `[OURS]` The manuals give only one, that a packet is processed in less than
-/// 150 us (XF EN, "ECM-XF Interrupt"). Those of network operations are typical of a small network of servo drives. On a
-/// network with real frames a command takes this long, or longer if its frames need more time.
+/// The durations of the chip's operations. `[OURS]` The manuals give only one of them: a packet is processed in less than 150
+/// us (XF EN, "ECM-XF Interrupt"). All others are assumptions; those of network operations are typical of a small network of
+/// servo drives. On a network with real frames a command takes this long, or longer if its frames need more time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChipTiming {
     /// From power-on or WARM_RESET until packets are accepted. The vendor's driver waits 1 s (OBS).
@@ -15,7 +15,7 @@ pub struct ChipTiming {
     pub packet_ns: Ns,
     /// Duration of ECAT_INIT_OP, for a network of any size.
     pub init_ns: Ns,
-    /// Additional duration of RECONFIG_OP and CONFIG_MAP for each slave.
+    /// Additional duration of ECAT_RECONFIG_OP and CONFIG_MAP for each slave.
     pub slave_ns: Ns,
     /// Duration of ECAT_RECONFIG_OP and CONFIG_MAP, without the addition for each slave.
     pub reconfig_ns: Ns,
@@ -27,13 +27,13 @@ pub struct ChipTiming {
     pub to_op_ns: Ns,
     /// Duration of a change of state to a lower state, or to the present one.
     pub down_ns: Ns,
-    /// Additional duration of a change of state for each slave.
+    /// Additional duration of a change of state for each slave that changes its state.
     pub change_slave_ns: Ns,
     /// Duration of ECAT_STATE_UPDATE.
     pub update_ns: Ns,
     /// Duration of ECAT_INIT_DC_OP and of ECAT_DCSYNC.
     pub dc_ns: Ns,
-    /// Time from the end of an initialisation of the clocks until they are stable.
+    /// Time from the end of an initialisation of the clocks until they are synchronised and the status bit DC_STABLE is set.
     pub dc_settle_ns: Ns,
     /// Duration of an SDO transfer, or of an access to an EEPROM or a mailbox.
     pub sdo_ns: Ns,
@@ -41,7 +41,8 @@ pub struct ChipTiming {
     pub pdo_config_ns: Ns,
     /// Duration of FIFO_INIT.
     pub fifo_init_ns: Ns,
-    /// Duration of an access to the flash memory, and minimum duration of a file transfer.
+    /// Duration of one command that reads or writes the flash memory, whatever its length, and minimum duration of a file
+    /// transfer.
     pub flash_ns: Ns,
     /// Duration of sending a datagram, and of setting a sync manager.
     pub datagram_ns: Ns,
@@ -82,7 +83,8 @@ impl Default for ChipTiming {
 }
 
 impl ChipTiming {
-    /// The duration of one change of state of that many slaves.
+    /// The duration of one step of a change of state in which `slaves` slaves go to the state `to`, ns. If `upwards` is false,
+    /// the duration of a change to a lower state applies, whatever `to` is.
     pub(super) const fn change_ns(&self, to: AlState, upwards: bool, slaves: u8) -> Ns {
         let change = match to {
             _ if !upwards => self.down_ns,

@@ -14,7 +14,7 @@ pub struct Draft<'b> {
 }
 
 impl<'b> Draft<'b> {
-    /// A request with default values. `data` becomes its data segment; the old content is overwritten.
+    /// A request whose fields have their defaults. `data` becomes its data segment; the old content is overwritten.
     ///
     /// If the segment is too short for the layout of the function, [`Self::put`] fails.
     pub fn new(function: &'static FunctionFields, data: &'b mut [u8]) -> Self {
@@ -56,8 +56,8 @@ impl<'b> Draft<'b> {
         counting.map_or(Ok(()), |count| count.put(count.checked(length)?, &mut self.written))
     }
 
-    /// Whether the request uses the field with the value that was set. Some fields are used only by certain operations,
-    /// such as the data of a write; with other operations the request's type ignores them.
+    /// Whether the value that was set in this field is part of the request. Some fields belong only to certain
+    /// operations, such as the data of a write; with another operation the request's type ignores them.
     pub fn keeps(&self, field: &Field) -> bool {
         let mut data = [0; DataSize::MAX.bytes()];
         let Ok((_, arguments)) = self.request().and_then(|request| request.command(&mut data)) else { return false };

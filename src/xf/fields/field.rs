@@ -4,10 +4,10 @@ use crate::xf::layout::{FieldReader, FieldWriter};
 use crate::xf::response::Returned;
 use crate::xf::{Malformed, Reserve, segment};
 
-/// Names of values, or of bits, with their numbers.
+/// Names of values with their numbers, or names of bits with their masks: bit 2 is 4.
 pub type Names = &'static [(&'static str, u32)];
 
-/// The beginning of a field.
+/// The position of a field's first byte, in the header or in the data segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FieldPosition {
     /// The parameter `par`, byte 0x0D of a command.
@@ -20,7 +20,7 @@ pub enum FieldPosition {
     Reserve,
     /// Word 0x0E of a command, for commands in which it is not a length.
     Length,
-    /// A position in the data segment, in bytes.
+    /// Offset in the data segment, in bytes.
     Data(u16),
 }
 
@@ -33,53 +33,57 @@ pub enum FieldKind {
     Signed,
     /// A number, shown in hexadecimal.
     Hex,
-    /// A number some of whose values have names.
+    /// A number of which some values have names; other values are allowed, too.
     Named(Names),
     /// A number that must be one of these named values.
     Choice(Names),
-    /// Bits with names.
+    /// Bits, some of which have names; the numbers in [`Names`] are masks. Unnamed bits are kept.
     Bits(Names),
-    /// A state of CiA 402, as bits of the statusword.
+    /// A CiA 402 state of a drive, as the state bits of the statusword.
     DriveState,
     /// The abort code of an SDO transfer.
     Abort,
-    /// A number if it has 1, 2 or 4 bytes, otherwise a text; the length decides.
+    /// A number if the value has 1, 2 or 4 bytes, otherwise a text; the length of the valid data decides.
     NumberOrText,
-    /// Bytes: as many as the field has, or up to the end of the valid data.
+    /// Bytes: [`Field::bytes`] of them or, if that is 0, all up to the end of the valid data.
     Bytes,
     /// A text up to the end of the valid data.
     Text,
-    /// Objects of a PDO, u32 each. Their number is the u16 at byte `count_at` of the data segment.
+    /// Mapped objects of a PDO, u32 each as in the mapping object: bits 31 to 16 index, 15 to 8 sub-index, 7 to 0
+    /// length in bits. The number of objects is the u16 at byte `count_at` of the data segment.
     Objects {
-        /// The position of the number of objects, in bytes.
+        /// Offset in the data segment, in bytes, of the u16 that counts the objects.
         count_at: u16,
     },
     /// A set of slaves: bit b of byte k is slave 8 k + b.
     SlaveSet,
 }
 
-/// A field of a request or an answer.
+/// A field of a request or an answer: a named value at a position in the header or the data segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// The field's name.
+    /// The name by which [`FunctionFields::field`](super::FunctionFields::field) finds the field, such as `slaves`.
     pub name: &'static str,
-    /// The field's beginning.
+    /// The position of the field's first byte.
     pub position: FieldPosition,
     /// The field's size in bytes; 0 if it extends to the end of the valid data.
     pub bytes: u8,
-    /// The lowest bit of the field in its bytes, which other fields may share.
+    /// The field's lowest bit, counted from bit 0 of its first byte. Several fields may share the same bytes, each with
+    /// bits of its own.
     pub shift: u8,
-    /// The field's width in bits.
+    /// The number of bits that the field uses, from bit `shift` on; 0 for a field of variable length or longer than 4
+    /// bytes.
     pub width: u8,
-    /// The kind of the field's content.
+    /// How the bytes are interpreted and shown: as a number, as named bits, as a text and so on.
     pub kind: FieldKind,
-    /// The value if a request does not name the field; `None` if it must be named.
+    /// The value of the field in a request that does not set it; `None` if a request has to set it.
     pub default: Option<u32>,
-    /// The field whose number of bytes this field contains, if a request sets that field.
+    /// The name of the field, if any, whose length in bytes this field holds. Setting that other field in a
+    /// [`Draft`](super::Draft) also sets this one.
     pub counts: Option<&'static str>,
 }
 
-/// A value of a field.
+/// The value of a field, as a program sets it in a request or reads it from an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Value<'a> {
     /// The value of a field that is a number.
@@ -89,23 +93,24 @@ pub enum Value<'a> {
 }
 
 impl Field {
-    /// Whether the content is a number; otherwise it is bytes.
+    /// Whether the field's value is a [`Value::Number`]; otherwise it is [`Value::Bytes`].
     pub const fn is_number(&self) -> bool {
         !matches!(self.kind, FieldKind::Bytes | FieldKind::Text | FieldKind::Objects { .. } | FieldKind::SlaveSet)
     }
 
-    /// A mask as wide as the field.
+    /// As many set bits as the field is wide, from bit 0 on.
     const fn mask(&self) -> u32 {
         if self.width >= 32 { u32::MAX } else { (1 << self.width) - 1 }
     }
 
-    /// The field's value in an answer, `base` bytes after the field's position; `None` if the answer does not have it.
+    /// The field's value in an answer; `None` if the valid data end before the field. `base` is 0, or for fields that
+    /// repeat ([`AnswerFields::every`](super::AnswerFields::every)) the offset in bytes of the repetition to read.
     pub fn get<'a>(&self, returned: Returned, data: &'a [u8], base: usize) -> Option<Value<'a>> {
         let valid = &data[..data.len().min(returned.len.into())];
         let bytes: &[u8] = match self.position {
             FieldPosition::Return => return Some(self.number(&[returned.ret])),
             FieldPosition::Data(at) => valid.get(base + usize::from(at)..)?,
-            // Only requests have the other positions.
+            // The other positions (parameter, information bytes, reserve, length) occur only in requests.
             _ => return None,
         };
         match self.kind {
@@ -173,7 +178,7 @@ impl Field {
         Ok(number >> self.shift & self.mask())
     }
 
-    /// Converts the number to the field's bits.
+    /// Converts a number to the field's bits, a negative one to its two's complement.
     ///
     /// # Errors
     /// The number does not fit into the field.

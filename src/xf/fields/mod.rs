@@ -40,31 +40,31 @@ use super::response::Returned;
 pub struct FunctionFields {
     /// The name of the function's type in [`request`](super::request).
     pub type_name: &'static str,
-    /// The command code.
+    /// The code of the command to which the function belongs.
     pub code: CommandCode,
     /// The parameter byte that selects the function, for the codes 31 to 35.
     pub function: Option<u8>,
-    /// The purpose of the function, in a few words.
+    /// The purpose of the function in a few words, such as for a list of all functions.
     pub what: &'static str,
-    /// The fields of the request.
+    /// The fields of a request for this function, in the order of their positions.
     pub request: &'static [Field],
     /// The possible forms of the answer; empty if there is no result.
     pub answers: &'static [AnswerFields],
 }
 
-/// The fields of an answer.
+/// One form of an answer: its length, and its fields.
 #[derive(Clone, Copy, Debug)]
 pub struct AnswerFields {
     /// The number of valid bytes in an answer of this form; `None` for any number.
     pub len: Option<u16>,
-    /// The fields repeat at this distance in bytes; `None` if they occur once.
+    /// The distance in bytes at which the fields repeat in the data segment, as in a list; `None` if they occur once.
     pub every: Option<u16>,
-    /// The fields of the form.
+    /// The fields of an answer of this form, with their positions in its header and its data segment.
     pub fields: &'static [Field],
 }
 
 impl AnswerFields {
-    /// The form of an answer with these fields and any length.
+    /// The form of an answer that always has these fields, whatever its length.
     pub(super) const fn of(fields: &'static [Field]) -> Self {
         Self { len: None, every: None, fields }
     }
@@ -77,17 +77,17 @@ impl FunctionFields {
         function.or_else(|| self.code.name()).unwrap_or(self.type_name)
     }
 
-    /// The first firmware that has the function; 0 if the manuals name none.
+    /// The first firmware version that has the function, as FW_VERSION_GET returns it; 0 if the manuals name none.
     pub fn since(&self) -> u8 {
         self.function.and_then(|parameter| self.code.function(parameter)).map_or(0, |function| function.since)
     }
 
-    /// When the command is complete.
+    /// Whether the chip completes the function's command before the next packet, or needs more time.
     pub fn timing(&self) -> CommandTiming {
         self.code.command().map_or(CommandTiming::Immediate, |command| command.timing)
     }
 
-    /// Where the answer carries the result.
+    /// The part of the answer that carries the result.
     pub fn answer_form(&self) -> AnswerForm {
         let function =
             self.function.and_then(|parameter| self.code.function(parameter)).map(|function| function.answer);
@@ -95,12 +95,13 @@ impl FunctionFields {
         function.unwrap_or_else(command)
     }
 
-    /// The request's field with that name.
+    /// The request's field with that name, ignoring case; `None` if the request has no such field.
     pub fn field(&self, name: &str) -> Option<&'static Field> {
         self.request.iter().find(|field| field.name.eq_ignore_ascii_case(name))
     }
 
-    /// The form of an answer with these header fields.
+    /// The form of an answer whose header has these fields: the first form with this number of valid bytes. `None` if
+    /// no form has this length, or the function has no result.
     pub fn answer(&self, returned: Returned) -> Option<&'static AnswerFields> {
         self.answers.iter().find(|form| form.len.is_none_or(|len| len == returned.len))
     }

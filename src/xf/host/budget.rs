@@ -43,9 +43,10 @@ pub struct Budget {
 pub enum BudgetError {
     /// The process data do not fit into a packet.
     TooManyBytes {
-        /// Size of the process data in bytes.
+        /// Size in bytes of the RxPDOs or of the TxPDOs of one packet, whichever are larger.
         process_bytes: usize,
-        /// The largest data segment size available: the present one, or 1408.
+        /// The number of bytes that the data segment of a packet holds: the size that [`Budget::check`] was asked
+        /// about, or 1408 in [`Budget::choose_size`], where no size is large enough.
         most: usize,
     },
     /// The clock frequency or the number of exchanges is 0.
@@ -60,7 +61,7 @@ pub enum BudgetError {
         transfer_ns: Ns,
         /// Idle time after each packet, in nanoseconds.
         idle_ns: Ns,
-        /// Number of exchanges per cycle.
+        /// Number of exchanges with the chip per cycle.
         exchanges: u32,
         /// Total time of the exchanges with their idle times, in nanoseconds.
         needed_ns: Ns,

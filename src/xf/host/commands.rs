@@ -33,7 +33,8 @@ impl Host {
     /// first one fails, its error is the result.
     ///
     /// # Errors
-    /// As with [`Self::submit`]; or the second command is not a pure read.
+    /// As with [`Self::submit`]; or the second command is not one that only reads and may be repeated without harm if
+    /// its answer is lost.
     pub fn submit_pair<'d, 'e, C: Call<'d>, R: Call<'e>>(
         &mut self,
         now: Ns,
@@ -55,6 +56,10 @@ impl Host {
 
     /// Takes the result of a command, which frees its slot in the queue; `None` while the command is not done. `call`
     /// is the submitted command, or the second one of a pair.
+    ///
+    /// The result is an error if the command failed, if it was not sent, or if its answer does not fit `call`. It is
+    /// [`HostError::UnknownTicket`] if the result was already taken, and [`HostError::OtherCommand`] if the ticket is
+    /// not that of `call`.
     pub fn take<'h, 'd, C: Call<'d>>(
         &'h mut self,
         ticket: Ticket,

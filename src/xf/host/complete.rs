@@ -1,4 +1,5 @@
-//! Applies the end of a packet to the command or the process data for which it was sent.
+//! Ends a packet in flight: passes its answer, or the loss of its answer, to the command, the process data or the step
+//! of the start for which it was sent.
 
 use super::flight::{AnswerMatch, CommandPart, Flight, Purpose};
 use super::process::{NOT_TAKEN, Overtaken, ProcessOutcome};
@@ -166,7 +167,8 @@ impl Host {
         let pdos = u64::from(written);
         let done = PdoOperation(header.ret);
         let fifo = code == CommandCode::PdoDataFifo;
-        // No manual says what the return byte of command 6 (PDO_DATA_OP) means, so the length of its data decides.
+        // No manual says what the return byte of command 6 (PDO_DATA_OP) means. So the length of the answer's data
+        // shows whether the command did anything: it is 0 if the chip refused the command.
         let refusable = if fifo {
             !done.contains(PdoOperation::WRITE) && !done.contains(PdoOperation::READ)
         } else {
@@ -206,8 +208,8 @@ impl Host {
         self.report(sequence, outcome);
     }
 
-    /// Whether the error bits leave it unknown if the chip took the RxPDOs of a packet whose answer is lost: because the
-    /// packet's copies clear these bits, or because the bits may come from another packet.
+    /// Whether it is unknown if the chip took the RxPDOs of a packet whose answer is lost. The error bits [`NOT_TAKEN`]
+    /// show it only if no copy of the packet clears them and no other packet can have set them.
     fn is_doubtful(&self, clears: bool, others: bool, header: &AnswerHeader) -> bool {
         let others = others || self.stuck.intersects(NOT_TAKEN);
         clears || others && header.errors.intersects(NOT_TAKEN)
@@ -219,9 +221,9 @@ impl Host {
         self.report(sequence, ProcessOutcome::Unknown);
     }
 
-    /// Completes the overtaken process data, which were followed by the next ones before their answer had come, if `header`
-    /// is the header of their answer. If `header` is `None`, no answer can come any more, and their outcome is unknown.
-    /// Returns whether `header` belongs to their answer.
+    /// Completes the overtaken process data, whose answer had not come yet when the next process data were sent, if
+    /// `header` is the header of that answer. If `header` is `None`, the answer cannot come any more, and the outcome
+    /// is unknown. Returns whether `header` belongs to the answer.
     pub(super) fn complete_overtaken(&mut self, header: Option<&AnswerHeader>) -> bool {
         let Some(overtaken) = self.process.overtaken else { return false };
         let Overtaken { sequence, index, code, written, reads, .. } = overtaken;
@@ -240,9 +242,14 @@ impl Host {
         }
     }
 
-    /// Completes process data whose answer is missing while that of the next ones (`flight`) has come. If no error bit
-    /// reports rejected process data, the chip's error count shows whether they were written. Of the packets since
-    /// then, `flight` has run once and its newest copy is not counted yet; all others may have been rejected.
+    /// Completes the overtaken process data, whose own answer is missing although the answer to the next ones
+    /// (`flight`) has come. If an error bit of [`NOT_TAKEN`] is set, their outcome is unknown. Otherwise the number of
+    /// packets decides that the chip has rejected since the next process data were sent.
+    ///
+    /// If there are none, the overtaken process data were written. Copies of `flight` may have been rejected too,
+    /// except two: the one that ran, and the newest one, which the chip's count does not include yet. If more packets
+    /// were rejected than there are other copies, the overtaken process data were rejected. If not, their outcome is
+    /// unknown.
     fn complete_overtaken_by(&mut self, flight: &Flight, header: &AnswerHeader) {
         let Some(overtaken) = self.process.overtaken.take() else { return };
         let Overtaken { sequence, written, reads, rejections, unclear, .. } = overtaken;

@@ -19,15 +19,15 @@ pub enum HostPacing {
     Int0,
 }
 
-/// The configuration of a [`Host`](super::Host).
+/// The settings of a [`Host`](super::Host): what is known of the chip, how exchanges are paced, and all timeouts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HostConfig {
     /// The chip's n (size of the data segment), if known. `None`, the default: the driver searches for it. If no
     /// answers come with the given size, the driver searches as well.
     pub size: Option<DataSize>,
     /// The data segment size n to which the driver sets the chip at the start, as chosen by
-    /// [`Budget::choose_size`](super::Budget::choose_size). `None`, the default: the chip keeps its n, as an ECM-XFU
-    /// must.
+    /// [`Budget::choose_size`](super::Budget::choose_size). `None`, the default: the chip keeps its n, as is necessary
+    /// for an ECM-XFU, whose n is fixed at 992.
     pub wanted_size: Option<DataSize>,
     /// Which bytes a CRC-32 covers. `None`, the default: the driver finds out by trying, and if nothing fits sets the
     /// chip to the fixed check word.
@@ -60,7 +60,7 @@ pub struct HostConfig {
     pub resync_after: u32,
     /// Number of timeouts of INT0 in a row after which the driver stops; 3 by default.
     pub int0_misses: u32,
-    /// The driver's timeouts.
+    /// How long the driver waits for packets, answers and commands before it gives up.
     pub timeouts: Timeouts,
 }
 
@@ -100,7 +100,7 @@ impl Default for Timeouts {
 }
 
 impl HostConfig {
-    /// The default settings.
+    /// The defaults that the comments of the fields name.
     pub const DEFAULT: Self = Self {
         size: None,
         wanted_size: None,
@@ -120,7 +120,7 @@ impl HostConfig {
 }
 
 impl Timeouts {
-    /// The default timeouts.
+    /// The defaults that the comments of the fields name.
     pub const DEFAULT: Self = Self {
         search_ns: 3 * S,
         start_ns: 10 * S,

@@ -1,4 +1,4 @@
-//! The driver's counters.
+//! The driver's counters of exchanges, errors and process data.
 
 /// Counters since the driver was created. They never decrease.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -11,7 +11,7 @@ pub struct HostCounters {
     pub damaged: u64,
     /// Answers that say "not ready".
     pub not_ready: u64,
-    /// Answers with the NOP flag set.
+    /// Answers with the NOP flag set, which carry no result: the chip took the packet for a repetition, or rejected it.
     pub nops: u64,
     /// Answers that no command in flight waits for: late, duplicate, or to a command that was never sent.
     pub stray: u64,
@@ -37,7 +37,7 @@ pub struct HostCounters {
     pub rx_dropped: u64,
     /// RxPDOs for which it is unknown whether they were written.
     pub rx_unknown: u64,
-    /// Answers with TxPDOs that were lost.
+    /// Exchanges whose TxPDOs are lost, because the answer that carried them was damaged.
     pub tx_lost: u64,
     /// Reports about process data that were overwritten before the program took them.
     pub reports_overwritten: u64,

@@ -7,8 +7,9 @@ use crate::xf::{CrcCoverage, CrcCoverages, DataSize};
 /// How many packets of the start the chip may reject for their check word before CRC-32 is given up. \[OURS] Each
 /// coverage has three tries, so that a single bit error on the wire does not decide.
 const REJECTIONS_MAX: u32 = 3 * CrcCoverage::EVERY.len() as u32;
-/// How many answers in a row may fit no coverage before CRC-32 is given up, as long as no answer has fitted any coverage.
-/// \[OURS] Fewer than the damaged answers in a row that start a search for packets.
+/// Number of answers in a row with a wrong CRC-32 under every coverage after which CRC-32 is given up, as long as no
+/// answer has fitted any coverage. \[OURS] It is less than the 8 damaged answers in a row that start a search for
+/// packets by default: such a search would not help, since start words and end words are right.
 const UNFIT_MAX: u32 = 4;
 
 /// The coverages that are still possible, as flags in the order of [`CrcCoverage::EVERY`].
@@ -30,7 +31,8 @@ impl Candidates {
         self.iter().next().unwrap_or_default()
     }
 
-    /// Rules out the coverages that include other bytes of a packet of this size and length than `right` does.
+    /// Keeps the coverages that include the same bytes as `right` in a packet of this size and length, and rules out
+    /// the others.
     fn keep_as(&mut self, right: CrcCoverage, size: DataSize, len: u16) {
         let fits = CrcCoverage::EVERY.map(|coverage| coverage.bytes(size, len) == right.bytes(size, len));
         self.0 = core::array::from_fn(|n| self.0[n] && fits[n]);
@@ -46,7 +48,7 @@ pub(super) struct CoverageSearch {
     answers_fit: bool,
     /// Whether the chip has run a command with a CRC-32.
     commands_fit: bool,
-    /// The coverage to try after a rejection.
+    /// The coverage to try next for commands, once the chip has rejected another one.
     trying: Option<CrcCoverage>,
     rejections: u32,
     unfit: u32,
@@ -77,12 +79,13 @@ impl CoverageSearch {
         self.answers.iter()
     }
 
-    /// The present best guess for both directions.
+    /// The coverages to use now, for commands and for answers: those found, otherwise the best guesses.
     pub(super) fn coverages(&self) -> CrcCoverages {
         CrcCoverages { commands: self.of_commands(), answers: self.answers.first() }
     }
 
-    /// Whether several coverages are still possible for commands, so that a command of another length would help.
+    /// Whether several coverages are still possible for commands. A command of another length may then decide, since in
+    /// it they include different bytes.
     pub(super) fn is_open(&self) -> bool {
         self.commands.iter().count() > 1
     }

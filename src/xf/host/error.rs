@@ -21,9 +21,9 @@ pub enum HostError {
     StartTooLong {
         /// The step that did not finish.
         step: StartStep,
-        /// Time since the start of the chip began.
+        /// Time since the driver began to start the chip.
         waited_ns: Ns,
-        /// The defect of the last answer, if it was damaged.
+        /// What was wrong with the last answer; `None` if it was not damaged.
         last: Option<PacketError>,
     },
     /// The driver has stopped: the chip reports a data segment size that differs from that of its packets.
@@ -44,13 +44,13 @@ pub enum HostError {
     NoAnswer {
         /// The command that got no answer.
         code: CommandCode,
-        /// The command's index.
+        /// The index of the command's packets, byte 0x0B of the header.
         index: u8,
         /// How many times the packet was sent.
         copies: u32,
         /// Time since the packet was first sent.
         waited_ns: Ns,
-        /// The defect of the last answer, if it was damaged.
+        /// What was wrong with the last answer; `None` if it was not damaged.
         last: Option<PacketError>,
     },
     /// The command ran, but the only answer with its result was damaged.
@@ -58,12 +58,13 @@ pub enum HostError {
         /// The command whose answer was lost.
         code: CommandCode,
     },
-    /// The chip refused the command: error bit 7.
+    /// The chip refused the command, by error bit 7 of its answer: a wrong parameter, or the command is not possible
+    /// now.
     Refused {
         /// The refused command.
         code: CommandCode,
     },
-    /// A non-immediate command ended with error bit 3.
+    /// A non-immediate command ran and failed: the answer that shows its end has error bit 3 set.
     Failed {
         /// The command that failed.
         code: CommandCode,
@@ -72,11 +73,12 @@ pub enum HostError {
         /// How long the command ran.
         waited_ns: Ns,
     },
-    /// A non-immediate command has not ended.
+    /// A non-immediate command did not end within its time, [`Timeouts::busy_ns`](super::Timeouts::busy_ns) by default.
+    /// It may still be running in the chip.
     StillBusy {
         /// The command that is still running.
         code: CommandCode,
-        /// How long the command has been running.
+        /// How long the command had been running when its time was over.
         waited_ns: Ns,
     },
     /// The command was queued for too long and was not sent.
@@ -92,7 +94,7 @@ pub enum HostError {
     QueueFull {
         /// The command for which the queue has no room.
         code: CommandCode,
-        /// The capacity of the queue.
+        /// The number of commands that the queue can hold.
         slots: usize,
     },
     /// The command's data do not fit into a slot of the queue, or into a packet.
@@ -101,7 +103,7 @@ pub enum HostError {
         code: CommandCode,
         /// Size of the data in bytes.
         found: usize,
-        /// The limit in bytes.
+        /// The number of bytes that the slot of the queue or the data segment of a packet holds.
         most: usize,
     },
     /// The command cannot be queued: process data are sent with `Host::process`, and the driver itself sets the data
@@ -112,12 +114,12 @@ pub enum HostError {
     },
     /// The second command of a pair does not read the result of the first one.
     NotARead {
-        /// The second command.
+        /// The second command of the pair, which is not a read.
         code: CommandCode,
     },
     /// No command belongs to this ticket: its result was already taken.
     UnknownTicket,
-    /// The ticket belongs to another command.
+    /// The ticket belongs to another command than the one that the caller passed.
     OtherCommand {
         /// The command that the ticket belongs to.
         expected: CommandCode,
@@ -131,9 +133,9 @@ pub enum HostError {
     },
     /// The RxFIFO may have no room for that many PDOs.
     FifoFull {
-        /// Number of PDOs to write.
+        /// Number of RxPDOs to write.
         needed: u8,
-        /// Number of entries that are certainly free.
+        /// Number of RxFIFO entries that are certainly free.
         free: u8,
     },
     /// A field of the command or of its answer has a value that the manuals do not allow.
@@ -162,7 +164,7 @@ impl fmt::Display for Millis {
     }
 }
 
-/// Formats the defect of the last answer.
+/// Formats what was wrong with the last answer, as an addition to an error text.
 struct Last(Option<PacketError>);
 
 impl fmt::Display for Last {

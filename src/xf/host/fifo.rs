@@ -1,21 +1,22 @@
 //! Estimates the free entries of the RxFIFO from level counts that lag behind.
 
-/// The number of exchanges by which the counts in the header lag behind (OBS).
+/// The number of exchanges by which the RxFIFO level in an answer's header lags behind the FIFO (OBS).
 const COUNT_LAG: u8 = 2;
 
-/// A write that the counts may not include yet.
+/// A write of RxPDOs into the FIFO that the level in the newest answer may not include yet.
 #[derive(Clone, Copy, Debug, Default)]
 struct Write {
     sequence: u32,
     pdos: u8,
     /// The exchange in which the last copy of the write was sent.
     exchange: u64,
-    /// Number of answers in later exchanges.
+    /// Number of answers received in exchanges after `exchange`. From [`COUNT_LAG`] on their level includes the write.
     answers: u8,
 }
 
-/// The estimate of the free entries. It is never too high, at whatever time a write reached the chip: the real number can
-/// only be higher, by cycles that the counts do not show yet.
+/// The estimate of the free entries of the RxFIFO: its capacity, less the level in the newest answer, less the writes
+/// that this level may not include yet. The estimate is never too high, at whatever time a write reached the chip. It
+/// may be too low: each cycle frees an entry, and the level shows this later.
 #[derive(Clone, Debug)]
 pub(super) struct RxFreeEstimate {
     pub(super) entries: u8,
@@ -28,14 +29,14 @@ impl RxFreeEstimate {
         Self { entries, count: 0, writes: [None; 4] }
     }
 
-    /// Number of entries that are certainly free.
+    /// Number of RxFIFO entries that are certainly free.
     pub(super) fn free(&self) -> u8 {
         let unseen = self.writes.iter().flatten().fold(0u8, |sum, write| sum.saturating_add(write.pdos));
         self.entries.saturating_sub(self.count).saturating_sub(unseen)
     }
 
-    /// Records that a copy of a write is sent. If there is no place to record it, the oldest write is dropped and
-    /// counts as included in the chip's count.
+    /// Records that a copy of a write is sent. If there is no room to record it, the oldest write is dropped and added
+    /// to the level.
     pub(super) fn wrote(&mut self, sequence: u32, pdos: u8, exchange: u64) {
         if pdos == 0 {
             return;
@@ -59,7 +60,7 @@ impl RxFreeEstimate {
         }
     }
 
-    /// Records the count in the answer of this exchange.
+    /// Records the RxFIFO level `count` from the answer received in this exchange.
     pub(super) fn answer(&mut self, exchange: u64, count: u8) {
         self.count = count;
         for place in &mut self.writes {

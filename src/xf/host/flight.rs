@@ -9,37 +9,38 @@ use super::start::StartStep;
 use crate::ethercat::Ns;
 use crate::xf::{AnswerHeader, CommandCode, Status};
 
-/// How many answers with the NOP flag in a row, without a sign that the chip rejected a copy, show that the command ran
-/// and its result is lost. `[OURS]` 2: a single one could answer a copy that was rejected, if the chip's error count
-/// lags behind as its FIFO counts do. The next copy then runs, and its result is in the next answer.
+/// How many answers with the NOP flag in a row, while the chip reports no rejected packet, show that the command ran
+/// and its result is lost. `[OURS]` 2, since a single one proves nothing: it may answer a copy that the chip rejected,
+/// and the chip's error count may show the rejection only later, as its FIFO counts do. Then the next copy runs, and
+/// the next answer has its result.
 const NOPS_OF_A_LOST_ANSWER: u32 = 2;
 /// The fewest copies of a packet that are sent before its timeout counts. `[OURS]` 4: the answer to a copy comes with the next
 /// copy, and one exchange in each direction may be damaged. A host that stood still may have sent only one by then.
 const COPIES_BEFORE_TIMEOUT: u32 = 4;
 
-/// The part of a queued command that a packet is for.
+/// The step of a queued command that a packet carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum CommandPart {
-    /// The command itself.
+    /// The command itself, as it was submitted.
     Request,
-    /// Reading the command's result.
+    /// The second command of a pair, which reads the result of the first one.
     Read,
-    /// Reading the command's abort code.
+    /// Reading the abort code of an SDO transfer that failed.
     AbortCode,
 }
 
-/// The purpose of a packet.
+/// What a packet was sent for, which decides what its answer is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     Start(StartStep),
-    /// Polling the header.
+    /// INFO_UPDATE, which polls the header.
     Info,
-    /// A queued command: the index of its slot, and the part that is sent.
+    /// A queued command: the index of its slot in the queue, and the step of the command that is sent.
     Slot(usize, CommandPart),
-    /// Process data.
+    /// Process data: RxPDOs to write, TxPDOs to read, or both.
     Process {
         sequence: u32,
-        /// Number of RxPDOs written.
+        /// Number of RxPDOs in the packet, for the FIFO or direct.
         written: u8,
         /// Number of the written RxPDOs that go into the FIFO.
         queued: u8,
@@ -52,7 +53,7 @@ pub(super) enum Purpose {
     },
 }
 
-/// The meaning of an answer for the packet in flight.
+/// What an answer shows about the packet in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum AnswerMatch {
     /// The packet's answer is still missing.

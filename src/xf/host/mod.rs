@@ -115,27 +115,27 @@ use receive_buffer::ReceiveBuffer;
 use search::Search;
 use slots::CommandSlots;
 
-/// The next action for the owner of the wires.
+/// What the owner of the wires has to do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next<'h> {
     /// Clock these bytes out, and pass the same number of received bytes to [`Host::received`]; if the exchange failed,
     /// pass none.
     Exchange(&'h [u8]),
-    /// Do nothing before this time, unless something is submitted.
+    /// Send nothing before this time, unless a command or process data are submitted earlier.
     WaitUntil(Ns),
     /// Wait for the edge of INT0, to be reported with [`Host::ready`].
     WaitForReady {
-        /// The end of the wait, if INT0 does not become active.
+        /// The time at which the wait ends if INT0 does not become active.
         until: Ns,
     },
 }
 
-/// The state of the driver.
+/// Whether the driver starts the chip, runs, searches for packets or has stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HostState {
     /// The chip is being started; commands wait in their queues.
     Starting(StartStep),
-    /// Commands are sent.
+    /// The chip is started, and the driver sends queued commands and process data.
     Running,
     /// The driver searches for packets, since too many answers in a row were damaged. It continues afterwards.
     Searching,
@@ -150,13 +150,13 @@ enum PendingExchange {
     Packet,
 }
 
-/// The driver. Its size is about 13 kB, and it allocates nothing.
+/// The driver of a host for one chip. Its size is about 13 kB, and it allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Host {
     config: HostConfig,
     state: HostState,
     size: DataSize,
-    /// How the check words of commands are computed.
+    /// How the check word of a command is computed: its type, and the bytes that a CRC-32 covers.
     rule: CheckRule,
     coverages: CoverageSearch,
     /// Whether CRC-32 was given up because it fits no known coverage.
@@ -180,8 +180,8 @@ pub struct Host {
     /// The number of the exchange with the newest answer.
     answered: u64,
     pending_exchange: Option<PendingExchange>,
-    /// Whether INT0 has become active since the beginning of the exchange whose end the owner of the wires has still to
-    /// report.
+    /// Whether INT0 has become active since the present exchange began. It counts once the owner of the wires reports
+    /// the end of the exchange.
     ready_seen: bool,
     header: Option<AnswerHeader>,
     /// The header of the first answer.
@@ -192,26 +192,31 @@ pub struct Host {
     last_error: Option<PacketError>,
     /// Index, code and number of copies of the packets in the last two exchanges, the older one first.
     sent: [(u8, CommandCode, u32); 2],
-    /// Whether the newest answer belongs to the packet of the previous exchange, as it does if the chip was ready. False if
-    /// more than two copies of that packet were sent, since the answer cannot be assigned to one of them.
+    /// Whether the newest answer is that to the packet of the previous exchange. It is if the chip was ready for that
+    /// packet, so with pipelined writes the next process data may follow. False if more than two copies of that packet
+    /// were sent, since the answer cannot be assigned to one of them.
     in_step: bool,
     /// Whether the error bits of `header` include the effects of all packets sent so far. False from the sending of a
     /// packet until its answer has come.
     bits_known: bool,
-    /// Whether the chip is busy, or may be.
+    /// Whether the chip is busy with a non-immediate command, or may be.
     busy: bool,
     /// The number of the exchange whose answer showed that the non-immediate command was accepted.
     accepted: u64,
-    /// Errors that remain when they are cleared, and are therefore ignored.
+    /// Error bits that stay set although the driver has tried several times to clear them. They are ignored until they
+    /// disappear.
     stuck: Errors,
     clear_tries: u32,
-    /// The errors that the attempts counted in `clear_tries` were to clear.
+    /// The error bits that the driver tries to clear at present; `clear_tries` is the number of attempts since the
+    /// newest of them was added.
     cleared: Errors,
-    /// Whether the last packet other than INFO_UPDATE was process data.
+    /// Whether the last packet other than INFO_UPDATE was process data. If so, a waiting command has its turn before
+    /// the next process data.
     process_last: bool,
-    /// The time at which the last packet ended.
+    /// The time at which the last packet was answered or its timeout passed. The interval to the next poll of the
+    /// header begins there.
     completed_at: Ns,
-    /// The GPIO outputs in the header of each packet.
+    /// The GPIO outputs that the header of each packet carries; `None` if the program has set none.
     gpio_outputs: Option<u16>,
     /// The interrupt flags that the header of the next packet clears: those of the chip and those of GPIO.
     interrupts_to_clear: (Interrupts, u16),
@@ -306,8 +311,8 @@ impl Host {
         self.config.busy_poll_ns = busy_poll_ns;
     }
 
-    /// From the next start on leaves the chip's data segment size n as it is found: [`HostConfig::wanted_size`] becomes
-    /// `None`.
+    /// Makes the driver search for the chip's data segment size n at the next start and leave it as it is:
+    /// [`HostConfig::size`] and [`HostConfig::wanted_size`] become `None`.
     pub const fn keep_size(&mut self) {
         (self.config.size, self.config.wanted_size) = (None, None);
     }
@@ -321,12 +326,12 @@ impl Host {
         self.rx_estimate = RxFreeEstimate::new(entries);
     }
 
-    /// The present configuration.
+    /// The settings of the driver, with all changes made since it was created.
     pub const fn config(&self) -> &HostConfig {
         &self.config
     }
 
-    /// The present state of the driver.
+    /// Whether the driver starts the chip, runs, searches for packets or has stopped; with the error if it has stopped.
     pub const fn state(&self) -> HostState {
         self.state
     }
@@ -366,12 +371,12 @@ impl Host {
         self.found.as_ref()
     }
 
-    /// The firmware version that the chip reported at the start.
+    /// The firmware version that the chip reported at the start; `None` before that.
     pub const fn version(&self) -> Option<FirmwareVersion> {
         self.version
     }
 
-    /// The driver's counters.
+    /// The numbers of exchanges, errors and process data since the driver was created.
     pub const fn counters(&self) -> HostCounters {
         self.counters
     }
@@ -444,7 +449,7 @@ impl Host {
         self.process.take_report()
     }
 
-    /// The TxPDOs of the newest answer that contained any.
+    /// The TxPDOs of the newest answer that contained any; empty before the first such answer.
     pub fn inputs(&self) -> &[u8] {
         self.receive_buffer.inputs()
     }

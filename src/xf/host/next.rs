@@ -1,4 +1,4 @@
-//! Chooses what to send next.
+//! Chooses what the driver sends next: a command, process data, a poll of the header, or nothing yet.
 
 use super::flight::{CommandPart, Flight, Purpose};
 use super::pace::ExchangePace;
@@ -24,7 +24,7 @@ pub(super) enum ExchangePlan {
 /// The content of the next exchange, if there is one.
 enum Choice {
     Filler,
-    /// The command packet in `packets[current]`.
+    /// The packet in `packets[current]`.
     Packet,
     Nothing {
         until: Ns,
@@ -115,8 +115,8 @@ impl Host {
     pub(super) fn begin_search(&mut self, now: Ns, state: HostState) {
         self.search = Search::new(now);
         if let Some(overtaken) = &mut self.process.overtaken {
-            // The chip also rejects the bytes sent during the search, so its error count does not show what happened to
-            // this write.
+            // The chip also counts the bytes sent during the search as rejected packets. So its error count no longer
+            // shows whether it rejected the overtaken process data.
             overtaken.unclear = true;
         }
         self.counters.searches += 1;
@@ -124,7 +124,7 @@ impl Host {
         self.state = state;
     }
 
-    /// Ends everything whose timeout has passed.
+    /// Ends the start, the queued commands and the packet in flight whose timeouts have passed.
     fn expire(&mut self, now: Ns) {
         if let HostState::Starting(step) = self.state {
             let waited_ns = now.saturating_sub(self.started);
@@ -139,8 +139,9 @@ impl Host {
         self.flight = None;
         self.completed_at = now;
         if self.state == HostState::Running && self.answered < flight.first {
-            // Answers "not ready" may be due to a wrong data segment size n. Several smaller packets may fit exactly
-            // into one of the assumed size, as after a reset from n = 1408 to n = 112, so that its end looks valid.
+            // The packet got no answer but "not ready", which may be due to a wrong data segment size n. After a reset
+            // from n = 1408 to n = 112, ten packets are exactly as long as one of the assumed size, so the last one's
+            // end word is where it is expected.
             self.begin_search(now, HostState::Searching);
         }
         match flight.purpose {
@@ -283,11 +284,12 @@ impl Host {
         self.own_errors(self.header.map_or(Errors::NONE, |header| header.errors))
     }
 
-    /// Removes from `seen` the levels, which cannot be cleared, and the error bit that may belong to the running command.
+    /// Removes from the error bits `seen` bits 0 to 2, which show present conditions and cannot be cleared, and the
+    /// error bit that may belong to the running command.
     pub(super) fn own_errors(&self, seen: Errors) -> Errors {
         let own = Errors(seen.0 & Errors::ALL.0);
-        // The error bit of the running command must stay: no answer has shown it yet, or it reports the end of the
-        // command.
+        // While a non-immediate command runs, its error bit 3 is not cleared: it may be set already, and would be lost
+        // before an answer shows that the command failed.
         if self.slots.running().is_some() { own.without(Errors::NON_IMMEDIATE) } else { own }
     }
 

@@ -3,7 +3,7 @@
 use super::config::{HostConfig, HostPacing};
 use crate::ethercat::Ns;
 
-/// The condition for the next exchange.
+/// When the next exchange may begin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ExchangePace {
     /// The exchange may begin now.
@@ -12,7 +12,7 @@ pub(super) enum ExchangePace {
     Until(Ns),
     /// The exchange may begin when INT0 becomes active; the wait ends at this time.
     Int0(Ns),
-    /// INT0 did not become active in time.
+    /// INT0 did not become active within [`Timeouts::int0_ns`](super::Timeouts::int0_ns).
     Missed,
 }
 
@@ -22,7 +22,7 @@ pub(super) struct HostPacer {
     idle_ns: Ns,
     /// The earliest time for the next exchange.
     not_before: Ns,
-    /// Since when the driver has been waiting for INT0.
+    /// The time since which the driver has been waiting for INT0; `None` if it does not wait.
     waiting_since: Option<Ns>,
     /// Number of INT0 timeouts in a row from a chip that otherwise answers.
     pub(super) misses: u32,
@@ -61,8 +61,8 @@ impl HostPacer {
         self.not_before = self.not_before.max(until);
     }
 
-    /// Does not count INT0 timeouts, because the chip takes no packets: it is starting, or its packets have another
-    /// data segment size.
+    /// Resets the number of INT0 timeouts in a row, because the edges are missing for another reason: the chip takes no
+    /// packets while it starts, or while it expects packets of another data segment size.
     pub(super) const fn excuse_int0(&mut self) {
         self.misses = 0;
     }

@@ -121,12 +121,12 @@ pub enum ProcessOutcome {
     Unknown,
 }
 
-/// The report of an exchange of process data that has ended.
+/// The report on an exchange of process data that has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProcessReport {
     /// The sequence number that [`Host::process`](super::Host::process) returned.
     pub sequence: u32,
-    /// The outcome of the exchange.
+    /// Whether the chip took the RxPDOs and whether TxPDOs were read.
     pub outcome: ProcessOutcome,
 }
 
@@ -140,8 +140,9 @@ pub(super) struct Overtaken {
     pub(super) reads: bool,
     /// The number of packets known to be rejected by the chip when the next process data were sent.
     pub(super) rejections: u64,
-    /// Whether the chip's error count cannot show how many packets it has rejected since then, or its error bits cannot
-    /// show whether it took the RxPDOs.
+    /// Whether it can no longer be found out if the chip took the RxPDOs: its count of rejected packets has become
+    /// unclear, or a later packet clears the error bits that would show it. The outcome is then
+    /// [`ProcessOutcome::Unknown`].
     pub(super) unclear: bool,
 }
 
@@ -151,9 +152,9 @@ pub(super) struct OutgoingProcessData {
     pub(super) sequence: u32,
     pub(super) code: CommandCode,
     pub(super) arguments: Arguments,
-    /// Number of RxPDOs, into the FIFO or direct.
+    /// Number of RxPDOs that are written, into the FIFO or directly.
     pub(super) written: u8,
-    /// Number of RxPDOs that go into the FIFO.
+    /// Number of those RxPDOs that go into the FIFO.
     pub(super) queued: u8,
     pub(super) reads: bool,
 }
@@ -175,7 +176,7 @@ impl Process {
         Self { sequence: 0, waiting: None, reports: [None; REPORTS], oldest: 0, kept: 0, overtaken: None }
     }
 
-    /// The sequence number of the process data that are waiting, if there are any.
+    /// The sequence number of the process data that wait to be sent; `None` if none do.
     pub(super) fn waiting(&self) -> Option<u32> {
         self.waiting.as_ref().map(|waiting| waiting.sequence)
     }

@@ -161,10 +161,10 @@ impl Host {
 
     /// Counts packets that the chip has rejected since the previous answer; returns whether there were any.
     ///
-    /// `[OURS]` A rejection shows as a rise of the chip's CRC error count, or as new error bits for packets. The number
-    /// of rejections is unclear if the count fell or if bits appeared without a count: then the answer is late, the
-    /// count was cleared, or the count is at its end of 255. At 255, error bits that stay may mean one more rejected
-    /// packet.
+    /// `[OURS]` A rejected packet raises the chip's CRC error count or sets an error bit for packets. The number of
+    /// rejected packets is unclear in three cases: the count fell, since the answer is late or the count was cleared;
+    /// an error bit is new although the count is the same; or the count is 255, where it stops. At 255, an error bit
+    /// that is set may mean one more rejected packet.
     fn count_rejections(&mut self, header: &AnswerHeader) -> bool {
         let Some(before) = self.header else { return false };
         let rose = header.crc_errors.wrapping_sub(before.crc_errors);
@@ -232,7 +232,7 @@ impl Host {
         let Some(flight) = self.flight.filter(|flight| matches!(flight.purpose, Purpose::Start(_))) else {
             return false;
         };
-        // Without an echo of index and code, the rejected packet may be the previous one.
+        // If the answer has the index and code of another packet, that previous packet may be the rejected one.
         let is_this = flight.matches(header) || flight.copies > 2;
         let is_open = self.coverages.is_open() || !self.coverages.commands_fit();
         if self.rule.kind != CheckType::Crc32 || !is_this || !is_open {

@@ -4,8 +4,8 @@
 use crate::ethercat::Ns;
 use crate::xf::{DataSize, MAX_PACKET, Resync};
 
-/// Number of bytes that are clocked at a time, followed by the idle time. `[OURS]` The length of the smallest packet, so
-/// that the chip gets at least one idle time in each packet.
+/// Number of bytes that are clocked at a time, followed by the idle time. `[OURS]` The length of the smallest packet:
+/// the chip needs an idle time between packets, and gets one at least once per packet although the borders are unknown.
 const CHUNK: usize = DataSize::MIN.packet_len();
 
 /// The bytes sent during the search: no start word, so that the chip does not take them for a command.

@@ -18,7 +18,7 @@ pub const NON_IMMEDIATE_SLOTS: usize = 4;
 /// RAW_ECAT_FUNC_REQ and FOE_FUNC_REQ with 276.
 pub const SLOT_BYTES: usize = 288;
 
-/// Identifies a submitted command, to take its result.
+/// Identifies a submitted command; with it the program takes the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Ticket {
     pub(super) slot: usize,
@@ -35,9 +35,9 @@ pub(super) struct Read {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SlotState {
     Free,
-    /// The part is waiting to be sent.
+    /// The command, or the read of its result, is waiting to be sent.
     Waiting(CommandPart),
-    /// The packet with this part is in flight.
+    /// The packet with the command, or with the read of its result, is in flight.
     Sent(CommandPart),
     /// The command has been running since this time.
     Running(Ns),
@@ -52,7 +52,7 @@ pub(super) struct CommandSlot {
     pub(super) sequence: u64,
     pub(super) code: CommandCode,
     pub(super) arguments: Arguments,
-    /// The command that reads the result.
+    /// The second command of a pair, which reads the result; `None` for a single command.
     pub(super) read: Option<Read>,
     /// The time at which the command was submitted, or at which it ended and its result had to be read.
     pub(super) submitted: Ns,
@@ -62,7 +62,7 @@ pub(super) struct CommandSlot {
     pub(super) returned: Returned,
     /// The data of the command; later the data of its answer.
     pub(super) bytes: [u8; SLOT_BYTES],
-    /// Number of bytes kept of the answer's data segment.
+    /// How many bytes of the answer's data segment are kept in `bytes`.
     pub(super) held: usize,
 }
 
@@ -99,7 +99,7 @@ impl CommandSlot {
         self.read.map_or(self.code, |read| read.code)
     }
 
-    /// The request to send for this part.
+    /// The request to send for this step of the command.
     pub(super) fn request(&self, part: CommandPart) -> Request<'_> {
         let (code, arguments, data) = match (part, self.read) {
             (CommandPart::Read, Some(read)) => (read.code, read.arguments, &[][..]),
@@ -117,7 +117,7 @@ impl CommandSlot {
     }
 }
 
-/// The slots of both queues.
+/// The slots of both queues: those of immediate commands first.
 #[derive(Clone, Debug)]
 pub(super) struct CommandSlots {
     pub(super) all: [CommandSlot; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS],
@@ -179,7 +179,7 @@ impl CommandSlots {
             .min_by_key(|slot| self.all[*slot].sequence)
     }
 
-    /// A waiting read of the result of a command that has ended.
+    /// A command that has ended, and whose result or abort code is waiting to be read: its slot, and which of the two.
     pub(super) fn waiting_read(&self) -> Option<(usize, CommandPart)> {
         if !self.maybe_pending {
             return None;
@@ -259,9 +259,10 @@ impl CommandSlots {
     }
 }
 
-/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` These are all commands with a
-/// result, except those with a side effect: command 5 takes TxPDOs out of the FIFO, 24 clears a counter, and 6, 81 and 144
-/// only read with some arguments.
+/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` These are all immediate
+/// commands with a result, except those with a side effect: 5 (PDO_DATA_FIFO_OP) takes TxPDOs out of the FIFO, and 24
+/// (CRC_ERR_CNT_CLR) clears a counter. 6 (PDO_DATA_OP), 81 (MDIO) and 144 (MBX_STAT) only read if their arguments
+/// select a read.
 pub(super) fn only_reads(code: CommandCode, arguments: &Arguments) -> bool {
     let writes = match code {
         CommandCode::PdoDataFifo | CommandCode::CrcErrorCountClear => true,
@@ -294,7 +295,7 @@ pub(super) fn read_of(read: &impl Encode) -> Result<Read, HostError> {
     Ok(Read { code, arguments })
 }
 
-/// Checks that the answer's valid data were kept completely.
+/// Checks that the answer's valid data were kept completely; fails if they are longer than the slot.
 pub(super) fn whole(slot: &CommandSlot) -> Result<(), Malformed> {
     Malformed::at_most("valid data length", slot.returned.len.into(), slot.held).map(drop)
 }

@@ -58,7 +58,7 @@ impl StartStep {
         }
     }
 
-    /// The errors that this step's packet clears.
+    /// The control byte of this step's packet: which errors it clears.
     pub(super) const fn control(self) -> Control {
         match self {
             Self::NotBusy => Control::CLEAR_ALL,
@@ -66,8 +66,8 @@ impl StartStep {
         }
     }
 
-    /// The next step; `None` after the last one. [`Self::Resize`], [`Self::FixedWord`] and [`Self::Coverage`] are
-    /// outside this order.
+    /// The next step; `None` after the last one. Some steps are inserted when they are needed: [`Self::Resize`] and
+    /// [`Self::Coverage`] after [`Self::PackSize`], and [`Self::FixedWord`] when CRC-32 is given up.
     ///
     /// `[OURS]` Applications read the data segment size first (OBS). This driver sets the check word first, so that
     /// only one packet has the fixed word, with which bit errors go unnoticed.

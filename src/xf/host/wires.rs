@@ -4,7 +4,7 @@ use super::next::ExchangePlan;
 use super::{Host, HostError, PendingExchange};
 use crate::ethercat::Ns;
 
-/// The wires to one chip, with a clock.
+/// The wires to one chip (SPI or USB), with a clock for the driver.
 pub trait Wires {
     /// The error of an exchange or a wait.
     type Error;
@@ -32,10 +32,10 @@ pub trait Wires {
     fn wait_ready(&mut self, until: Ns) -> Result<bool, Self::Error>;
 }
 
-/// Why a step failed.
+/// Why a step of the driver over wires failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepError<E> {
-    /// The driver has stopped.
+    /// The driver has stopped, for this reason.
     Host(HostError),
     /// An exchange or a wait over the wires has failed.
     Wires(E),

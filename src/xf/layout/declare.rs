@@ -1,11 +1,13 @@
 //! The macro that declares types with their layouts.
 
-/// Declares the layout of types: `pub struct` and `pub enum` also define the type, `impl` refers to a type defined
-/// elsewhere. The expression after `=` is the position of a value in the header or the data segment. A value without `=` is
-/// itself a type with a layout.
+/// Declares the layout of types. `pub struct` and `pub enum` also define the type; `impl` declares the layout of a
+/// struct that is defined elsewhere.
 ///
-/// A number selects the variant of an enum. The expression after `by` gives the position of this number, the name that
-/// errors use for it, and its allowed values.
+/// In `slave: SlaveNumber = at(1)` the expression after `=` gives the position of the value, here byte 1 of the data
+/// segment. A value without `=`, as in `dc: DcTiming`, has a type with a layout of its own, which gives the positions.
+///
+/// A number on the wire selects the variant of an enum. The expression after `by` gives the position of this number,
+/// the name that errors use for it, and its allowed values.
 macro_rules! layout {
     () => {};
 
@@ -76,7 +78,7 @@ macro_rules! layout {
             const OPERATION: FieldDecl = $by.one_of(NAMES).of::<$int>(stringify!($operation));
 
             impl $(<$life>)? $name $(<$life>)? {
-                /// The number that selects this variant.
+                /// The number on the wire that selects this variant.
                 pub(in crate::xf) const fn $operation(&self) -> $int {
                     match self {
                         $(Self::$variant { .. } => $code,)*
@@ -116,7 +118,8 @@ macro_rules! layout {
     };
 }
 
-/// A part of a layout, which has a position or is itself a type with a layout: its fields, writing it, reading it.
+/// Expands to one use of a value in a layout: `fields` to its list of fields, `put` to writing it, `take` to reading
+/// it. A value with `=` is one field at that position; a value without is a type with a layout of its own.
 macro_rules! part {
     (fields $name:ident: $type:ty) => {
         <$type as FieldLayout<'_>>::FIELDS

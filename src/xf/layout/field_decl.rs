@@ -4,15 +4,16 @@ use super::{FieldContent, FieldReader, FieldValue, FieldWriter, ValueAnswer};
 use crate::xf::fields::{Field, FieldKind, FieldPosition, Names};
 use crate::xf::{Allowed, Malformed};
 
-/// A field in a layout declaration, whose name and type are added later, with the numbers on the wire that belong to
-/// it.
+/// The declaration of a field: its position and whatever was declared for it. [`Self::of`] then adds the name and the
+/// properties of the Rust type. A field may have two more numbers on the wire: one that counts its bytes, and a fixed
+/// one.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldDecl {
-    /// The field, as far as it is declared.
+    /// The field. Its name, size, width and kind may be missing until [`FieldDecl::of`] adds them.
     pub field: Field,
     /// The number on the wire that counts the field's bytes.
     pub count: Option<ByteCount>,
-    /// A fixed number on the wire that precedes the field.
+    /// A fixed number on the wire, which is written and checked together with the field.
     pub fixed: Option<Fixed>,
 }
 
@@ -41,7 +42,7 @@ pub const fn length() -> FieldDecl {
     FieldDecl::new(FieldPosition::Length)
 }
 
-/// A position in the data segment.
+/// The position at this byte of the data segment.
 pub const fn at(byte: u16) -> FieldDecl {
     FieldDecl::new(FieldPosition::Data(byte))
 }
@@ -51,7 +52,8 @@ pub const fn tail(byte: u16) -> FieldDecl {
     at(byte).or(0)
 }
 
-/// The name of an answer that is a single value.
+/// Declares the field of an answer that is a single value. Only its name is given here: [`ValueAnswer::AT`] of the
+/// value's type is its position.
 pub const fn value(name: &'static str) -> FieldDecl {
     at(0).named(name)
 }
@@ -75,17 +77,17 @@ impl FieldDecl {
         self.with(Field { name, ..self.field })
     }
 
-    /// Sets the field's size, if it differs from that of the type.
+    /// Sets the field's size in bytes, if it differs from that of the type.
     pub const fn bytes(self, bytes: u8) -> Self {
         self.with(Field { bytes, ..self.field })
     }
 
-    /// Limits the field to some bits of its bytes.
+    /// Limits the field to `width` bits of its bytes, from bit `shift` on.
     pub const fn part(self, shift: u8, width: u8) -> Self {
         self.with(Field { shift, width, ..self.field })
     }
 
-    /// Sets the kind of the content, if the type does not define it.
+    /// Sets how the content is interpreted and shown, if the type does not define it.
     pub const fn kind(self, kind: FieldKind) -> Self {
         self.with(Field { kind, ..self.field })
     }
@@ -115,8 +117,9 @@ impl FieldDecl {
         self.with(Field { counts: Some(field), default: Some(0), ..self.field })
     }
 
-    /// Declares that another field contains the number of bytes of this field. `at` declares that other field, of 2 bytes
-    /// unless it says otherwise; `name` is its name in errors.
+    /// Makes another field contain the number of bytes of this field. `at` declares the position of that other field,
+    /// which has 2 bytes unless `at` sets its size. `name` is the name of that other field in errors, and `allowed`
+    /// limits the number of bytes.
     pub const fn counted(self, at: Self, name: &'static str, allowed: Allowed) -> Self {
         let field = at.or(0).of::<u16>("bytes").field;
         Self { count: Some(ByteCount { field, name, allowed, valid: None }), ..self }
@@ -131,7 +134,8 @@ impl FieldDecl {
         }
     }
 
-    /// Declares that a fixed number precedes the field on the wire.
+    /// Adds a fixed number with a position of its own, such as a key that the manuals prescribe. It is written before
+    /// the field, and checked when the field is read.
     pub const fn after(self, fixed: Fixed) -> Self {
         Self { fixed: Some(fixed), ..self }
     }
@@ -151,12 +155,12 @@ impl FieldDecl {
         })
     }
 
-    /// The field of an answer that is a single value of type `T`.
+    /// The declared field with the size, kind and position of the type `T`, for an answer that is a single value.
     pub const fn returned<T: ValueAnswer>(self) -> Field {
         Field { position: T::AT, ..self.of::<T>("").field }
     }
 
-    /// The position in the data segment at which the field begins.
+    /// The offset in the data segment at which the field begins, in bytes; 0 for a field in the header.
     pub const fn byte(&self) -> usize {
         match self.field.position {
             FieldPosition::Data(byte) => byte as usize,
@@ -177,10 +181,10 @@ impl FieldDecl {
     }
 }
 
-/// The size of a field, as a number in another field.
+/// A number on the wire that counts the bytes of a field of variable length.
 #[derive(Clone, Copy, Debug)]
 pub struct ByteCount {
-    /// The field with the number.
+    /// The field that contains the number of bytes.
     pub field: Field,
     name: &'static str,
     allowed: Allowed,
@@ -188,7 +192,7 @@ pub struct ByteCount {
 }
 
 impl ByteCount {
-    /// Returns the number if it is allowed.
+    /// Returns the number of bytes; fails if it is above the allowed maximum.
     fn checked(&self, found: u32) -> Result<u32, Malformed> {
         match self.allowed {
             Allowed::AtMost(most) | Allowed::Between(_, most) if found > most => {
@@ -220,7 +224,7 @@ impl ByteCount {
 pub struct Fixed {
     /// The field that contains the number. The fixed value is the field's default.
     pub field: Field,
-    /// The bits of the number that are compared.
+    /// Mask of the bits that must equal those of the fixed number when it is read; other bits may have any value.
     looked_at: u32,
     name: &'static str,
     allowed: &'static str,
@@ -238,7 +242,7 @@ impl Fixed {
         Self { field: decl.of::<T>("number").field, looked_at, name, allowed }
     }
 
-    /// Writes the fixed number.
+    /// Writes the fixed number, which is the field's default, into the field.
     pub fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         self.field.put(self.field.default.unwrap_or(0), to)
     }

@@ -11,9 +11,9 @@ pub struct FieldList {
 }
 
 impl FieldList {
-    /// The maximum number of fields of a function.
+    /// The maximum number of fields of a request or an answer.
     const MOST: usize = 12;
-    /// The empty list.
+    /// A list without fields, to which [`Self::with`] and [`Self::and`] add fields.
     pub const NONE: Self = Self { fields: [super::par().field; Self::MOST], len: 0 };
 
     /// A declared field, with its byte count and its fixed number if it has them.
@@ -28,7 +28,8 @@ impl FieldList {
         }
     }
 
-    /// Merges another list into this one.
+    /// Adds the fields of another list in the order of positions. A field is left out if this list has one of the same
+    /// name.
     pub const fn and(mut self, other: Self) -> Self {
         let mut n = 0;
         while n < other.len {
@@ -106,7 +107,7 @@ impl FieldList {
         end
     }
 
-    /// The number of fields.
+    /// The number of fields in the list, at most 12.
     pub const fn len(&self) -> usize {
         self.len
     }
@@ -131,7 +132,7 @@ macro_rules! field_slice {
     }};
 }
 
-/// Expands to a type with the lifetime `'static`, if it has one.
+/// Expands to the type as it is or, if it has a lifetime parameter, with `'static` for the parameter.
 macro_rules! type_of {
     ($name:ident) => { $name };
     ($name:ident <$life:lifetime>) => { $name<'static> };

@@ -33,7 +33,7 @@ use super::request::Arguments;
 use super::response::Returned;
 use super::{Malformed, segment};
 
-/// The destination for encoding a request or an answer.
+/// What a request or an answer is encoded into: the header fields and the data segment.
 #[derive(Debug)]
 pub struct FieldWriter<'a> {
     /// The header fields. `parameter` is a command's parameter, or an answer's return byte.
@@ -50,20 +50,20 @@ impl<'a> FieldWriter<'a> {
     /// Writes bytes from byte `at` of the data segment on, and marks them as valid.
     ///
     /// # Errors
-    /// The segment ends before that.
+    /// The data segment is shorter than `at` and the number of bytes together.
     pub fn put_at(&mut self, at: usize, bytes: &[u8]) -> Result<(), Malformed> {
         let end = segment::put_at(self.data, at, bytes)?;
         self.arguments.len = self.arguments.len.max(end);
         Ok(())
     }
 
-    /// The header fields as those of an answer.
+    /// The return byte and the length that were written, as the header fields of an answer.
     pub fn returned(&self) -> Returned {
         Returned { ret: self.arguments.parameter, len: self.arguments.len }
     }
 }
 
-/// The source for decoding a request or an answer.
+/// What a request or an answer is decoded from: the header fields and the data segment.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldReader<'d> {
     /// The header fields. `parameter` is a command's parameter, or an answer's return byte.
@@ -73,7 +73,7 @@ pub struct FieldReader<'d> {
 }
 
 impl<'d> FieldReader<'d> {
-    /// A reader of an answer.
+    /// Reads an answer from its return byte, its length and its data segment.
     pub fn of(returned: Returned, data: &'d [u8]) -> Self {
         Self { arguments: Arguments { parameter: returned.ret, len: returned.len, ..Arguments::NONE }, data }
     }
@@ -81,15 +81,17 @@ impl<'d> FieldReader<'d> {
 
 /// A type whose values have positions in the header and in the data segment.
 pub trait FieldLayout<'d>: Sized {
-    /// The fields of the layout.
+    /// The fields of the layout, in the order of their positions.
     const FIELDS: FieldList;
-    /// The minimum size of the data segment, in bytes.
+    /// The size of the data segment that the layout needs, in bytes.
     const END: usize = Self::FIELDS.end();
 
-    /// Writes the values.
+    /// Writes each value at its position. Fails if the data segment is too short, or if a value exceeds a limit of the
+    /// chip.
     fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed>;
 
-    /// Reads the values.
+    /// Reads each value from its position. Fails if the data segment is too short, or if the manuals do not allow a
+    /// value.
     fn take(from: &FieldReader<'d>) -> Result<Self, Malformed>;
 
     /// Encodes the values into a data segment that is all 0. All bytes up to [`Self::END`] are then valid.
@@ -120,7 +122,7 @@ pub trait FieldLayout<'d>: Sized {
 
 /// The possible forms of an answer, as fields.
 pub trait Forms {
-    /// The possible forms of the answer.
+    /// The forms in the order in which they are tried; the length of an answer selects its form.
     const FORMS: &'static [AnswerFields];
 }
 
@@ -131,7 +133,7 @@ pub trait FieldValue: Copy {
     /// The field's kind, unless the layout says otherwise.
     const KIND: FieldKind;
 
-    /// The value as a number.
+    /// The value as the number that the field contains.
     fn number(self) -> u32;
 
     /// The value with that number.
@@ -169,17 +171,19 @@ field_values! {
     i32, 4, FieldKind::Signed, |value| value as u32, |number| Ok(number as i32);
 }
 
-/// The content of a field: a number, or bytes.
+/// A type that can be the content of a field: a number, or bytes.
 pub trait FieldContent<'d>: Sized {
     /// The size in bytes, unless the layout says otherwise; 0 if the content extends to the end of the valid data.
     const BYTES: u8;
     /// The kind of the content, unless the layout says otherwise.
     const KIND: FieldKind;
 
-    /// Writes the content at its position.
+    /// Writes the content at its position, which `decl` declares, and the numbers that belong to it: its byte count and
+    /// a fixed number, if declared. Fails if the data segment is too short, or if the content is longer than allowed.
     fn put(&self, decl: &FieldDecl, to: &mut FieldWriter<'_>) -> Result<(), Malformed>;
 
-    /// Reads the content from its position.
+    /// Reads the content from its position, which `decl` declares. Fails if the data segment is too short, or if the
+    /// manuals do not allow the content.
     fn take(decl: &FieldDecl, from: &FieldReader<'d>) -> Result<Self, Malformed>;
 }
 
@@ -260,6 +264,6 @@ fn text(rest: &[u8], named: usize) -> &[u8] {
 
 /// An answer that is a single value at a fixed position.
 pub trait ValueAnswer: FieldValue {
-    /// The position of the value.
+    /// Where the value is in the answer: in the return byte, or at a byte of the data segment.
     const AT: FieldPosition;
 }

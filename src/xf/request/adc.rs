@@ -22,7 +22,7 @@ choices! {
 layout! {
     /// ECM_AdcOpen, code 35, parameter 40: opens the ADC (XF EN 1076). Data, 4 bytes (@offset): @0 u32 mode.
     pub struct AdcOpen {
-        /// The signal to measure.
+        /// Whether one input is measured against ground, or the difference between two inputs.
         pub mode: AdcMode = at(0),
     }
 }
@@ -57,14 +57,15 @@ macro_rules! fixed {
     )*};
 }
 
-/// The bit of the number 0x1000 that the manuals prescribe; it stands for the sample module.
+/// The bit of the number 0x1000, which the manuals prescribe without an explanation. It is bit 12, and
+/// [`AdcGetConvData`] sends 12, so both seem to select sample module 12 of the ADC, a unit that makes conversions.
 ///
 /// `[OURS]` The number looks like a mask of modules. Additional bits are accepted. Without this bit a request is
 /// malformed, since no manual describes it.
 const SAMPLE_MODULE: u32 = 0x1000;
 /// Size of the data of [`AdcConfigSampleModule`], in bytes. `[OURS]` The reserved numbers among them are ignored.
 const WITH_RESERVED: usize = 12;
-/// All bits: the number must be exactly that of the manuals.
+/// A mask of all bits: the number must be exactly that of the manuals.
 const WHOLE: u32 = u32::MAX;
 
 fixed! {
@@ -83,7 +84,7 @@ fixed! {
     AdcStartConv = at(0).hex().or(SAMPLE_MODULE), bits SAMPLE_MODULE, of 4,
         "ECM_AdcStartConv number", "0x1000, or more bits beside it";
 
-    /// ECM_AdcGetConvData, code 35, parameter 15: reads the converted value (XF EN 1128). Data, 4 bytes (@offset):
-    /// @0 u32 12. Answer: u32 at byte 0, 0..=4095 for 0 V to 3.3 V.
+    /// ECM_AdcGetConvData, code 35, parameter 15: reads the converted value (XF EN 1128). Data, 4 bytes (@offset): @0
+    /// u32 12, which the manuals prescribe without an explanation. Answer: u32 at byte 0, 0..=4095 for 0 V to 3.3 V.
     AdcGetConvData = at(0).hex().or(12), bits WHOLE, of 4, "ECM_AdcGetConvData number", "12";
 }

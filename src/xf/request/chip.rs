@@ -31,7 +31,7 @@ layout! {
     /// CRC_TYPE_SET, code 25: sets the type of check words, from the answer to this command on. The parameter is the
     /// type (XF EN 741).
     pub struct CrcTypeSet {
-        /// The new type.
+        /// The new type of check words: the fixed word or CRC-32.
         pub kind: CheckType = par(),
     }
 
@@ -42,8 +42,9 @@ layout! {
         pub size: DataSize = length(),
     }
 
-    /// ASYNCCMD_RESET, code 75: ends what keeps the chip busy. The chip always accepts it. The parameter selects the
-    /// actions (XF EN 1446).
+    /// ASYNCCMD_RESET, code 75: makes a chip that is busy with a non-immediate command accept another one. The chip
+    /// always accepts this request itself. The parameter selects the actions: clear the busy flag, skip the wait for
+    /// the network port, give up the running command (XF EN 1446).
     pub struct AsyncReset {
         actions: AsyncResetActions = par().named("action"),
     }
@@ -77,7 +78,7 @@ layout! {
     }
 }
 
-/// Names of the actions of [`AsyncReset`], as bits.
+/// The names of the actions of [`AsyncReset`], with their bits.
 const RESETS: Names = &[("clear_busy", 1), ("skip_port_wait", 2), ("give_up", 4)];
 
 field_values! {
@@ -104,7 +105,7 @@ impl WkcErrorMaxSet {
         if limit.0 == 0 { None } else { Some(Self { limit }) }
     }
 
-    /// The limit that the request sets.
+    /// How many wrong working counters in a row the request allows.
     pub const fn limit(self) -> WkcErrorLimit {
         self.limit
     }
@@ -141,20 +142,20 @@ impl WkcErrorLimit {
         self.0
     }
 
-    /// The allowed number, 0..=254; `None` if there is no limit.
+    /// How many wrong working counters in a row are allowed, 0..=254; `None` if there is no limit.
     pub const fn most(self) -> Option<u8> {
         if self.0 == Self::NONE.0 { None } else { Some(self.0) }
     }
 }
 
 bits! {
-    /// The actions of [`AsyncReset`].
+    /// The actions of [`AsyncReset`] on a chip that is busy.
     AsyncResetActions(u8) {
         /// Bit 0: clears the busy flag.
         CLEAR_BUSY = 1 << 0;
-        /// Bit 1: skips the wait for the network port at the start.
+        /// Bit 1: skips the wait until the network port is ready after the start of the chip.
         SKIP_PORT_WAIT = 1 << 1;
-        /// Bit 2: gives up the running command.
+        /// Bit 2: gives up the running non-immediate command.
         GIVE_UP = 1 << 2;
         /// Bits 0 to 2: all actions.
         ALL = 0x07;
@@ -169,7 +170,7 @@ impl AsyncReset {
         if actions.0 != 0 && AsyncResetActions::ALL.contains(actions) { Some(Self { actions }) } else { None }
     }
 
-    /// The actions of the request.
+    /// The actions that the chip has to take; at least one.
     pub const fn actions(self) -> AsyncResetActions {
         self.actions
     }

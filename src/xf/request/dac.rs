@@ -19,13 +19,13 @@ choices! {
         SetData = 0x0000,
         /// 0x0010: [`DacStartConv`] is the trigger.
         StartConv = 0x0010,
-        /// 0x0030: while the pin DAC_ST is low.
+        /// 0x0030: a low level of the pin DAC_ST is the trigger.
         PinLow = 0x0030,
-        /// 0x1030: while the pin DAC_ST is high.
+        /// 0x1030: a high level of the pin DAC_ST is the trigger.
         PinHigh = 0x1030,
-        /// 0x2030: at a rising edge of the pin DAC_ST.
+        /// 0x2030: a rising edge of the pin DAC_ST is the trigger.
         PinRising = 0x2030,
-        /// 0x3030: at a falling edge of the pin DAC_ST.
+        /// 0x3030: a falling edge of the pin DAC_ST is the trigger.
         PinFalling = 0x3030,
     }
 }
@@ -40,14 +40,14 @@ layout! {
     /// ECM_DacSetDelayTime, code 34, parameter 22: sets the duration of a conversion (XF EN 1050). Data, 4 bytes
     /// (@offset): @0 u32 in units of 1/96 us.
     pub struct DacSetDelayTime {
-        /// The duration of a conversion.
+        /// The duration of a conversion, 0..=1023 in units of 1/96 us. The manuals call it the delay time.
         pub delay: DacDelay = at(0),
     }
 
     /// ECM_DacSetData, code 34, parameter 11: sets the output value (XF EN 1058). Data, 4 bytes (@offset): @0 u32,
     /// 0..=4095 for 0 V to 3.3 V.
     pub struct DacSetData {
-        /// The output value.
+        /// The value to output, 0..=4095 for 0 V to 3.3 V.
         pub value: Analog = at(0),
     }
 }

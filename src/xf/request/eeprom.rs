@@ -13,7 +13,7 @@ layout! {
     pub enum EepromOperation by operation: u16 = at(0), "EEPROM_REQ operation", "0 read, 1 write" {
         /// Reads from the position on; [`EepromGet`] then returns the data.
         Read = 0,
-        /// Writes one word, given here.
+        /// Writes `value`, a word of 16 bits, at the position.
         Write = 1 (value: u16 = at(6).hex().or(0)),
     }
 
@@ -22,7 +22,7 @@ layout! {
     pub struct EepromRequest {
         /// The slave whose EEPROM is accessed.
         pub slave: SlaveNumber = at(2).bytes(2),
-        /// The position in the EEPROM where the access begins.
+        /// The address in the EEPROM, in words of 16 bits, of the first word to read or of the word to write.
         pub position: u16 = at(4).hex(),
         /// The timeout for the slave, in microseconds.
         pub timeout_us: u32 = at(8).or(1_000_000),

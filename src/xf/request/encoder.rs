@@ -15,15 +15,17 @@ layout! {
 }
 
 choices! {
-    /// The counting mode of the encoder.
+    /// How many edges per period the encoder counts, and whether it counts up to a comparison value.
     pub EncoderMode(u32), "ECM_EncOpen mode", "0x000 x4 free, 0x100 x2 free, 0x200 x4 compare, 0x300 x2 compare" {
-        /// 0x000: counts all four edges, without a limit.
+        /// 0x000: counts all four edges of a period, without a limit.
         X4Free = 0x000,
-        /// 0x100: counts two edges, without a limit.
+        /// 0x100: counts two edges of a period, without a limit.
         X2Free = 0x100,
-        /// 0x200: counts all four edges, up to a comparison value.
+        /// 0x200: counts all four edges of a period, up to a comparison value, at which the encoder's interrupt occurs.
+        /// No command sets that value.
         X4Compare = 0x200,
-        /// 0x300: counts two edges, up to a comparison value.
+        /// 0x300: counts two edges of a period, up to a comparison value, at which the encoder's interrupt occurs. No
+        /// command sets that value.
         X2Compare = 0x300,
     }
 }
@@ -31,7 +33,7 @@ choices! {
 layout! {
     /// ECM_EncOpen, code 33, parameter 4: opens the encoder (XF EN 995). Data, 4 bytes (@offset): @0 u32 mode.
     pub struct EncOpen {
-        /// The counting mode.
+        /// How many edges per period are counted, and whether up to a comparison value.
         pub mode: EncoderMode = at(0),
     }
 }

@@ -22,14 +22,14 @@ layout! {
     /// FIFO_ENABLE, code 18: switches on or off that the chip takes an RxPDO out of the RxFIFO in each cycle. The
     /// parameter is the switch (XF EN 674).
     pub struct FifoEnable {
-        /// Whether the chip takes RxPDOs out of the RxFIFO.
+        /// Whether the chip takes an RxPDO out of the RxFIFO in each cycle.
         pub on: bool = par(),
     }
 
     /// FIFO_PACK_SIZE_GET, code 19: reads the size of one PDO, which is one entry of a FIFO. The parameter selects the
     /// FIFO (XF EN 685). Answer: u16 at byte 0, in bytes.
     pub struct FifoPackSizeGet {
-        /// The FIFO whose entries are meant.
+        /// The FIFO whose entry size is read.
         pub fifo: Fifo = par(),
     }
 
@@ -42,14 +42,14 @@ layout! {
     /// FIFO_SET_TX_CNT, code 52: sets the capacity of the TxFIFO, 64 entries at power-on. A full TxFIFO loses its
     /// oldest entry. The parameter is the number of entries (XF EN 1236).
     pub struct FifoSetTxCount {
-        /// The capacity in entries.
+        /// The new capacity of the TxFIFO in entries.
         pub entries: u8 = par(),
     }
 
     /// FIFO_SET_RX_CNT, code 54: sets the capacity of the RxFIFO, 64 entries at power-on. A full RxFIFO loses the new
     /// entry. The parameter is the number of entries (XF EN 1262).
     pub struct FifoSetRxCount {
-        /// The capacity in entries.
+        /// The new capacity of the RxFIFO in entries.
         pub entries: u8 = par(),
     }
 }
@@ -102,9 +102,9 @@ choices! {
     pub Fifos(u8), "FIFO_CLR_OP FIFOs", "0 both, 1 TxFIFO, 2 RxFIFO" {
         /// 0: both FIFOs.
         Both = 0,
-        /// 1: the TxFIFO.
+        /// 1: the TxFIFO only.
         Tx = 1,
-        /// 2: the RxFIFO.
+        /// 2: the RxFIFO only.
         Rx = 2,
     }
 }

@@ -13,15 +13,16 @@ layout! {
     pub struct FoeFile<'d> {
         /// The slave whose file is transferred.
         pub slave: SlaveNumber = at(0).or(0),
-        /// The file's password.
+        /// The password for the file, which the slave may require.
         pub password: u32 = at(4).hex().or(0),
-        /// The file's length in bytes.
+        /// The length of the file in the flash memory in bytes, for a download. For an upload the modelled chip takes
+        /// it as the maximum length, and 0 as any length.
         pub bytes: u32 = at(8).counts("data"),
-        /// The timeout for the slave, in microseconds.
+        /// The timeout of the slave's answers, in microseconds.
         pub timeout_us: u32 = at(12).or(1_000_000),
-        /// The start of the file in the flash memory.
+        /// The address in the flash memory at which the file begins.
         pub start: FlashAddress = at(16).hex(),
-        /// The file's name, without a terminating 0.
+        /// The file's name in the slave, without a terminating 0.
         pub name: &'d [u8] = tail(20).kind(FieldKind::Text),
     }
 
@@ -37,16 +38,16 @@ layout! {
         Download = 2 (file: FoeFile<'d>),
         /// Reads the flash memory; [`FoeGet`] then returns the data.
         ReadFlash = 3 {
-            /// The first address to read.
+            /// The first address in the flash memory to read.
             start: FlashAddress = at(16).hex(),
             /// Number of bytes to read.
             bytes: FlashBytes = at(8),
         },
-        /// Writes the flash memory.
+        /// Writes at most 256 bytes into the flash memory.
         WriteFlash = 4 {
-            /// The first address to write.
+            /// The first address in the flash memory to write.
             start: FlashAddress = at(16).hex(),
-            /// The data, at most 256 bytes.
+            /// The bytes to write, at most 256.
             data: &'d [u8] = tail(20).counted(
                 at(8).bytes(4),
                 "FOE_FUNC_REQ flash bytes",

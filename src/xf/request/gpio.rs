@@ -31,9 +31,9 @@ choices! {
         Input = 0,
         /// 1: output.
         Output = 1,
-        /// 2: open drain.
+        /// 2: open drain, so that the output only pulls to low.
         OpenDrain = 2,
-        /// 3: quasi-bidirectional.
+        /// 3: quasi-bidirectional: an output that a device outside may pull to low, and that can be read as an input.
         QuasiBidirectional = 3,
     }
 
@@ -77,7 +77,7 @@ layout! {
     /// ECM_GpioSetMode, code 31, parameter 0: sets the mode of GPIO 0 to 15 (XF EN 825). Information bytes: `i0` and
     /// `i1` mask, `i2` mode, `i3` pull resistor.
     pub struct GpioSetMode {
-        /// The GPIOs to set: bit k is GPIO k.
+        /// The GPIOs whose mode is set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
         /// The new mode of the selected GPIOs.
         pub mode: GpioMode = info(2),
@@ -88,7 +88,7 @@ layout! {
     /// ECM_GpioSetMode, code 31, parameter 8: sets the mode of GPIO 16 to 19 (XF EN 838). Information bytes: `i0` mask,
     /// `i2` mode, `i3` pull resistor.
     pub struct GpioSetModeExt {
-        /// The GPIOs to set.
+        /// The GPIOs whose mode is set: bit k is GPIO 16 + k.
         pub pins: UpperPins = info(0).hex(),
         /// The new mode of the selected GPIOs.
         pub mode: GpioMode = info(2),
@@ -99,7 +99,7 @@ layout! {
     /// ECM_GpioEnableDebounce, code 31, parameter 2: switches debouncing of inputs among GPIO 0 to 15 on or off
     /// (XF EN 850). Information bytes: `i0` and `i1` mask, `i2` switch.
     pub struct GpioEnableDebounce {
-        /// The GPIOs to set: bit k is GPIO k.
+        /// The GPIOs whose debouncing is set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
         /// Whether the selected inputs are debounced.
         pub on: bool = info(2),
@@ -108,7 +108,7 @@ layout! {
     /// ECM_GpioEnableDebounce, code 31, parameter 9: switches debouncing of inputs among GPIO 16 to 19 on or off
     /// (XF EN 861). Information bytes: `i0` mask, `i2` switch.
     pub struct GpioEnableDebounceExt {
-        /// The GPIOs to set.
+        /// The GPIOs whose debouncing is set: bit k is GPIO 16 + k.
         pub pins: UpperPins = info(0).hex(),
         /// Whether the selected inputs are debounced.
         pub on: bool = info(2),
@@ -117,30 +117,31 @@ layout! {
     /// ECM_GpioSetDebounceClock, code 31, parameter 3: sets the sampling period of debounced inputs to 2^exponent periods
     /// of the clock source (XF EN 876). Information byte `i0`: bits 0 to 3 exponent, bit 4 clock source.
     pub struct GpioSetDebounceClock {
-        /// The debounce clock.
+        /// The clock source, and how many of its periods make one sampling period.
         pub clock: DebounceClock,
     }
 
     /// ECM_GpioIntEnable, code 31, parameter 1: sets which edges of a GPIO raise an interrupt (XF EN 890). Information
     /// bytes: `i0` channel, `i1` edges.
     pub struct GpioIntEnable {
-        /// The GPIO; above 15 only with certain versions of the chip.
+        /// The GPIO, 0..=19. GPIO 16 to 19 exist only with "certain versions" of the chip, which the manuals do not
+        /// name.
         pub channel: GpioChannel = info(0),
-        /// The edges that raise an interrupt.
+        /// The edges of the input that raise an interrupt.
         pub trigger: GpioTrigger = info(1),
     }
 
     /// ECM_GpioIntClear, code 31, parameter 4: clears interrupt flags (XF EN 899). Information bytes: `i0` and `i1`
     /// mask.
     pub struct GpioIntClear {
-        /// The flags to clear: bit k is GPIO k.
+        /// The GPIOs whose interrupt flags are cleared: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
     }
 
     /// ECM_GpioIntClear, code 31, parameter 6, from firmware 9 on: clears interrupt flags of GPIO 0 to 19 (XF EN 910).
     /// Information bytes: `i0` to `i2` mask.
     pub struct GpioIntClearExt {
-        /// The flags to clear.
+        /// The GPIOs whose interrupt flags are cleared: bit k is GPIO k.
         pub pins: AllPins = info(0).bytes(3).hex(),
     }
 
@@ -165,7 +166,7 @@ layout! {
 }
 
 impl DebounceClock {
-    /// The clock; `None` unless the exponent is 0..=15.
+    /// The sampling clock with these settings; `None` unless the exponent is 0..=15.
     pub const fn new(exponent: u8, source: DebounceSource) -> Option<Self> {
         if exponent <= 15 { Some(Self { exponent, source }) } else { None }
     }
@@ -175,7 +176,7 @@ impl DebounceClock {
         self.exponent
     }
 
-    /// The clock source.
+    /// The clock from whose periods the sampling period is made: 192 MHz or 10 kHz.
     pub const fn source(self) -> DebounceSource {
         self.source
     }

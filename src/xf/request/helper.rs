@@ -10,12 +10,12 @@ use crate::xf::layout::{Fixed, field_values, info, layout};
 bits! {
     /// The control byte: what the helper does with an axis.
     HelperControl(u8) {
-        /// Bit 3: the helper resets a fault once.
+        /// Bit 3: the helper gives one fault reset.
         RESET_ONCE = 1 << 3;
         /// Bit 4: the helper drives the axis: it overwrites bits 0 to 3 of the controlword, and bit 7 if a fault reset
         /// is selected (XF ZH 708).
         ON = 1 << 4;
-        /// Bit 7: the helper resets every fault that occurs.
+        /// Bit 7: the helper gives a fault reset whenever a fault occurs.
         RESET_ALWAYS = 1 << 7;
     }
 }
@@ -42,7 +42,7 @@ layout! {
     pub struct HelperStateSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
-        /// The requested state.
+        /// The CiA 402 state to which the helper brings the axis.
         pub state: DriveState = info(0),
     }
 
@@ -59,7 +59,8 @@ layout! {
         pub motor: MotorNumber = par(),
         /// What the helper does with the axis: the control byte.
         pub control: HelperControl = info(0),
-        /// The number of axes.
+        /// The number of axes that the helper drives. No source says what the chip does with it; the modelled chip
+        /// ignores it.
         pub motors: u8 = info(2).after(CONTROL_KEY),
         /// The slave to which the axis belongs.
         pub slave: SlaveNumber = info(3),
@@ -79,7 +80,7 @@ layout! {
     }
 }
 
-/// The fixed value in `i1` of [`HelperControlSet`].
+/// The value 0x5A, which the manuals prescribe for `i1` of [`HelperControlSet`] without an explanation.
 const CONTROL_KEY: Fixed = Fixed::new::<u8>(info(1).named("key").hex().or(0x5A), 0xFF, "402_CTL_SET i1", "0x5A");
 
 field_values! {

@@ -12,7 +12,7 @@ layout! {
 }
 
 bits! {
-    /// The active level of the interrupt lines.
+    /// The active level of the lines INT0 and INT1.
     Polarity(u8) {
         /// Bit 0: INT1 is active high. Clear at power-on: INT1 is active low.
         INT1_HIGH = 1 << 0;
@@ -20,7 +20,7 @@ bits! {
         INT0_HIGH = 1 << 1;
     }
 
-    /// Enables of the interrupts of GPIO 8 to 11 and of the encoder.
+    /// Bits that enable the interrupts of GPIO 8 to 11 and of the encoder.
     PeripheralInterrupts(u8) {
         /// Bit 0: the interrupt of GPIO 8.
         GPIO_8 = 1 << 0;

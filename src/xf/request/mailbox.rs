@@ -13,7 +13,7 @@ pub const EMERGENCIES_MAX: usize = 8;
 layout! {
     /// COE_EMERGENCY, code 83: reads the newest emergencies. The parameter is their number (XF EN 1490).
     pub struct CoeEmergency {
-        /// The number of emergencies to read.
+        /// How many of the newest emergencies are read.
         pub count: EmergencyCount = par(),
     }
 
@@ -29,7 +29,7 @@ layout! {
         /// Parameter 0: the chip fetches the message from a slave's mailbox. Information bytes: `i0` and `i1`: slave as
         /// u16.
         Request = 0 {
-            /// The slave whose mailbox is fetched.
+            /// The slave from whose mailbox the message is fetched.
             slave: SlaveNumber = info(0).bytes(2).or(0),
         },
         /// Parameter 1: reads a part of the fetched message. Information bytes: `i0` and `i1` start, `i2` and `i3`
@@ -62,7 +62,7 @@ impl EmergencyCount {
         if n >= 1 && n as usize <= EMERGENCIES_MAX { Some(Self(n)) } else { None }
     }
 
-    /// The number as an integer.
+    /// The number of emergencies, 1..=8.
     pub const fn get(self) -> u8 {
         self.0
     }
@@ -78,12 +78,12 @@ impl MailboxPart {
         if start < 64 && length < 64 { Some(part) } else { None }
     }
 
-    /// The position of the first byte.
+    /// The offset in the mailbox message at which the part begins, in bytes.
     pub const fn start(self) -> u16 {
         self.start.0
     }
 
-    /// The number of bytes.
+    /// The number of bytes in the part.
     pub const fn length(self) -> u16 {
         self.length.0
     }
@@ -103,7 +103,7 @@ impl fmt::Debug for PartNumber {
 field_values! {
     PartNumber, 2, FieldKind::Number,
         |number| {
-            // The limit of 255 is for the largest number, 255 * 64 + 255, whose low byte is above 63.
+            // Only numbers above 255 * 64 + 63 reach the limit of 255. Their low byte is above 63, and at most 255.
             let high = (number.0 / 64).min(255);
             (high << 8 | (number.0 - high * 64)).into()
         },

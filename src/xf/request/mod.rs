@@ -81,13 +81,13 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// All fields are 0.
+    /// The fields of a request without arguments and without data: all are 0.
     pub const NONE: Self = Self { parameter: 0, info: [0; 4], reserve: Reserve::NONE, len: 0 };
 }
 
 /// A request of one function, with the type of its answer. `'d` is the lifetime of its data, if it has any.
 pub trait Call<'d>: Sized {
-    /// The command code.
+    /// The code of the command that carries the request.
     const CODE: CommandCode;
     /// The parameter that selects the function, for the codes 31 to 35.
     const FUNCTION: Option<u8> = None;
@@ -117,10 +117,10 @@ pub trait Call<'d>: Sized {
 
 /// A visitor of requests, which is called with the concrete type of a request: see [`Request::visit`].
 pub trait Visit {
-    /// The result of the visitor.
+    /// The type of the result that [`Request::visit`] passes on.
     type Output;
 
-    /// Handles the request.
+    /// Called once by [`Request::visit`], with the request as a value of its own type.
     fn call<'d, C: Call<'d>>(self, call: &C) -> Self::Output;
 }
 
@@ -143,7 +143,7 @@ impl<'d, C: Call<'d>> Encode for C {
 /// A command whose code or function is not in the manuals. The chip answers it with a command error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UnknownCommand<'d> {
-    /// The code.
+    /// The code of the command; it is in the manuals if only the function is unknown.
     pub code: CommandCode,
     /// The fields of the command's header.
     pub arguments: Arguments,

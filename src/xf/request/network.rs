@@ -27,12 +27,12 @@ layout! {
     /// it (XF EN 1421, XF ZH 410).
     pub struct ConfigMap;
 
-    /// ECAT_STATE_SET, code 12: brings slaves to a state. Parameter: slaves; information byte `i0`: state, to which
-    /// bit 4 may be added (XF EN 619; OBS).
+    /// ECAT_STATE_SET, code 12: brings slaves to a state. Parameter: slaves; information byte `i0`: state. Bit 4 may be
+    /// added to the state, as one application does to acknowledge an error (XF EN 619; OBS).
     pub struct StateSet {
         /// The slaves to bring to the state.
         pub slaves: Slaves = par(),
-        /// The requested state.
+        /// The state that the slaves have to reach.
         pub state: EtherCatState = info(0),
     }
 
@@ -40,7 +40,7 @@ layout! {
     pub struct StateCheck {
         /// The slaves to bring to the state.
         pub slaves: Slaves = par(),
-        /// The requested state.
+        /// The state that the slaves have to reach.
         pub state: EtherCatState = info(0),
     }
 
@@ -51,10 +51,11 @@ layout! {
         pub slaves: Slaves = par(),
     }
 
-    /// ECAT_PDO_WC_GET, code 4: reads a number about the working counter. Parameter: which number (XF EN 421). Answer:
+    /// ECAT_PDO_WC_GET, code 4: reads the working counter of the last cycle, or the number of slaves with inputs or
+    /// with outputs, from which the expected working counter follows. The parameter selects which (XF EN 421). Answer:
     /// u32 at byte 0.
     pub struct PdoWorkingCounterGet {
-        /// The number to read.
+        /// Whether to read the working counter, the number of slaves with inputs, or that with outputs.
         pub which: WorkingCounterItem = par(),
     }
 
@@ -68,13 +69,13 @@ layout! {
     /// ECAT_SLV_INFO_GET, code 15: reads an item about a slave. Parameter: slave; information byte `i0`: item
     /// (XF EN 643).
     pub struct SlaveInfoGet {
-        /// The slave to ask about.
+        /// The slave whose property is read.
         pub slave: SlaveNumber = par(),
-        /// The item to read.
+        /// The property of the slave to read, such as its name or its AL status code.
         pub item: SlaveInfoItem = info(0),
     }
 
-    /// The times of the distributed clocks.
+    /// The cycle and shift times of the distributed clocks.
     #[derive(Default)]
     pub struct DcTiming {
         /// The word AssignActivate from the slave's ESI file, such as 0x0300 for SYNC0.
@@ -84,7 +85,7 @@ layout! {
         /// Cycle time of SYNC1 in nanoseconds.
         pub sync1_ns: u32 = at(8).or(0),
         /// Shift time of SYNC0 in nanoseconds.
-        // The manuals' text says 0x12, their drawing shows 12.
+        // The manuals' text gives the offset 0x12, their drawing 12.
         pub shift_ns: i32 = at(12).or(0),
     }
 
@@ -109,7 +110,7 @@ choices! {
         Counter = 3,
     }
 
-    /// The item that [`SlaveInfoGet`] reads.
+    /// The property of a slave that [`SlaveInfoGet`] reads.
     pub SlaveInfoItem(u8), "SLV_INFO_GET item", "0 to 13" {
         /// 0: vendor id.
         Vendor = 0,
@@ -133,9 +134,9 @@ choices! {
         InputBytes = 9,
         /// 10: whether the slave has distributed clocks (OBS, like all further items).
         HasDc = 10,
-        /// 11: cycle time of the distributed clock.
+        /// 11: cycle time of the distributed clock; the modelled chip returns that of SYNC0 in nanoseconds.
         DcCycle = 11,
-        /// 12: shift time of the distributed clock.
+        /// 12: shift time of the distributed clock; the modelled chip returns that of SYNC0 in nanoseconds.
         DcShift = 12,
         /// 13: whether the distributed clock is active.
         DcActive = 13,
@@ -180,11 +181,11 @@ pub struct EcatInit {
 }
 
 impl EcatInit {
-    /// The parameter for special slaves.
+    /// The parameter that the manuals require for "special slaves"; they do not say which slaves these are.
     const SPECIAL_SLAVES: u8 = 48;
     const SPECIAL: FieldDecl =
         par().one_of(&[("no", 0), ("yes", Self::SPECIAL_SLAVES as u32)]).or(0).of::<u8>("special_slaves");
-    /// The two reserve bits that this command uses.
+    /// The two reserve bits that this command uses: reference clock and LRW.
     const RESERVE: FieldDecl = reserve().bits(Self::BITS).or(0).of::<u16>("reserve");
     const BITS: Names = &[("master_shift", Reserve::MASTER_SHIFT.0 as u32), ("lrw", Reserve::LRW.0 as u32)];
     /// Byte 0 of the data, which is fixed: all slaves.

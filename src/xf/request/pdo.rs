@@ -65,7 +65,7 @@ layout! {
 }
 
 choices! {
-    /// The object with the PDO assignment of a slave's sync manager.
+    /// The object with the PDO assignment of a slave's sync manager: outputs or inputs.
     pub PdoAssignment(u16), "PDO assignment", "0x1C12 or 0x1C13" {
         /// 0x1C12: RxPDOs, the outputs.
         Rx = 0x1C12,
@@ -80,7 +80,7 @@ choices! {
 pub struct MappedObject {
     /// Index of the object; 0 for a gap.
     pub index: u16,
-    /// Sub-index.
+    /// Sub-index of the object.
     pub sub: u8,
     /// Length of the object in bits.
     pub bits: u8,
@@ -141,9 +141,9 @@ impl PdoMap {
 
 /// The PDOs that are assigned to a sync manager of a slave, as set by [`PdoConfigSet`] and read by [`PdoConfigGet`].
 ///
-/// Data (@offset): @0 slave, @1 number of PDOs, @2 u16 assignment, then for 3 (4) PDOs: u16 mapping objects @4, u16
-/// numbers of objects @10 (@12), 8 objects each @16 (@20). 112 (148) bytes; the longer form is that of newer firmware
-/// (OBS).
+/// Data of the form with 3 PDOs, 112 bytes (@offset): @0 slave, @1 number of PDOs, @2 u16 assignment, @4 three u16
+/// mapping objects, @10 three u16 numbers of objects, @16 space for 8 objects of each PDO. The form with 4 PDOs, 148
+/// bytes, is that of newer firmware (OBS): @4 four mapping objects, @12 four numbers of objects, @20 the objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdoConfig {
     /// The slave to which the PDOs belong.
@@ -155,7 +155,7 @@ pub struct PdoConfig {
     maps: [PdoMap; 4],
 }
 
-/// The form of a [`PdoConfig`], which limits its number of PDOs.
+/// The layout of a [`PdoConfig`], which has room for 3 or 4 PDOs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum PdoConfigForm {
@@ -166,7 +166,7 @@ pub enum PdoConfigForm {
 }
 
 impl PdoConfigForm {
-    /// The maximum number of PDOs.
+    /// The maximum number of PDOs: 3 or 4.
     pub const fn maps(self) -> usize {
         self as usize
     }
@@ -217,7 +217,7 @@ impl PdoConfig {
         Some(config)
     }
 
-    /// The form, which limits the number of PDOs.
+    /// The layout of the configuration, which has room for 3 or 4 PDOs.
     pub const fn form(&self) -> PdoConfigForm {
         self.form
     }

@@ -12,27 +12,27 @@ layout! {
 choices! {
     /// The EtherCAT command of a datagram.
     pub RawOperation(u8), "RAW_ECAT_FUNC_REQ operation", "1, 2, 4, 5, 7, 8 or 10 to 14" {
-        /// 1: APRD.
+        /// 1: APRD, reads a slave by its position.
         Aprd = 1,
-        /// 2: APWR.
+        /// 2: APWR, writes a slave by its position.
         Apwr = 2,
-        /// 4: FPRD.
+        /// 4: FPRD, reads a slave by its station address.
         Fprd = 4,
-        /// 5: FPWR.
+        /// 5: FPWR, writes a slave by its station address.
         Fpwr = 5,
-        /// 7: BRD.
+        /// 7: BRD, reads all slaves; their data are combined by OR.
         Brd = 7,
-        /// 8: BWR.
+        /// 8: BWR, writes all slaves.
         Bwr = 8,
-        /// 10: LRD.
+        /// 10: LRD, reads logical addresses.
         Lrd = 10,
-        /// 11: LWR.
+        /// 11: LWR, writes logical addresses.
         Lwr = 11,
-        /// 12: LRW.
+        /// 12: LRW, reads and writes logical addresses.
         Lrw = 12,
-        /// 13: ARMW.
+        /// 13: ARMW, reads one slave by its position, and writes the value to all other slaves.
         Armw = 13,
-        /// 14: FRMW.
+        /// 14: FRMW, reads one slave by its station address, and writes the value to all other slaves.
         Frmw = 14,
     }
 }
@@ -57,9 +57,9 @@ layout! {
     pub struct RawRequest<'d> {
         /// The datagram's EtherCAT command.
         pub operation: RawOperation = at(0),
-        /// Auto-increment position or station address of the slave.
+        /// Auto-increment position or station address of the slave, by the datagram's command.
         pub adp: u16 = at(4).hex().or(0),
-        /// Address in the slave's memory.
+        /// Register or memory address in the slave.
         pub ado: u16 = at(6).hex().or(0),
         /// Logical address, for LRD, LWR and LRW.
         pub logical: u32 = at(8).hex().or(0),

@@ -28,7 +28,8 @@ layout! {
             .all_valid("SDO_REQ valid data length")),
         /// Reads the object; [`SdoGet`] then returns the data.
         Read = 1 {
-            /// The size of the object in bytes.
+            /// The number of bytes to read. The modelled chip returns at most this many bytes of a longer object, and
+            /// all bytes for 0.
             bytes: u16 = at(6),
         },
     }

@@ -13,13 +13,13 @@ layout! {
         pub slave: SlaveNumber = at(0),
         /// The number of the sync manager.
         pub number: u8 = at(1),
-        /// The start address of its buffer.
+        /// The start address of the sync manager's buffer in the slave's memory.
         pub start: u16 = at(2).hex(),
-        /// The length of its buffer in bytes.
+        /// The length of the sync manager's buffer in bytes.
         pub length: u16 = at(4),
-        /// The control byte for the sync manager's register.
+        /// The control byte for the sync manager's register: direction and mode of the buffer.
         pub control: u8 = at(6).hex(),
-        /// The activate byte for the sync manager's register.
+        /// The activate byte for the sync manager's register; bit 0 enables the sync manager.
         pub activate: u8 = at(7).hex(),
     }
 
@@ -29,7 +29,7 @@ layout! {
         Switch = 0 {
             /// The slave with the manual lengths.
             slave: SlaveNumber = info(0),
-            /// Whether the assigned lengths are used.
+            /// Whether the chip uses the assigned lengths, and not those of the slave's mapping.
             on: bool = info(1).or(0),
         },
         /// Parameter 1: assigns a length. Information bytes: `i0` slave, `i1` 0 output, 1 input, `i2` and `i3` bytes as
@@ -39,7 +39,7 @@ layout! {
             slave: SlaveNumber = info(0),
             /// Whether the length is that of the outputs or of the inputs.
             direction: Direction = info(1).or(0),
-            /// The length in bytes.
+            /// The assigned length of the process data, in bytes.
             bytes: u16 = info(2).or(0),
         },
     }

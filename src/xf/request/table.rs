@@ -45,7 +45,7 @@ macro_rules! requests {
         },)*];
 
         impl<'d> Request<'d> {
-            /// The number of functions.
+            /// The number of functions of all commands, which is that of the known requests.
             pub const FUNCTIONS: usize = [$(stringify!($name)),*].len();
 
             /// Decodes the request of a command from its code, the fields of its header and its whole data segment.
@@ -59,7 +59,7 @@ macro_rules! requests {
                 Ok(Self::Unknown(UnknownCommand { code, arguments: *arguments, data }))
             }
 
-            /// The command code.
+            /// The code of the command that carries the request.
             pub fn code(&self) -> CommandCode {
                 match self {
                     $(Self::$name(_) => $name::CODE,)*
@@ -124,7 +124,7 @@ macro_rules! requests {
     };
 }
 
-/// The command code, which mostly has the same name as the type.
+/// Expands to the command code of a request, which mostly has the same name as the type.
 macro_rules! code {
     ($name:ident) => {
         CommandCode::$name

@@ -11,7 +11,7 @@ use crate::xf::{DataSize, Malformed};
 /// older firmware has none (XF ZH 1208).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FirmwareVersion {
-    /// The version, such as 0x22.
+    /// The firmware version, such as 0x22.
     pub version: u8,
     /// The identity that newer firmware adds.
     pub identity: Option<FirmwareIdentity>,

@@ -10,7 +10,7 @@ layout! {
     /// A CoE emergency of a slave.
     #[derive(Default)]
     pub struct Emergency {
-        /// Byte 0: the position in the list, 0..=7.
+        /// Byte 0: the position in the list of emergencies, 0..=7; in the modelled chip 0 is the newest.
         pub number: u8 = at(0).kind(FieldKind::Named(&[("none", NO_EMERGENCY as u32)])),
         /// Byte 1: the slave's number.
         pub slave: u8 = at(1),
@@ -27,7 +27,7 @@ layout! {
 
 const EMERGENCY: usize = Emergency::END;
 
-/// The number in a position without an emergency.
+/// The number 0xFF, which stands in a position of the list without an emergency.
 const NO_EMERGENCY: u8 = 0xFF;
 
 /// The answer to COE_EMERGENCY (XF EN 1490): 12 bytes for each requested emergency, 1 to 8 of them.
@@ -49,12 +49,12 @@ impl Emergencies {
         Some(list)
     }
 
-    /// The positions in order; `None` for an empty one.
+    /// The list by position: an emergency, or `None` for an empty position.
     pub fn places(&self) -> &[Option<Emergency>] {
         &self.places[..self.count.into()]
     }
 
-    /// The emergencies in order, without empty positions.
+    /// The emergencies in the order of the list, without empty positions.
     pub fn iter(&self) -> impl Iterator<Item = &Emergency> {
         self.places().iter().flatten()
     }

@@ -43,7 +43,7 @@ pub struct Returned {
 }
 
 impl Returned {
-    /// No result.
+    /// The header fields of an answer without a result: return byte and length are 0.
     pub const NONE: Self = Self { ret: 0, len: 0 };
 
     /// A result in the return byte alone.

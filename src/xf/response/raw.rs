@@ -17,11 +17,11 @@ layout! {
         pub operation: u8 = at(0).kind(FieldKind::Named(RawOperation::NAMES)),
         /// Auto-increment position or station address of the slave.
         pub adp: u16 = at(4).hex(),
-        /// Address in the slave's memory.
+        /// Register or memory address in the slave.
         pub ado: u16 = at(6).hex(),
-        /// Logical address.
+        /// Logical address, for LRD, LWR and LRW.
         pub logical: u32 = at(8).hex(),
-        /// The timeout in microseconds.
+        /// The timeout of the request, in microseconds, as the chip repeats it.
         pub timeout_us: i32 = at(12),
         /// The working counter; negative if the datagram did not come back.
         pub working_counter: i32 = at(16),

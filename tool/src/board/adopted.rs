@@ -17,11 +17,12 @@ const TOLERANCE: f64 = 0.33;
 const MODE_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
 
 impl Board {
-    /// Checks that these axes run in CSP, with the cycle time that the user has given. If this process has configured the
-    /// network itself, the check passes at once.
+    /// Checks that these axes run in CSP, with the cycle time that the user has given. If this process has configured
+    /// the network itself, the check passes at once.
     ///
     /// # Errors
-    /// [`BoardError::Refused`]
+    /// [`BoardError::Refused`] if the measured cycle time or the mode of an axis is another one;
+    /// [`BoardError::UnknownNetwork`] if the slaves are not known; errors of reading reports and the mode.
     pub fn check_adopted(&self, what: &str, axes: &[u8]) -> Result<(), BoardError> {
         if !self.adopted.get() {
             return Ok(());
@@ -76,7 +77,8 @@ mod tests {
     #[derive(clap::Args)]
     struct Nothing {}
 
-    /// Runs lines on a board that stays as it is when it is closed; returns the error of the last one.
+    /// Runs the lines of a script on a simulated board, whose axes are left as they are at the end. Returns the error
+    /// of the first line that fails.
     fn lines(options: &[&str], lines: &[&str]) -> Result<(), BoardError> {
         let link = ["ecmsk", "--link", "sim:?slaves=drive*2&clock=virtual&name=adopted", "--close", "leave"];
         let args: Args = Words::parse_from(link.iter().chain(options)).words.board;

@@ -8,12 +8,12 @@ use super::error::BoardError;
 /// The highest slave number behind a board.
 pub const SLAVES_MAX: u8 = 40;
 
-/// An axis on a command line.
+/// An axis as a command line names it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AxisWord {
-    /// The number of its slave, 1..=40.
+    /// The number of the axis's slave, 1..=40 in network order.
     Number(u8),
-    /// Its name in the machine file.
+    /// The axis's name in the machine file.
     Name(String),
 }
 
@@ -27,12 +27,12 @@ impl AxisWord {
         text.parse().ok().filter(|slave| (1..=SLAVES_MAX).contains(slave)).map(Self::Number)
     }
 
-    /// Whether the machine file is needed.
+    /// Whether the axis is given by its name, so that the machine file is needed to find its slave.
     pub const fn is_name(&self) -> bool {
         matches!(self, Self::Name(_))
     }
 
-    /// The number of the slave.
+    /// The number of the axis's slave, from 1 in network order.
     ///
     /// # Errors
     /// [`BoardError::Refused`] if there is no machine file, or it has no such axis.
@@ -54,25 +54,28 @@ impl AxisWord {
     }
 }
 
-/// What axes and positions on a command line mean.
+/// What is known for converting the axes and positions on a command line: counts per unit by slave number, and names
+/// and units of the machine file.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Units<'a> {
     /// The value of `--counts-per-unit`.
     pub option: Option<&'a Scales>,
-    /// The units of axes that are named by their numbers: those of the option, or of a server.
+    /// The counts per unit for axes that are named by their slave numbers: from `--counts-per-unit`, otherwise from the
+    /// server of the link.
     pub numbers: Option<&'a Scales>,
-    /// The machine file, with the units of axes that are named by their names.
+    /// The machine file, which has the units of axes that are named by their names.
     pub machine: Option<&'a MachineFile>,
 }
 
 impl<'a> Units<'a> {
-    /// The axis of a slave in the machine file.
+    /// The axis that the machine file has for a slave; `None` without a machine file or axis.
     pub fn axis(&self, slave: u8) -> Option<&'a MachineAxis> {
         self.machine?.axis_of(slave)
     }
 
-    /// The unit in which a position of an axis is written. A number in the place of a name keeps the meaning that it had
-    /// before there was a machine file. \[OURS]
+    /// The unit in which a position of an axis is written. For an axis that is named by its number this is not the unit
+    /// of the machine file, but that of `--counts-per-unit` or counts. So command lines from before there was a machine
+    /// file keep their meaning. \[OURS]
     pub fn scale(&self, word: &AxisWord, slave: u8) -> Scale {
         match self.axis(slave).filter(|_| word.is_name()) {
             Some(axis) => axis.scale,

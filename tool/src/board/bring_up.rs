@@ -12,7 +12,7 @@ use super::session::{Board, StepSource, numbered, statusword_text};
 pub enum Needs<'a> {
     /// The network is in PreOP or higher, for SDOs.
     Sdo,
-    /// The network is in OP.
+    /// The network is in OP, for process data such as outputs.
     Op,
     /// The network is in OP and these axes are switched on.
     On(&'a [u8]),
@@ -22,7 +22,8 @@ impl Board {
     /// Makes sure that the network is in the state that a step needs; with `--up` it is brought up.
     ///
     /// # Errors
-    /// [`BoardError::NotUp`], [`BoardError::AxisOff`], [`BoardError::Alarm`], and errors of bringing the network up.
+    /// [`BoardError::NotUp`] if the network is in a lower state, and [`BoardError::AxisOff`] if an axis is off, both
+    /// without `--up`. [`BoardError::Alarm`] if an axis has an alarm; errors of bringing the network up.
     pub fn ready(&self, what: &str, needs: Needs<'_>) -> Result<(), BoardError> {
         let found = self.ecm.state()?;
         let wanted = if needs == Needs::Sdo { MasterState::PreOp } else { MasterState::Op };
@@ -68,7 +69,8 @@ impl Board {
     /// Changes the state. On the way from PreOP to higher states the network is configured.
     ///
     /// # Errors
-    /// [`BoardError::UnknownNetwork`], and errors of the change of state.
+    /// [`BoardError::UnknownNetwork`] if the network has to be configured and its slaves are not known; errors of the
+    /// change of state.
     pub fn go_to(&self, wanted: MasterState) -> Result<(), BoardError> {
         let change = |to: MasterState| {
             let done = self.run_interruptible(&format!("going to {to}"), |ecm| ecm.set_state(to));

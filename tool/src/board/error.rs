@@ -15,13 +15,13 @@ use crate::streams;
 /// Why a verb that talks to a board failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum BoardError {
-    /// See [`super::super::record_option::RecordError`].
+    /// The recording of `--record` cannot be made.
     #[error(transparent)]
     Record(#[from] crate::record_option::RecordError),
     /// Standard output cannot be written to, see [`crate::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(io::Error),
-    /// The operating system refuses a thread, memory or a file.
+    /// The operating system refuses to start a thread, or refuses memory or a file.
     #[error("cannot {what}: {source}; free some of the system's memory, threads or files, then run it again")]
     System {
         /// What the failed call was for, such as `start a thread`.
@@ -29,7 +29,7 @@ pub enum BoardError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The recording lacks frames, or its end.
+    /// The recording of the run lacks frames, or its end.
     #[error("{lacks}")]
     NotRecorded {
         /// The file, what it lacks, and the next step.
@@ -38,16 +38,16 @@ pub enum BoardError {
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of text")]
     Input(io::Error),
-    /// A line of the shell is invalid.
+    /// A line typed in `ecmsk shell` is invalid.
     #[error("{why}")]
     Typed {
         /// What is wrong with the line, and what may be typed.
         why: String,
     },
-    /// See [`MachineFileError`].
+    /// The machine file cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineFileError),
-    /// The configuration of the link is invalid.
+    /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The command line names no link, and the default link does not open.
@@ -56,7 +56,7 @@ pub enum BoardError {
     /// The link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// An error of the board or its slaves in the operation.
+    /// The library reports an error of the board, of its link or of a slave that has no variant of its own here.
     #[error(transparent)]
     Ecm(#[from] EcmError),
     /// The network is in a lower state than the operation needs.
@@ -71,7 +71,7 @@ pub enum BoardError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// A change of state has failed, and the board in this process knows why.
+    /// A change of state has failed, and the link knows why, as a simulated board in this process does.
     #[error("{wanted} was not reached, the board is in {found}: {why}")]
     StateStuck {
         /// The requested state of the network.
@@ -103,7 +103,7 @@ pub enum BoardError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// The target of a cycle is too far ahead of its axis.
+    /// The axis does not follow: the target of a cycle is too far ahead of its actual position.
     #[error(
         "axis {slave} does not follow: it is at {actual}, and the target {target} of this cycle is {} counts away, the limit is \
          {limit}; see its load and its limits, move slower, or widen --lead-limit",
@@ -169,7 +169,7 @@ pub enum BoardError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// A line of a script failed.
+    /// A line of a script is invalid, or its step has failed.
     #[error("{place}: {why}")]
     Line {
         /// The name of the script and the number of the line.
@@ -194,8 +194,8 @@ pub enum BoardError {
 }
 
 impl From<io::Error> for BoardError {
-    /// Converts an error of writing standard output. `Interrupted` after a signal becomes [`Self::Stopped`], since the signal
-    /// has ended the wait for whoever reads the output.
+    /// Converts an error of writing standard output. An `Interrupted` error after a signal becomes [`Self::Stopped`]:
+    /// the reader of the output does not read on, and the signal has ended the wait for it.
     fn from(error: io::Error) -> Self {
         match streams::signal().filter(|_| error.kind() == io::ErrorKind::Interrupted) {
             Some(signal) => Self::Stopped { signal, next: "the board is still open".into() },

@@ -18,7 +18,7 @@ impl Interrupt {
     /// Watches for signals from now on: SIGINT, SIGTERM and SIGHUP, on Windows the events of the console.
     ///
     /// # Errors
-    /// [`BoardError::System`]
+    /// [`BoardError::System`] if the operating system refuses to install the signal handlers.
     pub fn watch() -> Result<Self, BoardError> {
         let interrupt = Self::default();
         let noted = signals::note_once(&interrupt.signal, &interrupt.armed);

@@ -20,7 +20,7 @@ impl Board {
     /// Runs a long call in a thread, so that Ctrl-C ends it, and shows progress after a second.
     ///
     /// # Errors
-    /// [`BoardError::Stopped`], and those of the call.
+    /// [`BoardError::Stopped`] if a signal has ended the call; otherwise the errors of the call.
     pub fn run_interruptible<T: Send>(
         &self,
         what: &str,
@@ -78,10 +78,10 @@ impl Board {
         done.map_err(|error| self.explain(error))
     }
 
-    /// Fails if a signal has requested the end.
+    /// Fails if a signal such as Ctrl-C has requested the end of the verb.
     ///
     /// # Errors
-    /// [`BoardError::Stopped`]
+    /// [`BoardError::Stopped`] with the signal.
     pub fn check_stop(&self) -> Result<(), BoardError> {
         match self.interrupt.signal() {
             None => Ok(()),

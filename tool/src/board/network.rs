@@ -36,12 +36,13 @@ impl Network {
         Some(Self(slaves.collect()))
     }
 
-    /// The slaves of a machine file.
+    /// The slaves that a machine file lists, with their modes, limits and units.
     pub fn of_machine(machine: &MachineFile) -> Self {
         Self(Config::of_machine(machine).slaves)
     }
 
-    /// The configuration of these slaves, with the other options of their axes. `scale` is the unit of an axis that has one.
+    /// The configuration of these slaves, with the cycle time. Each axis gets the limit `lead_limit`, unless that is
+    /// `None`, and the unit that `scale` returns for its slave number, otherwise counts.
     pub fn config(self, cycle_us: u32, lead_limit: Option<Guard>, scale: impl Fn(u8) -> Option<Scale>) -> Config {
         let mut slaves = self.0;
         for (number, slave) in (1..).zip(&mut slaves) {
@@ -59,7 +60,7 @@ fn mode(word: &str) -> Result<Mode, String> {
     mode.ok_or_else(|| format!("mode `{word}` is unknown; allowed: {MODES}"))
 }
 
-/// The help of `--slaves`.
+/// The help text of `--slaves`, with the kinds that a slave may have.
 pub fn help() -> String {
     format!(
         "The slaves in the order of the cable, e.g. drive*2,io,hsp:csv; of {}, each with :csv or :cst if it does not run in CSP \

@@ -122,7 +122,7 @@ impl Reporter {
     }
 }
 
-/// The times at which progress is shown, counted from 0.
+/// The times at which progress is shown, counted from the beginning of the operation.
 #[derive(Debug)]
 pub struct ProgressPace {
     every: Duration,
@@ -132,7 +132,7 @@ pub struct ProgressPace {
 }
 
 impl ProgressPace {
-    /// Whether progress is due after this time.
+    /// Whether progress is due when the operation has taken this time.
     pub fn due(&mut self, elapsed: Duration) -> bool {
         let due = elapsed >= self.next;
         while self.next <= elapsed {

@@ -28,7 +28,8 @@ use crate::{recording_end, streams};
 /// few counts. Its next move begins at that target. An axis further away has not completed its move.
 pub const NEAR_COUNTS: u32 = 64;
 
-/// The source of steps, which decides the form of the next step in an error.
+/// Where the steps come from. An error ends with what to do next: an `ecmsk` command line, or lines for the script or
+/// shell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepSource {
     /// A verb of the command line.
@@ -59,13 +60,13 @@ pub struct Board {
     pub options: Options,
     /// The value of `--timeout`.
     pub limit: Option<Duration>,
-    /// The limit of a move's distance, from `--guard`.
+    /// The maximum distance of a move's target from the axis's position, from `--guard`.
     pub guard: Guard,
     /// The value of `--counts-per-unit`.
     scales: Option<Scales>,
-    /// The units of axes that are named by their numbers.
+    /// The counts per unit for axes that are named by their slave numbers.
     number_scales: Option<Scales>,
-    /// The machine file.
+    /// The machine file, with the names and units of the axes; `None` if there is none.
     pub machine: Option<MachineFile>,
     pub(super) link: Arc<dyn Link>,
     /// Whether `--up` is given.
@@ -83,7 +84,8 @@ impl Board {
     /// Opens the board that the options name. Nothing is sent. `interrupt` ends long calls.
     ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if the link, the machine file, the recording or an option is invalid, if the board does not open
+    /// or sends no report, or if the operating system refuses a thread.
     pub fn open(
         args: &Args,
         board_use: BoardUse,
@@ -168,7 +170,7 @@ impl Board {
         }
     }
 
-    /// What axes and positions of a step mean.
+    /// The names and units with which the axes and positions of a step are converted.
     pub fn units(&self) -> Units<'_> {
         Units { option: self.scales.as_ref(), numbers: self.number_scales.as_ref(), machine: self.machine.as_ref() }
     }
@@ -188,7 +190,8 @@ impl Board {
         }
     }
 
-    /// The counters of the link.
+    /// The counters of the link since it was opened: frames, errors and, for a simulated board, the board's own
+    /// counters.
     pub fn link_stats(&self) -> link::LinkStats {
         self.link.stats()
     }
@@ -227,7 +230,7 @@ impl Board {
         }
     }
 
-    /// The network, or the error if it is not known.
+    /// The configuration of the network, or [`BoardError::UnknownNetwork`] if it is not known.
     pub fn known_network(&self, what: &str) -> Result<&Config, BoardError> {
         self.config.as_ref().ok_or_else(|| BoardError::UnknownNetwork { what: what.to_owned() })
     }
@@ -262,8 +265,10 @@ impl Board {
         }
     }
 
+    /// Fails if an axis has an alarm in the report `snapshot`.
+    ///
     /// # Errors
-    /// [`BoardError::Alarm`]
+    /// [`BoardError::Alarm`] with the error code, if bit 3 (fault) of the statusword is set.
     pub fn refuse_alarm(&self, snapshot: &Snapshot, slave: u8) -> Result<(), BoardError> {
         if self.statusword(snapshot, slave).0 & Statusword::FAULT == 0 {
             return Ok(());
@@ -300,7 +305,7 @@ impl Board {
     }
 }
 
-/// Checks that an axis runs in this mode of operation.
+/// Checks that an axis runs in this mode of operation; otherwise returns [`BoardError::Refused`].
 pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
     if axis.mode == wanted {
         return Ok(());
@@ -312,7 +317,7 @@ pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), B
     })
 }
 
-/// The slaves with a noun: `axis 1`, `axes 1, 2`.
+/// The numbers of slaves behind a noun: `axis 1`, `axes 1, 2`.
 pub fn numbered(one: &str, many: &str, slaves: &[u8]) -> String {
     let numbers = slaves.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
     format!("{} {numbers}", if slaves.len() == 1 { one } else { many })

@@ -1,4 +1,4 @@
-//! The operand with the slaves of a step: `1,2` or `all`.
+//! The operand that names the slaves of a step: `1,2` or `all`.
 
 use ecmsk::ecm::Config;
 
@@ -11,7 +11,7 @@ use super::network::{find_axis, slaves_with_axis};
 pub enum SlaveList {
     /// All slaves that have an axis.
     All,
-    /// These axes.
+    /// The axes that the operand names by their slave numbers or names.
     Some(Vec<AxisWord>),
 }
 
@@ -31,10 +31,12 @@ impl SlaveList {
             .ok_or_else(|| "allowed: slaves from 1 to 40, e.g. 1,2, or all".into())
     }
 
-    /// The axes in several lists, each once, in the order of the lists: their slaves, and the words for them.
+    /// The axes that several lists name, each once and in the order of the lists: the number of the slave, and the word
+    /// that names the axis.
     ///
     /// # Errors
-    /// [`BoardError::NoSlave`], [`BoardError::WrongKind`], [`BoardError::Refused`] if there is none.
+    /// [`BoardError::NoSlave`] if the network has no slave with that number, [`BoardError::WrongKind`] if the slave has
+    /// no axis, [`BoardError::Refused`] if the machine file has no axis of that name or if there is no axis at all.
     pub fn axes(
         lists: &[Self],
         network: &Config,

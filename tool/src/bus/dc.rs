@@ -27,8 +27,11 @@ pub struct Args {
     network: NetworkArgs,
 }
 
+/// Measures the clocks and prints a line for each; the exit code says whether all are good.
+///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the network does not open, if no slave answers, if the clocks cannot be read, or if standard
+/// output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
     let Session { mut network, slaves, reporter } = args.network.open()?;
     let clocks = clocks::measure(&mut *network, &slaves, Duration::from_secs(args.seconds))?;

@@ -1,4 +1,4 @@
-//! Why a verb that looks at a network failed.
+//! Why a verb of `ecmsk bus` failed.
 
 use std::io;
 use std::path::PathBuf;
@@ -10,13 +10,13 @@ use ecmsk::link::config::{FILE_NAME, LINK_VARIABLE};
 
 use crate::link_option::ChoiceError;
 
-/// Why a verb failed. Every text ends with the next step.
+/// Why a verb of `ecmsk bus` failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum BusVerbError {
-    /// See [`crate::CliError::Output`].
+    /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// The configuration of the link is invalid.
+    /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The command line names no link to a network, and there is no default for one.
@@ -25,7 +25,7 @@ pub enum BusVerbError {
          try it --link 'sim:?slaves=drive*2'"
     )]
     NoLink,
-    /// An error of the network or of a slave.
+    /// The network or a slave reports an error, or does not answer.
     #[error(transparent)]
     // Boxed, because every error of a verb is as large as its largest variant.
     Bus(Box<BusError>),
@@ -39,7 +39,7 @@ pub enum BusVerbError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// The length of the value is not that of its type.
+    /// The object has another length than the type that the user named.
     #[error("slave {slave}: {object} has {found} bytes, not {wanted}; name another type with --type, or leave it out")]
     SizeMismatch {
         /// The slave, from 1.
@@ -51,31 +51,31 @@ pub enum BusVerbError {
         /// The length of the type that the user named, in bytes.
         wanted: usize,
     },
-    /// A file cannot be read.
+    /// The file that is to be written to a slave or its EEPROM cannot be read.
     #[error("cannot read {}: {source}; name another file", file.display())]
     Read {
-        /// The path of the file.
+        /// The path of the file that cannot be read.
         file: PathBuf,
         /// The error of the operating system.
         source: io::Error,
     },
-    /// A file cannot be written.
+    /// The file of `--output` cannot be written.
     #[error("cannot write {}: {source}; name another file with --output", file.display())]
     Write {
-        /// The path of the file.
+        /// The path of the file that cannot be written.
         file: PathBuf,
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The content of a file does not fit an EEPROM.
+    /// The file that is to be written to an EEPROM is invalid, or is for another device.
     #[error("{}: {error}", file.display())]
     Content {
-        /// The path of the file.
+        /// The path of the file that does not fit.
         file: PathBuf,
-        /// Why the content does not fit.
+        /// What is wrong with the content of the file.
         error: ContentError,
     },
-    /// The user has not confirmed writing an EEPROM.
+    /// An EEPROM was to be changed, and the user has not confirmed that with `--yes`.
     #[error("nothing was written; a wrong EEPROM makes the slave useless: check the changes, then add --yes")]
     NotConfirmed,
 }

@@ -23,7 +23,7 @@ Examples:
   ecmsk bus errors --clear --link nic:eth1
   ecmsk bus errors --watch 60 --link nic:eth1   # and move the cables meanwhile")]
 pub struct Args {
-    /// Send long frames for so many seconds, and show every second what was counted since the start
+    /// Send long frames for so many seconds, and show after each second what was counted in it
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     watch: Option<u64>,
 
@@ -35,8 +35,11 @@ pub struct Args {
     network: NetworkArgs,
 }
 
+/// Prints the error counters and what is wrong; the exit code says whether something is.
+///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the network does not open, if no slave answers, if the counters cannot be read or cleared, or if
+/// standard output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
     let Session { mut network, slaves, reporter } = args.network.open()?;
     let counters = match args.watch {

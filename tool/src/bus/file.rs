@@ -6,11 +6,11 @@ use std::path::Path;
 
 use super::BusVerbError;
 
-/// Reads a file, but at most `bytes_max` + 1 bytes: one byte too many shows the caller that the file is too long, and a device
-/// file such as `/dev/zero` would never end.
+/// Reads a file, but at most `bytes_max` + 1 bytes: one byte too many shows the caller that the file is too long, and a
+/// device file such as `/dev/zero` would never end.
 ///
 /// # Errors
-/// [`BusVerbError::Read`]
+/// [`BusVerbError::Read`] if the file cannot be opened or read.
 pub fn read_file(file: &Path, bytes_max: usize) -> Result<Vec<u8>, BusVerbError> {
     let mut content = Vec::new();
     let read = File::open(file).and_then(|file| file.take(bytes_max as u64 + 1).read_to_end(&mut content));

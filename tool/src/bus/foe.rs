@@ -33,7 +33,7 @@ enum Verb {
         whose: Whose,
         /// Name of the file in the slave
         name: String,
-        /// File to write it to [default: standard output]
+        /// File of this machine to which the slave's file is written [default: standard output]
         #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
         output: Option<PathBuf>,
     },
@@ -41,7 +41,7 @@ enum Verb {
     Write {
         #[command(flatten)]
         whose: Whose,
-        /// The file
+        /// File of this machine that is written to the slave
         #[arg(value_hint = ValueHint::FilePath)]
         file: PathBuf,
         /// Name of the file in the slave [default: the name of FILE, without folders]
@@ -59,8 +59,11 @@ struct Whose {
     password: u32,
 }
 
+/// Reads a file of a slave or writes one.
+///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the command line is wrong, if the network does not open, if the slave refuses the file, or if a
+/// file or standard output cannot be used.
 pub fn run(args: &Args) -> Result<(), BusVerbError> {
     match &args.verb {
         Verb::Read { whose, name, output } => read(whose, name, output.as_deref()),

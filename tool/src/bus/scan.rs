@@ -24,16 +24,18 @@ pub struct Args {
     network: NetworkArgs,
 }
 
+/// Finds the slaves and prints them as a tree, or as JSON with `--json`.
+///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the network does not open, if no slave answers, or if standard output cannot be written to.
 pub fn run(args: &Args) -> Result<(), BusVerbError> {
     show(args.network.open()?)
 }
 
-/// Shows the slaves of a network.
+/// Shows the slaves of an open network as a tree of cables, with the error counters of their ports.
 ///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the counters cannot be read, or standard output cannot be written to.
 pub fn show(session: Session) -> Result<(), BusVerbError> {
     let Session { mut network, slaves, reporter } = session;
     let errors = if slaves.iter().all(|slave| slave.port_types == 0) {
@@ -49,7 +51,8 @@ pub fn show(session: Session) -> Result<(), BusVerbError> {
     Ok(())
 }
 
-/// The slaves as a tree in text form, as `bus scan` prints it. `in_ring` as in [`Tree`].
+/// The slaves as a tree in text form, as `bus scan` prints it. `in_ring` is the slave whose cable leads to the second
+/// network card, if the slaves form a ring.
 fn text(slaves: &[FoundSlave], errors: &[SlaveErrors], in_ring: Option<u8>) -> String {
     let mut tree = Tree { slaves, errors, in_ring, text: "master\n".to_owned() };
     tree.put(0, "");

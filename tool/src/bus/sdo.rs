@@ -63,8 +63,11 @@ enum Verb {
     },
 }
 
+/// Lists, dumps, reads or writes objects of a slave and prints the results.
+///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the value is wrong, if the network does not open, if the slave aborts a transfer, or if standard
+/// output cannot be written to.
 pub fn run(args: &Args) -> Result<(), BusVerbError> {
     match &args.verb {
         Verb::List { whose, entries } => list(whose, *entries),

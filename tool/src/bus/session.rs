@@ -1,4 +1,4 @@
-//! The open network that a verb works on.
+//! The open network that a verb of `ecmsk bus` works on, and the options that name it.
 
 use ecmsk::bus::{self, BusError, FoundSlave, Network};
 use ecmsk::link::uri::LinkUri;
@@ -8,7 +8,7 @@ use super::words::state_text;
 use crate::board::Reporter;
 use crate::link_option::ChosenLink;
 
-// No doc comments on either: clap would show them as the help of every verb.
+// No doc comments on `NetworkArgs` and `SlaveArgs`: clap would show them as the help of every verb.
 #[derive(Clone, clap::Args)]
 #[group(skip)]
 pub struct NetworkArgs {
@@ -36,7 +36,7 @@ impl SlaveArgs {
     /// Opens the network and checks that it has the slave of the command line.
     ///
     /// # Errors
-    /// As [`NetworkArgs::open`]; [`BusError::NoSuchSlave`].
+    /// As [`NetworkArgs::open`]; [`BusError::NoSuchSlave`] if the scan has found no slave with that number.
     pub fn open(&self) -> Result<Session, BusVerbError> {
         let session = self.network.open()?;
         let (slave, found) = (self.slave, session.slaves.len());

@@ -45,7 +45,7 @@ enum Verb {
     Write {
         #[command(flatten)]
         whose: SlaveArgs,
-        /// The file
+        /// File with the new content, as `bus sii read --output` writes it
         #[arg(value_hint = ValueHint::FilePath)]
         file: PathBuf,
         /// Write the EEPROM; without this option the changes are only shown
@@ -57,8 +57,11 @@ enum Verb {
     },
 }
 
+/// Shows or writes the EEPROM of a slave.
+///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the network does not open, if the file does not fit the slave, if the EEPROM cannot be read or
+/// written, or if a file or standard output cannot be used.
 pub fn run(args: &Args) -> Result<(), BusVerbError> {
     match &args.verb {
         Verb::Read { whose, output } => read(whose, output.as_deref()),

@@ -16,7 +16,7 @@ pub const fn state_name(state: RequestedState) -> Option<&'static str> {
     }
 }
 
-/// A state with its error, e.g. `SafeOP, with AL status 0x001B (sync manager watchdog)`.
+/// A state with its error, e.g. `SafeOP with an error, AL status 0x001B (sync manager watchdog)`.
 pub fn state_text(state: SlaveState) -> String {
     let SlaveState { status, code } = state;
     let name = match status.state() {
@@ -52,7 +52,7 @@ pub fn behind(slaves: &[FoundSlave], slave: u8, port: usize) -> Option<u8> {
     slaves.iter().find(is_there).map(|found| found.slave)
 }
 
-/// The numbers of the ports that a slave has.
+/// The numbers of the ports that a slave has, from 0 to 3.
 pub fn ports(slave: &FoundSlave) -> impl Iterator<Item = usize> {
     let types = slave.port_types;
     (0..PORTS).filter(move |port| port_kind(types, *port).is_some())

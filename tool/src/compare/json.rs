@@ -13,12 +13,12 @@ struct Found<'a> {
     equal: bool,
     a: Run,
     b: Run,
-    /// The number of commands with an answer in both runs.
+    /// The number of commands that both runs have answered.
     answers: u64,
     differing_answers: u64,
     /// The number of answers that the other run shows some cycles earlier or later.
     shifted_answers: u64,
-    /// How many cycles B answers later; null if no command shows it.
+    /// How many of the board's cycles B answers later than A; null if no command shows it.
     latency: Option<Later>,
     /// The run that ends early: `a` or `b`.
     ends_early: Option<&'static str>,
@@ -45,14 +45,15 @@ struct Run {
     lacks: Option<String>,
 }
 
-/// How many cycles of the board B answers later than A; negative if earlier.
+/// How many of the board's cycles the run B answers later than the run A; negative if it answers earlier.
 #[derive(Serialize)]
 struct Later {
     commands: u64,
     usual_cycles: i64,
     least_cycles: i64,
     most_cycles: i64,
-    /// The changes of the latency: the first command of each stretch, and its latency.
+    /// The latency over time, in stretches of commands with the same latency: the first command of each, and its
+    /// latency in cycles.
     stretches: Vec<Value>,
 }
 

@@ -23,7 +23,7 @@ struct Axis {
 }
 
 impl Picture {
-    /// An empty picture; the longer run has this number of commands.
+    /// A picture without curves yet, for runs of which the longer one has this number of commands.
     pub fn new(commands: u64) -> Self {
         Self { window: Window::of_commands(commands), axes: BTreeMap::new() }
     }

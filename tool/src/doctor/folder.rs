@@ -29,7 +29,7 @@ pub enum FolderError {
 /// Checks the folder; returns a finding for each program and file.
 ///
 /// # Errors
-/// [`FolderError`].
+/// [`FolderError`] if the folder cannot be read.
 pub fn findings(folder: &Path) -> Result<Vec<Finding>, FolderError> {
     let failed = |source| FolderError::Unreadable { folder: folder.to_owned(), source };
     let there = Contents::of(folder).map_err(failed)?;

@@ -12,7 +12,7 @@ use super::CliError;
 #[derive(clap::Args)]
 pub struct SystemArgs {}
 
-/// Windows has no options beside those of every system.
+/// Returns false: on Windows `doctor` has no option that replaces the checks.
 pub fn is_done(_: &SystemArgs) -> Result<bool, CliError> {
     Ok(false)
 }
@@ -33,7 +33,7 @@ pub fn findings(_: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::here().findings(wanted)
 }
 
-/// None, because `nic:` does not exist on Windows.
+/// Always `None`, because `nic:` does not exist on Windows.
 pub fn round_trip(_: &SystemArgs, _: Option<&LinkUri>, _: &[Finding]) -> Option<Finding> {
     None
 }

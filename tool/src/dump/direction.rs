@@ -19,10 +19,11 @@ pub fn parse(text: &str) -> Result<Dir, String> {
 ///
 /// - byte 0 is the master's cyclic response 0xBF: a response;
 /// - byte 2 is 0: a command; a response has the state there, and is not sent while that is 0 (SK-4);
-/// - SET_FIFO and SET_AXIS have an argument in byte 2. SET_FIFO is for OP alone, where responses have 0xBF: a command.
-///   In PreOP the response to SET_AXIS counts the slaves found in Data1, 1 to 40, where the command has nibbles: a
-///   response if it looks like that (eight nibbles rarely do), else a command;
-/// - anything else with byte 2 set: a response.
+/// - SET_FIFO, which has an argument in byte 2: a command, since it is for OP alone, where byte 0 of responses is 0xBF;
+/// - SET_AXIS, which has an argument in byte 2, too: a response if byte 2 is the state PreOP and Data1 is 1 to 40,
+///   which is the number of slaves found; otherwise a command, whose Data1 has eight slave kinds of 4 bits each and so
+///   is rarely 1 to 40;
+/// - any other command code with byte 2 set: a response.
 pub fn guess(frame: &Frame) -> Dir {
     let slot = frame.slot(SlotSize::Bytes12, 0);
     let byte2 = slot.parm as u8;

@@ -7,7 +7,7 @@ use ecmsk::sk::SlotSize;
 use super::LINE_BYTES_MAX;
 use super::hex::HexError;
 
-/// Why a dump stopped.
+/// Why `ecmsk dump` stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum DumpError {
     /// Standard input cannot be read.
@@ -19,7 +19,7 @@ pub enum DumpError {
         "{name} is no recording of a chip, and --hex reads frames from standard input: leave out --hex, or the file"
     )]
     HexOfBoard {
-        /// The name of the file.
+        /// The name of the recording's file.
         name: String,
     },
     /// A line of hexadecimal digits is not a frame.
@@ -30,13 +30,13 @@ pub enum DumpError {
         /// What is wrong with the line.
         problem: HexError,
     },
-    /// A line of standard input is too long.
+    /// A line of standard input is longer than the digits of a frame can be.
     #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame per line, as hexadecimal digits")]
     LongLine {
         /// The number of the line, from 1.
         line: u64,
     },
-    /// The frame is too short for the slot size.
+    /// A frame that is given in hexadecimal digits is too short for the slot size.
     #[error("line {line}: {len} bytes are no frame of 16-byte slots, which has 512; leave out --slot-size 16")]
     TooShort {
         /// The number of the line, from 1.

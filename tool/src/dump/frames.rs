@@ -46,7 +46,7 @@ impl Shown {
 /// Which slots of a frame to show, and how to read them.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The slots to show; if empty, slot 0 and those that are not idle.
+    /// The slots to show; if empty, slot 0 and all slots that are not idle, which are those with a byte that is not 0.
     pub slots: Vec<Slots>,
     /// Whether every slot is shown, also empty ones.
     pub all: bool,
@@ -70,7 +70,8 @@ impl View {
                     Firmware::V17 => ResponseDump::new(frame, size),
                     Firmware::V15 => ResponseDump::new(frame, size).mode_in_byte_1(),
                 };
-                // The slots of slaves of unknown kind are decoded by `unknown`, so their entry here is not used.
+                // Slaves of unknown kind get any kind in this list, since `unknown` decodes their slots and not
+                // `given`.
                 let known: [SlaveKind; MAX_SLAVES] = std::array::from_fn(|i| kinds.of(i + 1).unwrap_or_default());
                 let given = unknown.kinds(&known);
                 self.pick(size, |i| if kinds.of(i).is_some() { given.line(i) } else { unknown.line(i) })

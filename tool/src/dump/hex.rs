@@ -3,7 +3,7 @@
 use ecmsk::link::Dir;
 use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 
-/// A line of standard input, parsed.
+/// A line of standard input with hexadecimal digits, parsed.
 #[derive(Debug, PartialEq, Eq)]
 pub struct HexLine {
     /// The bytes. With an odd number of digits the last one is a byte of its own.
@@ -20,10 +20,10 @@ pub enum HexError {
     /// A character is neither a digit nor a blank.
     #[error("`{found}` is no hexadecimal digit")]
     NotADigit {
-        /// The wrong character.
+        /// The character that is no hexadecimal digit.
         found: char,
     },
-    /// The number of bytes on the line is not that of a frame.
+    /// The digits do not make whole bytes, or not as many bytes as a frame has.
     #[error("{digits} hexadecimal digits are {half} bytes, expected {FRAME_BYTES_MIN} to {FRAME_LEN} ({} digits to {})", 2 * FRAME_BYTES_MIN, 2 * FRAME_LEN, half = BytesOfDigits(*digits))]
     Length {
         /// The number of digits on the line.
@@ -58,10 +58,10 @@ pub fn parse(line: &str) -> Result<Option<HexLine>, HexError> {
 }
 
 impl HexLine {
-    /// The line as a frame of a board; missing bytes are 0.
+    /// The line as a frame of a board; missing bytes at the end are 0.
     ///
     /// # Errors
-    /// [`HexError::Length`]
+    /// [`HexError::Length`] if the number of digits is odd, or if there are too few or too many bytes for a frame.
     pub fn frame(&self) -> Result<Frame, HexError> {
         let is_whole = self.digits.is_multiple_of(2) && (FRAME_BYTES_MIN..=FRAME_LEN).contains(&self.bytes.len());
         if is_whole { Ok(Frame::from_prefix(&self.bytes)) } else { Err(HexError::Length { digits: self.digits }) }

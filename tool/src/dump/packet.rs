@@ -8,10 +8,10 @@ use ecmsk::xf::{
 
 use super::place::Place;
 
-/// Most bytes of an answer's data that are shown. \[OURS]
+/// The maximum number of an answer's data bytes that are shown. \[OURS]
 const DATA_SHOWN: usize = 16;
 
-/// The bytes of a packet, with their position in the input.
+/// The bytes of a packet of an ECM-XF, with their position in the input.
 #[derive(Clone, Copy, Debug)]
 pub struct Packet<'p> {
     /// The number, time and direction of the packet.
@@ -26,7 +26,7 @@ impl<'p> Packet<'p> {
         direction_name(self.place.direction)
     }
 
-    /// Decodes the bytes of the packet.
+    /// Decodes the bytes by the direction of the packet.
     pub fn decoded(&self) -> Decoded<'p> {
         Decoded::of(self.place.direction, self.bytes)
     }
@@ -74,7 +74,7 @@ pub enum Decoded<'p> {
 }
 
 impl<'p> Decoded<'p> {
-    /// Decodes the bytes.
+    /// Decodes the bytes of one exchange in this direction, as a command, an answer, "not ready" or a damaged packet.
     pub fn of(direction: Dir, bytes: &'p [u8]) -> Self {
         let Some(size) = DataSize::of_packet(bytes.len()) else { return Self::NoPacket(bytes.len()) };
         match direction {

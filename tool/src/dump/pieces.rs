@@ -14,8 +14,8 @@ pub struct Pieces {
     pub bytes: Vec<u8>,
     /// The number of exchanges that were joined.
     pub count: u64,
-    /// The numbers of the first and the last piece in the recording, with their times: since the first packet of the
-    /// recording, and as recorded.
+    /// The numbers of the first and of the last piece among the packets of the recording; `since_ns` has their times
+    /// since the first packet, in nanoseconds. `recorded_ns` is the time of the first piece as it was recorded.
     pub numbers: [u64; 2],
     pub since_ns: [i64; 2],
     pub recorded_ns: u64,
@@ -27,7 +27,7 @@ impl Pieces {
         DataSize::of_packet(recorded.bytes.len()).is_none()
     }
 
-    /// Adds a piece.
+    /// Adds the bytes of one exchange, `number` in the recording, to the joined bytes.
     pub fn add(&mut self, number: u64, since_ns: i64, recorded: &RecordedBytes) {
         if self.count == 0 {
             (self.numbers[0], self.since_ns[0], self.recorded_ns) = (number, since_ns, recorded.at_ns);

@@ -11,7 +11,7 @@ pub struct Place {
     pub time: Option<Time>,
     /// The direction: to the board or chip, or from it.
     pub direction: Dir,
-    /// Whether the direction is a guess.
+    /// Whether the direction is a guess from the bytes, since the input does not say it.
     pub guessed: bool,
 }
 

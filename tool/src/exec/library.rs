@@ -45,8 +45,9 @@ fn not_a_library(file: &Path, reason: String) -> ExecError {
     ExecError::NotALibrary { file: file.to_owned(), reason }
 }
 
-/// The folder with the library that the system searches first, and a private folder that is removed when this value is
-/// dropped.
+/// The folder that is put first on the search path: on Linux a private folder with the library in it, on Windows the
+/// library's own folder. The private folder, which on both systems also has the files that the library writes for this
+/// tool, is removed when this value is dropped.
 pub struct LibraryFolder {
     folder: TempDir,
     library: PathBuf,
@@ -63,7 +64,8 @@ impl LibraryFolder {
         &self.library
     }
 
-    /// The file that the library creates when the program opens a board.
+    /// The file that the library creates when the program opens a board. Without this file at the program's end, it has
+    /// opened none.
     pub fn opened_file(&self) -> PathBuf {
         self.folder.path().join(".opened")
     }

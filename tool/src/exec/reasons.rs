@@ -20,7 +20,7 @@ use ecmsk::summary::{Line, Summary, is_sum};
 use crate::stderr::say;
 use crate::summary::json;
 
-/// How often the file is read. \[OURS]
+/// How often the tool reads the file to which the library writes reasons. \[OURS]
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Longest time that the tool waits until the summary is written, since standard error may have no reader. \[OURS]
 const SUMMARY_WAIT_MAX: Duration = Duration::from_secs(2);
@@ -82,7 +82,8 @@ impl ReasonReader {
         if let Some(thread) = self.thread.take() {
             thread.unpark();
         }
-        // Each slice counts as its own length, so a machine that was suspended meanwhile does not use up the limit.
+        // The limit is a number of waits of [`WAIT_SLICE`] each, and no time of a clock, so that the time for which the
+        // machine was suspended meanwhile does not count.
         let waits = SUMMARY_WAIT_MAX.as_millis() / WAIT_SLICE.as_millis();
         (0..waits).find_map(|_| match self.summary.recv_timeout(WAIT_SLICE) {
             Err(RecvTimeoutError::Timeout) => None,

@@ -9,7 +9,7 @@ const HEAD: usize = 6;
 /// \[OURS] Most texts that are read; a resource has about ten.
 const TEXTS_MAX: usize = 100;
 
-/// One of the four structures: its name and its content.
+/// A structure of the version resource, of any of the four kinds: its name, and what follows the name.
 struct Part<'data> {
     name: String,
     /// The bytes after the name: the value and the inner structures.

@@ -12,7 +12,7 @@ use serde_json::json;
 
 use super::Row;
 
-/// The text that replaces an empty list, for a note.
+/// The beginning of the note that is printed if there is no board and no SPI device.
 pub const NONE: &str = "no board on USB and no SPI device";
 
 #[derive(clap::Args)]

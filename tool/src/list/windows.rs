@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::Row;
 
-/// The text that replaces an empty list, for a note.
+/// The beginning of the note that is printed if there is no board.
 pub const NONE: &str = "no board on USB";
 
 // No options on Windows. A doc comment would become the help of the verb.

@@ -9,16 +9,16 @@ use serde_json::{Value, json};
 
 use super::network::FoundSlave;
 
-/// One difference.
+/// A difference between the slaves of a machine file and those that answer on the network.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Difference {
-    /// The file has more slaves.
+    /// The machine file has a slave with this number, and the network has fewer slaves.
     Missing { slave: usize },
-    /// The network has more slaves.
+    /// The network has a slave with this number, and the machine file has fewer slaves.
     Unexpected { slave: usize, vendor: u32, product: u32 },
-    /// The slave is another device.
+    /// The slave on the network has another vendor, product code or revision than in the machine file.
     Identity { slave: usize, what: &'static str, file: u32, found: u32 },
-    /// The slave is of another kind.
+    /// The slave on the network is of another kind (such as drive or io) than in the machine file.
     Kind { slave: usize, file: &'static str, found: &'static str },
 }
 
@@ -44,7 +44,7 @@ impl fmt::Display for Difference {
 }
 
 impl Difference {
-    /// Adds the difference to a line of JSON.
+    /// Adds the difference as fields of a JSON object.
     pub fn put(&self, line: &mut Value) {
         let (slave, what, file, found) = match self {
             Self::Missing { slave } => (slave, "missing", Value::Null, Value::Null),
@@ -61,7 +61,7 @@ impl Difference {
     }
 }
 
-/// The differences, by the numbers of the slaves.
+/// The differences, in the order of the slave numbers; unexpected slaves come last.
 pub fn differences(machine: &MachineFile, found: &[FoundSlave]) -> Vec<Difference> {
     let mut all = Vec::new();
     for (slave, expected) in (1..).zip(&machine.slaves) {
@@ -77,7 +77,7 @@ pub fn differences(machine: &MachineFile, found: &[FoundSlave]) -> Vec<Differenc
         let wrong =
             ids.into_iter().filter_map(|(what, file, found)| Some((what, file.filter(|file| *file != found)?, found)));
         all.extend(wrong.map(|(what, file, found)| Difference::Identity { slave, what, file, found }));
-        // A pulse module has the device type of a stepper.
+        // A pulse module reports the device type of a stepper, so these two kinds do not count as a difference.
         let axis = |kind| matches!(kind, SlaveKind::Step | SlaveKind::Hsp);
         let kind = found.kind.map(SlaveModel::kind).filter(|_| expected.kind != SlaveKind::None);
         if let Some(kind) = kind.filter(|kind| *kind != expected.kind && !(axis(*kind) && axis(expected.kind))) {

@@ -10,26 +10,26 @@ use super::MachineVerbError;
 
 /// Device type: the device profile, and in its upper half the kind of device (CiA 401, CiA 402).
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
-/// Vendor, product code and revision.
+/// Vendor id, product code and revision number: sub-indices 1 to 3 of the identity object.
 const IDENTITY: [ObjectAddress; 3] =
     [ObjectAddress::new(0x1018, 1), ObjectAddress::new(0x1018, 2), ObjectAddress::new(0x1018, 3)];
 
-/// A slave that answers.
+/// A slave that was found on a network, or that answers SDOs behind a board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FoundSlave {
     pub vendor: u32,
     pub product: u32,
     pub revision: u32,
-    /// Its name; empty if it has none, and behind a board.
+    /// The slave's name from its EEPROM; empty if it has none, and behind a board, which does not show EEPROMs.
     pub name: String,
-    /// The kind by its device type; `None` if that says nothing.
+    /// The kind of the slave by its name or device type; `None` if neither tells it.
     pub kind: Option<SlaveModel>,
 }
 
 /// The slaves in network order.
 ///
 /// # Errors
-/// [`MachineVerbError::NoSlave`], and errors of the link.
+/// [`MachineVerbError::NoSlave`] if no slave answers; errors of the network or the board.
 pub fn slaves(link: &LinkUri) -> Result<Vec<FoundSlave>, MachineVerbError> {
     crate::recording_end::opens(link);
     let link = link.to_string();
@@ -75,8 +75,8 @@ fn of_board(ecm: &Ecm) -> Result<Vec<FoundSlave>, MachineVerbError> {
     Ok(found)
 }
 
-/// The kind of a slave with this name and device type: profile 402 with a servo or a stepper, profile 401. A pulse module has
-/// the type of a stepper; simulated slaves say it by their names.
+/// The kind of a slave: that of its name, if it is the name of a simulated slave, otherwise that of its device type.
+/// CiA 402 is a stepper or a servo drive, CiA 401 an IO slave. The device type of a pulse module is that of a stepper.
 fn kind(name: &str, device_type: u32) -> Option<SlaveModel> {
     let by_name = SlaveModel::ALL.into_iter().find(|model| model.name().eq_ignore_ascii_case(name));
     by_name.or(match (device_type & 0xFFFF, device_type >> 16 & 0xFF) {

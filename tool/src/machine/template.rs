@@ -69,7 +69,8 @@ mod tests {
 
     use super::*;
 
-    /// What is written can be read, whatever a slave has for its name, and also with what stands in the comments.
+    /// A new file is valid, whatever name a slave has. It is also valid if the comments with examples are made lines of
+    /// the file.
     #[test]
     fn a_new_file_is_a_machine_file() {
         let slave = |name: &str, kind| FoundSlave {

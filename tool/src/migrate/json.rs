@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::Report;
 
-/// The JSON object of the result.
+/// The result of `ecmsk migrate` as a JSON object.
 pub fn object(report: &Report) -> Value {
     let found = report.found;
     let plan = found.plan.as_ref();

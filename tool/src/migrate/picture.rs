@@ -1,5 +1,6 @@
-//! Draws the level of the board's FIFO and the pauses of the host over time. A line shows how much of them the key `ahead=` of
-//! a chip's link (sets of outputs that the chip buffers) covers.
+//! Draws over time how many frames wait in the board's FIFO, and for how many cycles the host pauses. A line in each
+//! diagram shows for comparison how many sets of outputs a chip buffers, and how many cycles these bridge, with the
+//! `ahead=` that is planned for the chip's link.
 
 use ecmsk::migrate::{Seen, Stretch};
 use ecmsk::sk::{CycleTime, FIFO_ENTRIES};

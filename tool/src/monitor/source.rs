@@ -19,7 +19,8 @@ use crate::recording::{self, Framed, Frames, InTime};
 /// Longest wait for one report, so that the thread notices the end of the monitor. \[OURS]
 const READ_WAIT_MAX: Duration = Duration::from_millis(200);
 
-/// What is called with each report: its time in nanoseconds, and the report. It must not wait.
+/// A callback that gets each report: its time in nanoseconds on the board's clock, the frame, and the size of its
+/// slots. It must not block, since it delays the reading of reports.
 pub type Each = Box<dyn FnMut(i64, &Frame, SlotSize) + Send>;
 
 /// A board or a recording that a thread reads, and the state that the thread has collected.
@@ -93,7 +94,8 @@ impl Feed {
         Ok(Self { watched, stop, link, failed, thread: Some(thread.map_err(MonitorError::Thread)?) })
     }
 
-    /// What the link knows of the network, which a server tells and changes.
+    /// The slaves and units of the network, which the server of a link reports and may change while the link is open;
+    /// `None` for a recording, or if the link reports none.
     #[cfg(feature = "web")]
     pub fn network(&self) -> Option<KnownNetwork> {
         self.link.as_ref()?.network()

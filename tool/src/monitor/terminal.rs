@@ -28,7 +28,7 @@ const END_WAIT_MAX: Duration = Duration::from_secs(1);
 /// The number of rows that a page key scrolls. \[OURS]
 const PAGE_ROWS: usize = 10;
 
-/// What a key requests.
+/// What the user requests with a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum KeyAction {
     End,

@@ -14,7 +14,7 @@ use crate::machine_option::alarm_words;
 /// A board that has made no report for this long is shown as silent. \[OURS]
 const SILENT: Duration = Duration::from_secs(1);
 
-/// A report, with its time, slot size and number.
+/// A report with its time, its slot size, and the number of reports read so far.
 #[derive(Clone, Debug)]
 struct Sample {
     at_ns: i64,
@@ -61,7 +61,7 @@ pub struct Watched {
 pub struct View {
     /// The URI of the link, or the name of the recording.
     pub name: String,
-    /// Slot 0; `None` before the first report.
+    /// The board's own part of the newest report, slot 0, with state and FIFO; `None` before the first report.
     pub board: Option<MasterResponse>,
     /// The time of the newest report in nanoseconds, on the board's clock or since the recording's first frame.
     pub at_ns: i64,
@@ -77,12 +77,13 @@ pub struct View {
     pub lines: Vec<(usize, SlotLine)>,
     /// The velocity of each slot's position since the previous view, in counts per second. The index is the slot number.
     pub velocities: Vec<Option<f64>>,
-    /// The machine file.
+    /// The machine file, with the names of axes and the texts of alarms; `None` if there is none.
     pub machine: Option<Arc<MachineFile>>,
 }
 
 impl View {
-    /// The axis of a slot in the machine file.
+    /// The axis that the machine file has for the slave of a slot; `None` without a machine file, or if the slave has
+    /// no axis there.
     pub fn axis(&self, slot: usize) -> Option<&MachineAxis> {
         self.machine.as_ref()?.axis_of(u8::try_from(slot).ok()?)
     }
@@ -116,7 +117,8 @@ impl Watched {
         self.kinds.command(frame, size);
     }
 
-    /// Adds a report.
+    /// Takes over a report as the newest one. `at_ns` is its time, on the board's clock or since the recording's first
+    /// frame.
     pub fn report(&mut self, at_ns: i64, frame: &Frame, size: SlotSize) {
         self.kinds.response(frame, size);
         self.counts.reports += 1;

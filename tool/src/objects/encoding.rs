@@ -26,7 +26,7 @@ pub enum EncodingError {
 /// Decodes a file: in the encoding of its byte order mark, otherwise the declared one, otherwise UTF-8.
 ///
 /// # Errors
-/// [`EncodingError`].
+/// [`EncodingError`] if the declared encoding is unknown, or if the bytes are not valid text in the encoding.
 pub fn decoded(bytes: &[u8]) -> Result<Cow<'_, str>, EncodingError> {
     let (encoding, why, text) = match (Encoding::for_bom(bytes), bytes) {
         (Some((encoding, mark)), _) => (encoding, "its byte order mark says", &bytes[mark..]),
@@ -93,14 +93,15 @@ mod tests {
             utf_16(&with("UTF-16BE"), be),
         ] {
             let text = decoded(&bytes).unwrap_or_else(|why| panic!("{:?}: {why}", String::from_utf8_lossy(&bytes)));
-            // 0xB5 is another letter only in ISO-8859-15.
+            // The byte 0xB5 before the `s` is not compared: it is the micro sign in ISO-8859-1 and another letter in
+            // ISO-8859-15.
             assert!(text.contains("Pr\u{FC}fwerk 1") && text.ends_with("s</a>"), "{text}");
         }
         let cp1252 = decoded(b"<?xml version=\"1.0\" encoding=\"cp1252\"?><a>\x80</a>").unwrap();
         assert!(cp1252.ends_with("<a>\u{20AC}</a>"));
     }
 
-    /// A file that is not in its declared encoding is refused, with the next step.
+    /// A file that is not in its declared encoding is refused. The error says what the user can do about it.
     #[test]
     fn a_wrong_encoding_is_told() {
         let unknown = decoded(b"<?xml version=\"1.0\" encoding=\"klingon\"?><a/>").unwrap_err().to_string();

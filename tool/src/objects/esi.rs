@@ -17,7 +17,7 @@ const DEPTH_MAX: usize = 8;
 /// The first index of an object. Lower indexes are data types (ETG.1000.6 table 63).
 const FIRST_INDEX: u16 = 0x1000;
 
-/// The XML attributes that this module reads; others may be removed.
+/// The XML attributes that this module reads. In elements with very many attributes the others are blanked before parsing.
 const ATTRIBUTES: [&str; 1] = ["ProductCode"];
 
 /// Why no objects can be read from a file.
@@ -64,11 +64,13 @@ pub struct Esi {
     pub objects: Vec<ManufacturerObject>,
 }
 
-/// Reads the objects of a device from the bytes of a file, in the encoding that it declares. `wanted` is the type, the
-/// name or the product code of the device.
+/// Reads the objects of a device from the bytes of a file, in the encoding that it declares. `wanted` is the type, the name or
+/// the product code of the device. Of several revisions of the device, the last one in the file is read.
 ///
 /// # Errors
-/// [`EsiError`]
+/// [`EsiError`] if the encoding of the file is unknown or wrong, if it is not XML or does not follow ETG.2000, if none of its
+/// devices has an object dictionary, if `wanted` names none of its devices or several that have different names, or if `wanted`
+/// is `None` and the file has several devices.
 pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
     let text = decoded(bytes)?;
     let twice =
@@ -85,7 +87,8 @@ pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
     names.dedup();
     let device = match (chosen.as_slice(), wanted) {
         _ if with_objects.is_empty() => return Err(EsiError::NoDictionary),
-        // The revisions of one device follow each other in the file, the newest last [OURS].
+        // Devices with the same name are revisions of one device. They follow each other in the file, the newest last [OURS],
+        // so the last one is read.
         ([.., last], _) if chosen.iter().all(|device| name_of(*device) == name_of(*last)) => *last,
         ([], Some(wanted)) => return Err(EsiError::NoDevice { wanted: wanted.to_owned(), devices: names }),
         _ => return Err(EsiError::Several(names)),
@@ -146,7 +149,7 @@ struct DataType<'a, 'i> {
     /// The first sub-index of an array and the number of its elements.
     bounds: [Option<u64>; 2],
     items: Vec<Node<'a, 'i>>,
-    /// See [`parts_of`].
+    /// The sub-indexes that the data type describes; [`parts_of`] fills them in when they are first needed.
     parts: OnceCell<Vec<Part>>,
 }
 
@@ -274,8 +277,8 @@ fn parts(data_type: &DataType<'_, '_>, types: &Types<'_, '_>) -> Vec<Part> {
     parts
 }
 
-/// The type for a data type of ETG.2000 and IEC 61131-3. Other types are replaced by those that they refer to, or
-/// chosen by their length.
+/// Converts the name of a data type in ETG.2000 or IEC 61131-3 to the data type of a file of objects. Types that the ESI
+/// file defines are replaced by their base types, or chosen by their length.
 fn manufacturer_type(kind: &str, types: &Types<'_, '_>, depth: usize) -> ManufacturerType {
     match kind.trim() {
         "BOOL" | "BIT" => ManufacturerType::Bool,
@@ -317,7 +320,7 @@ fn access_of(node: Node<'_, '_>) -> Option<Access> {
     }
 }
 
-/// The PDOs into which an object may be mapped: `T`, `R`, or both letters.
+/// Into which PDOs an object may be mapped. The element `PdoMapping` has `T` for TxPDOs, `R` for RxPDOs, or both letters.
 fn mappable_of(node: Node<'_, '_>) -> Option<Mappable> {
     let letters = text(child(node, "Flags")?, "PdoMapping")?;
     let has = |letter: [char; 2]| letters.contains(letter);
@@ -338,7 +341,9 @@ fn value_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> ManufacturerV
     }
 }
 
-/// The default value as bytes, or as a number.
+/// The default value of an object, as bytes and as a number, of which one is set. The bytes are set for DefaultData,
+/// DefaultString and texts; then the number is 0. Otherwise the bytes are empty and the number is the value, or 0 if the file
+/// has no default.
 fn default_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> (Vec<u8>, u64) {
     // An XML comment inside an element splits its text into several nodes.
     let default = |name| {

@@ -22,10 +22,12 @@ pub trait Drive {
     /// Chooses the slave, from 1, for all following calls.
     fn choose(&mut self, slave: u8);
 
-    /// Reads an object. Behind a board the result is always 4 bytes: the first ones of a longer value.
+    /// Reads an object. Behind a board the result is always 4 bytes, little-endian. A shorter value is the first of them,
+    /// and a longer value is cut.
     fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError>;
 
-    /// Writes an object.
+    /// Writes an object. The inner error is the abort code of the drive. Behind a board the value has 1, 2 or 4 bytes;
+    /// another length is answered with [`AbortCode::LENGTH`].
     fn write(&mut self, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError>;
 
     /// Reads all parameters of the drive; they are sorted by address. `at` is called with each index before it is read.

@@ -11,13 +11,13 @@ use ecmsk::link::manufacturer_objects::ManufacturerObjectsError;
 
 use crate::link_option::ChoiceError;
 
-/// Why parameters were not kept, compared or written. Every text ends with the next step.
+/// Why parameters were not saved, compared or written. Every error text ends with what the user can do next.
 #[derive(Debug, thiserror::Error)]
 pub enum ParamsError {
-    /// See [`crate::CliError::Output`].
+    /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// The configuration of the link is invalid.
+    /// The link that `ECMSK_LINK` or a configuration file gives is invalid, or the file cannot be used.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The command line names no link.
@@ -26,7 +26,7 @@ pub enum ParamsError {
          or --link usb:"
     )]
     NoLink,
-    /// The file cannot be read.
+    /// A parameter file or a file of objects cannot be read.
     #[error(transparent)]
     File(#[from] ManufacturerObjectsError),
     /// The parameter file has an invalid line, or no object.
@@ -34,7 +34,7 @@ pub enum ParamsError {
     Content {
         /// The path of the file.
         file: PathBuf,
-        /// What is wrong.
+        /// What is wrong with the content of the file.
         reason: String,
     },
     /// The file cannot be written.
@@ -91,7 +91,7 @@ pub enum ParamsError {
     Halfway {
         /// The number of parameters that were written and read back, or refused.
         decided: usize,
-        /// The number of the others: not written, or not read back.
+        /// The number of remaining differences: not written, or not read back.
         left: usize,
         /// The error that has ended the restore.
         error: Box<ParamsError>,
@@ -107,7 +107,8 @@ pub enum ParamsError {
         /// The abort code.
         code: AbortCode,
     },
-    /// An error before anything was compared, which has an exit code of its own.
+    /// An error of `ecmsk params diff` before anything was compared. Its exit code is 2, because 1 means that something
+    /// differs.
     #[error(transparent)]
     NotCompared(Box<ParamsError>),
 }
@@ -119,7 +120,7 @@ impl From<BusError> for ParamsError {
 }
 
 impl ParamsError {
-    /// The exit code.
+    /// The exit code of `ecmsk params`: 2 for a comparison that was not made or a wrong command line, otherwise 1.
     pub const fn code(&self) -> u8 {
         match self {
             Self::NotCompared(_) => crate::compare::TROUBLE,

@@ -67,7 +67,8 @@ impl ParameterFile {
     /// Reads a parameter file, or a file of objects.
     ///
     /// # Errors
-    /// [`ParamsError::File`], [`ParamsError::Content`]
+    /// [`ParamsError::File`] if the file cannot be read. [`ParamsError::Content`] if it is not UTF-8, has an invalid line,
+    /// or lists no object.
     pub fn read(path: &Path) -> Result<Self, ParamsError> {
         let bytes = manufacturer_objects::read_bytes(path, MANUFACTURER_FILE_BYTES_MAX)?;
         let wrong = |reason: String| ParamsError::Content { file: path.to_owned(), reason };

@@ -28,8 +28,9 @@ pub struct Compared {
     pub too_long: Vec<ManufacturerObject>,
 }
 
-/// Whether `present`, the value that was read from a drive, is that of the file. A read behind a board returns 4 bytes, so only
-/// the file's length is compared. If the file does not know the length, zeros at the end are ignored.
+/// Whether `present`, the value that was read from a drive, is that of the file. A read behind a board returns 4 bytes, so
+/// only as many bytes are compared as the value in the file has. If the file does not know the length, zeros at the end are
+/// ignored.
 pub fn is_same(wanted: &ManufacturerObject, present: &[u8], bytes_max: usize) -> bool {
     let value = wanted.value.bytes();
     if bytes_max < usize::MAX {

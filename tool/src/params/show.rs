@@ -9,7 +9,8 @@ use super::restore::{Compared, Difference};
 use crate::board::Reporter;
 use crate::hex::hex;
 
-/// Prints a difference. `word` is its outcome in JSON, `what` is added to the end of the text.
+/// Prints a difference. `word` is its outcome in JSON, such as `written`. `what` is the end of its line in text, such as
+/// the reason of a refusal.
 pub fn show(
     reporter: &Reporter,
     verb: &str,
@@ -44,7 +45,8 @@ pub fn summarise(reporter: &Reporter, compared: &Compared) {
     }
 }
 
-/// The part of a JSON object that names a parameter.
+/// Begins the JSON object that a verb prints for a parameter of a drive: the verb, the slave, and the parameter's address, name
+/// and type.
 pub fn object_json(verb: &str, slave: u8, object: &ManufacturerObject) -> Json {
     json!({
         "verb": verb, "slave": slave, "index": object.address.index, "sub": object.address.sub, "name": object.name,

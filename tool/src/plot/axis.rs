@@ -32,7 +32,8 @@ pub struct AxisLines {
     pub target_torque: Pieces,
     /// The torque in percent of the rated torque.
     pub torque: Pieces,
-    /// The time spans in which the drive was not enabled, homing, lost or in fault, and the gaps of its motion.
+    /// The time spans in which the drive was not enabled, homing, lost or in fault, and those in which the FIFO was empty
+    /// during its motion.
     pub states: Vec<Span>,
     /// The time at which homing last gave the position a new zero, in seconds.
     pub zeroed: Option<f64>,
@@ -68,11 +69,12 @@ pub struct Axis {
     in_force: Option<i32>,
     /// The last reported position in counts, and whether the drive follows a target; `None` while the axis is not drawn.
     stands: Option<(i32, bool)>,
-    /// The axis' slot as it was in the first report with state 0x18, while that state lasts and the slot stays the same.
+    /// The axis' slot as it was in the first report with state 0x18 (OP with a lost slave), while that state lasts and the
+    /// slot stays the same.
     frozen: Option<Frozen>,
     /// The last slot, and the time at which it last changed.
     before: Option<(RawSlot, i64)>,
-    /// Whether the last report was in state 0x18.
+    /// Whether the last report was in state 0x18: OP with a lost slave.
     failed_before: bool,
     ignores: Option<Ignores>,
     zeroed_ns: Option<i64>,
@@ -104,7 +106,7 @@ struct Ignores {
 const UNANSWERED_MAX: u8 = 3;
 
 impl Axis {
-    /// Starts without curves, which get `columns` pixel columns. `number` is the number of the slave.
+    /// Starts with empty curves, which are thinned to `columns` pixel columns. `number` is the number of the slave.
     pub fn new(number: u8, scale: Scale, window: Window, columns: u32, commands: Vec<u8>) -> Self {
         let line = || Line::new(window, columns);
         let held = || Line::holding(window, columns);
@@ -145,8 +147,8 @@ impl Axis {
         self.gaps.idle(at_ns);
     }
 
-    /// Adds a command for the axis, at the time when the board executes it. Returns the beginning of the gap that ends
-    /// with it, if there is one.
+    /// Adds a command for the axis, at the time when the board executes it. If the command ends a gap in the motion (cycles
+    /// that found the FIFO empty), returns the time at which the gap began.
     pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) -> Option<i64> {
         let shown = self.shows(order.id().code()) && self.frozen.is_none();
         let is_motion = matches!(order, SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_));
@@ -191,8 +193,8 @@ impl Axis {
         }
     }
 
-    /// Examines the axis' slot of a report in OP, before the executed commands are drawn. `failed`: the board is in
-    /// state 0x18.
+    /// Looks for signs in a report in OP that the slave of this axis is lost: its slot stays the same while the board is in
+    /// state 0x18 (`failed`). This is called before the commands that were executed in that cycle are drawn.
     pub fn look(&mut self, at_ns: i64, slot: &RawSlot, failed: bool) {
         let changed_ns = match self.before {
             Some((before, changed_ns)) if before == *slot => changed_ns,

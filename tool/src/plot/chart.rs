@@ -19,7 +19,7 @@ pub struct Caption {
     pub title: String,
     /// The line below the title: the time range, the file, the number of frames.
     pub about: String,
-    /// The range of the horizontal axis.
+    /// The range of the horizontal axis, in the unit that `axis` names.
     pub range: Range<f64>,
     /// The name and unit of the horizontal axis.
     pub axis: &'static str,
@@ -206,8 +206,8 @@ fn draw_ends<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), Plo
 const NOTES: u32 = 10;
 const OTHER_NOTES: u32 = 26;
 
-/// Draws the notes on states at the distance `y` from the top of the panel, where the states begin. A note has its full
-/// text if there is room before the next one. A note that would overlap another one is left out.
+/// Draws the notes on states in one line, `y` pixels below the top of the panel. Each note begins at the left edge of its
+/// state. A note has its full text if there is room before the next one. A note that would overlap another one is left out.
 fn draw_notes<B: DrawingBackend>(area: &Area<B>, spans: &[Span], y: u32, times: &Range<f64>) -> Result<(), PlotError> {
     let right = style::WIDTH - style::RIGHT;
     let pixels = f64::from(right - style::LEFT) / (times.end - times.start);

@@ -10,7 +10,7 @@ use crate::board::{AxisWord, BoardError};
 use crate::filter::Slaves;
 use crate::stderr::say;
 
-/// The diagrams.
+/// The diagrams that a plot can have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Diagram {
     /// Target and actual position of each axis
@@ -89,7 +89,7 @@ impl Asked {
             say("note", &format_args!("{all} axes, of which the plot shows {shown}; choose others with --axes"));
             axes.truncate(room.axes);
         }
-        // The axes of the plane are always shown.
+        // The two axes of `--xy` are always shown.
         for axis in self.plane.into_iter().flatten().filter(|axis| !axes.contains(axis)).collect::<Vec<_>>() {
             if axes.len() == room.axes {
                 return Err(PlotError::TooManyAxes { found: room.axes + 1 });
@@ -119,14 +119,14 @@ impl Asked {
 /// How many slaves are drawn at most.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
-    /// The most axes.
+    /// The largest number of axes.
     pub axes: usize,
-    /// The most axes and IO slaves together.
+    /// The largest number of axes and IO slaves together.
     pub slaves: usize,
 }
 
 impl Room {
-    /// The room of a picture.
+    /// The limits of a picture: each axis has a colour of its own.
     pub const PICTURE: Self = Self { axes: MAX_AXES, slaves: 2 * MAX_AXES };
 }
 

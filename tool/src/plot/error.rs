@@ -32,7 +32,7 @@ pub enum PlotError {
         /// The range of times in which the network was in OP.
         op: String,
     },
-    /// No slot of the slaves has one of these commands.
+    /// In the time shown, no slot of the chosen slaves has or answers one of the commands of `--commands`.
     #[error(
         "nothing is left of {}: no slot asks for or answers {commands} in the time shown; change --commands, --axes, --from or --to", axes_list(.axes)
     )]
@@ -48,7 +48,7 @@ pub enum PlotError {
         /// The number of requested axes.
         found: usize,
     },
-    /// The network has no such axis.
+    /// The frames have too few slots for this axis.
     #[error("axis {axis} has no slot in frames of {}-byte slots; name axes from 1 to {} with --axes", .size.bytes(), .size.max_slaves())]
     NoSuchAxis {
         /// The number of the axis.
@@ -56,7 +56,7 @@ pub enum PlotError {
         /// The frames' slot size.
         size: SlotSize,
     },
-    /// The plane has the same axis twice.
+    /// `--xy` names the same axis twice.
     #[error("the plane needs two axes, and both are axis {axis}; name another one with --xy")]
     SameAxis {
         /// The number of the slave.
@@ -76,7 +76,7 @@ pub enum PlotError {
         /// The number of the slave.
         slave: u8,
     },
-    /// The plane needs two axes of the plot.
+    /// The diagram of two axes in their plane was requested, but the plot shows fewer than two axes.
     #[error("the plane needs two axes and the plot shows {found}; name them with --xy, as in --xy 1,2")]
     NoPlane {
         /// The number of axes of the plot.
@@ -106,7 +106,7 @@ pub enum PlotError {
         /// The option that names the file.
         option: &'static str,
     },
-    /// The file cannot be written.
+    /// The output file cannot be written.
     #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
     Write {
         /// The path of the file.

@@ -41,11 +41,11 @@ impl Format {
     }
 }
 
-/// Checks the output file before anything is read or drawn: its format, and that it is not one of the recordings. `option` is
-/// the option that names it, for the error.
+/// Checks the output file before anything is read or drawn: its format, and that it is not one of the recordings. `option`
+/// is the option that names the output file, for the error.
 ///
 /// # Errors
-/// The file cannot be used.
+/// The file has an unknown extension, or is one of the recordings.
 pub fn check(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<Format, PlotError> {
     check_other(file, option, recordings)?;
     Format::of(file, option)
@@ -54,7 +54,7 @@ pub fn check(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<
 /// Checks that the output file is not one of the recordings.
 ///
 /// # Errors
-/// It is one.
+/// [`PlotError::SameFile`] if the file is one of the recordings.
 pub fn check_other(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<(), PlotError> {
     let same = |recording: &&Path| {
         fs::canonicalize(file).ok().zip(fs::canonicalize(recording).ok()).is_some_and(|(a, b)| a == b)
@@ -65,10 +65,11 @@ pub fn check_other(file: &Path, option: &'static str, recordings: &[&Path]) -> R
     Ok(())
 }
 
-/// Writes a picture to a file, which must not be one of the recordings. `option` is the option that names it, for the error.
+/// Writes a picture to a file, which must not be one of the recordings. `option` is the option that names the file, for the
+/// error.
 ///
 /// # Errors
-/// The file cannot be used, or the picture cannot be drawn.
+/// The file has an unknown extension, is one of the recordings, or cannot be written; or the picture cannot be drawn.
 pub fn save(file: &Path, option: &'static str, recordings: &[&Path], sheet: &Sheet) -> Result<(), PlotError> {
     let bytes = check(file, option, recordings)?.write(sheet)?;
     fs::write(file, bytes).map_err(|source| PlotError::Write { file: file.to_owned(), option, source })

@@ -30,7 +30,7 @@ use crate::web::sampler::Sampler;
 /// The number of columns to which a curve of the page is thinned. A minute at 1 kHz keeps every sample. \[OURS]
 const COLUMNS: u32 = 200_000;
 
-/// The room of a page: every slave.
+/// How many slaves a page shows at most: all of the network.
 const ROOM: Room = Room { axes: MAX_SLAVES, slaves: MAX_SLAVES };
 
 /// Whether the output file is a page, by its name.
@@ -47,7 +47,8 @@ pub fn run(args: &Args, output: &Path) -> Result<(), CliError> {
 }
 
 impl Args {
-    /// The options of `ecmsk plot FILE` for a page of the whole recording.
+    /// The options of `ecmsk plot FILE` for the page that `ecmsk serve web FILE` serves: it shows the whole recording, with all
+    /// axes and times and without a title.
     pub fn of_file(
         file: &Path,
         machine: Option<PathBuf>,
@@ -75,10 +76,12 @@ impl Args {
     }
 }
 
-/// Makes the page of a recording, after `check`. `connect` is as for [`page`].
+/// Makes the page of a recording. `check` is called before the recording is read, so that a wrong output file is reported
+/// at once. `connect` is as for [`page`].
 ///
 /// # Errors
-/// [`CliError`]
+/// [`CliError`] if `check` fails, if the recording cannot be read or has no OP phase, if an option names an axis or a time
+/// that the recording does not have, or if the page cannot be made.
 pub fn of_recording(
     args: &Args,
     check: impl FnOnce() -> Result<(), PlotError>,
@@ -117,7 +120,8 @@ pub fn of_recording(
     Ok(page(&title, Some(&hello), connect).map_err(drawn)?)
 }
 
-/// What the second reading of a recording gives.
+/// What a second reading of the recording gives: the curves of positions, targets and the like, the channels of all other
+/// values, and the events.
 struct Read {
     lines: Lines,
     channels: Channels,
@@ -160,7 +164,8 @@ fn read(
     Ok(Read { lines: series.finish(), channels, events })
 }
 
-/// Puts the curves of the plot into the block, each piece as a record.
+/// Adds the curves of the plot to the page's block of points. Each curve is a channel of the page. The curve is interrupted
+/// where it has no values; each of its connected pieces becomes one record of the block.
 fn put(block: &mut Vec<u8>, channels: &mut Channels, names: &Names, lines: &Lines) {
     let mut put = |slave, quantity: Quantity, bit, pieces: &Pieces| {
         if pieces.is_empty() {
@@ -194,7 +199,7 @@ fn put(block: &mut Vec<u8>, channels: &mut Channels, names: &Names, lines: &Line
     }
 }
 
-/// The shaded times of all axes and of the board.
+/// The time spans that the page shades: states of all axes, and gaps and state 0x18 of the board.
 fn spans(lines: &Lines) -> Vec<Span> {
     let span = |slave: u8, span: &states::Span| Span {
         slave,
@@ -214,7 +219,8 @@ fn spans(lines: &Lines) -> Vec<Span> {
     axes.chain(lines.gaps.iter().map(|state| span(0, state))).collect()
 }
 
-/// The events that are beginnings of shaded times. Those of alarms and states are found in the frames.
+/// Makes an event at the beginning of each gap, loss of a slave and homing. The other spans need none: [`Events`] finds
+/// alarms and states in the frames.
 fn of_spans(spans: &[Span]) -> Vec<Event> {
     let event = |span: &Span| {
         let (kind, text) = match span.state {

@@ -8,7 +8,7 @@ use super::decimate::{Line, Pieces};
 /// The number of inputs of an IO slave, which is also that of its outputs.
 const BITS: usize = 16;
 
-/// Whether a bit is an input or an output.
+/// Whether a bit of an IO slave is an input or an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     /// An input.
@@ -41,7 +41,7 @@ struct Bits {
 }
 
 impl Lanes {
-    /// Starts without values, for the range `window` of so many pixel columns.
+    /// Starts without values, for the range `window`, which is drawn `columns` pixels wide.
     pub fn new(window: Window, columns: u32) -> Self {
         let bits = || Bits { lines: std::array::from_fn(|_| Line::holding(window, columns)), used: 0, now: None };
         Self { ways: [bits(), bits()] }

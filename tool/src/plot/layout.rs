@@ -21,7 +21,7 @@ const SHARED: u32 = 130;
 
 /// How axes and the units of their positions are named.
 pub struct Names<'a> {
-    /// The unit of all axes together.
+    /// The unit of positions in panels that show all axes together: `units` if the axes have different units.
     pub unit: String,
     /// The machine file, with the names of axes.
     pub machine: Option<&'a MachineFile>,
@@ -40,7 +40,7 @@ impl Names<'_> {
     }
 }
 
-/// Makes the panels; lines without data get none. `plane` are the axes of the plane.
+/// Makes the panels; curves without data get no panel. `plane` are the two axes of the diagram of their path.
 pub fn panels(
     lines: Lines,
     asked: &Asked,
@@ -125,7 +125,8 @@ pub fn panels(
 /// The curves of all axes for the panels that they share.
 #[derive(Default)]
 struct Shared {
-    /// One count in the unit of positions: the smallest step of any axis.
+    /// The length of one count in units, of the axis where it is smallest. The vertical axes of shared panels have no finer
+    /// steps.
     least: f64,
     legend: Vec<(Look, String)>,
     /// For each axis the text at the right end of its curve (the axis number) and its colour; empty with few axes.

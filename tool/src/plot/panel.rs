@@ -15,7 +15,7 @@ pub struct Panel {
     pub name: String,
     /// The height of the diagram in pixels.
     pub height: u32,
-    /// The range of the vertical axis.
+    /// The range of the vertical axis, in the unit that `name` ends with.
     pub range: Range<f64>,
     /// The curves, in the order of drawing.
     pub strokes: Vec<Stroke>,
@@ -68,7 +68,7 @@ pub enum Look {
 }
 
 impl State {
-    /// The style of the shaded area of this state.
+    /// The style of the shaded area in which a panel shows this state of a drive or of the board.
     pub const fn look(self) -> Look {
         Look::Area(match self {
             Self::NotEnabled => style::NOT_ENABLED,
@@ -94,8 +94,8 @@ impl State {
 }
 
 impl Panel {
-    /// A panel whose vertical axis fits the values; `None` if no curve has values. `least` is the smallest possible step of a
-    /// value.
+    /// A panel whose vertical axis fits the values; `None` if no curve has values. `least` is the smallest possible step of
+    /// a value, so that a constant value does not stretch the axis to rounding errors.
     pub fn of(
         name: String,
         height: u32,

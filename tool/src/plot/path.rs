@@ -14,7 +14,8 @@ pub struct Path {
     /// The last point that was added, if it was left out. It is drawn only if the piece ends with it.
     last: Option<(f64, f64)>,
     count: usize,
-    /// A point closer than this to the one before is left out.
+    /// A point closer than this to the one before is left out, in units of the axes. The larger of the distances in x and y
+    /// counts.
     near: f64,
     broken: bool,
 }

@@ -15,7 +15,8 @@ use super::PlotError;
 use super::chart::Sheet;
 use super::style::{self, FINE, px};
 
-/// The font, see `tool/font/LICENSE.txt`.
+/// The font of all texts. It is embedded, so that a picture does not depend on the installed fonts. Its licence is
+/// `tool/font/LICENSE.txt`.
 static FONT: &[u8] = include_bytes!("../../font/plot.ttf");
 /// \[OURS] The picture points in the file for each pixel of the page, horizontally and vertically. Two keep letters sharp on
 /// paper and on screens with high resolution.
@@ -26,10 +27,12 @@ const GRID: u32 = FINE / POINTS_PER_PIXEL;
 const BAND_ROWS: u32 = 1024;
 /// \[OURS] The resolution that the file states, in picture points per metre: a pixel of the page is 1/96 inch.
 const POINTS_PER_METRE: u32 = 96 * POINTS_PER_PIXEL * 10_000 / 254;
-/// The ratio of the drawing library's text size to the height of an em.
+/// The drawing library divides a text size by this factor to get the height of an em. This module draws the texts itself,
+/// and does the same.
 const TEXT_SIZE_PER_EM: f64 = 1.24;
-/// Distances from the baseline to the anchor of a text, in ems: half of the height of the letter x for a centred text, and
-/// (next constant) the height of a capital letter for one below its position.
+/// Distances from the baseline of a text to its anchor, in ems. A text that is vertically centred at the anchor has the
+/// distance of half the height of the letter x. A text that hangs below the anchor has that of the height of a capital letter
+/// (the next constant).
 const HALF_X_HEIGHT_EM: f32 = 0.27;
 const CAPITAL: f32 = 0.76;
 

@@ -18,7 +18,7 @@ use crate::recording::Framed;
 
 pub use super::axis::AxisLines;
 
-/// What is drawn of the recording.
+/// Which part of the recording is drawn: the times, the slaves and the commands.
 pub struct Subject<'a> {
     /// The range of times that is shown.
     pub window: Window,
@@ -48,11 +48,12 @@ pub struct Lines {
     pub plane: Option<[Pieces; 2]>,
     /// The number of free FIFO entries over time.
     pub fifo_free: Pieces,
-    /// The times in seconds at which the full count rose, so commands were lost. Times within one pixel column are merged.
+    /// The times in seconds at which the full count rose: command frames found the FIFO full and were lost. Times within
+    /// one pixel column are merged.
     pub full: Vec<f64>,
-    /// The number of reports with a higher full count than the report before.
+    /// The number of reports with a higher full count (frames that found the FIFO full) than the report before.
     pub full_reports: u64,
-    /// The time spans in which the FIFO was empty while an axis was moving, and those in state 0x18.
+    /// The time spans in which the FIFO was empty while an axis was moving, and those in state 0x18: OP with a lost slave.
     pub gaps: Vec<Span>,
 }
 
@@ -76,14 +77,14 @@ pub struct Series {
 }
 
 struct Plane {
-    /// The indexes of the two axes in [`Series::axes`].
+    /// The indexes in [`Series::axes`] of the two axes whose path is drawn: the horizontal one, the vertical one.
     of: [usize; 2],
     /// The commanded and the actual path.
     paths: [Path; 2],
 }
 
 impl Series {
-    /// Starts without frames.
+    /// Starts with empty curves, before the first frame.
     pub fn new(subject: &Subject<'_>) -> Self {
         let (window, columns) = (subject.window, subject.columns);
         let axes = subject.axes.iter();
@@ -191,7 +192,7 @@ impl Series {
         }
     }
 
-    /// Records that the board is, or is no longer, in state 0x18, from a report in OP.
+    /// Records that the board is, or is no longer, in state 0x18 (OP with a lost slave), from a report in OP.
     fn note_failed(&mut self, at_ns: i64, failed: bool) {
         match (failed, self.failed_ns) {
             (true, since) => self.failed_ns = Some((since.map_or(at_ns, |(since_ns, _)| since_ns), at_ns)),
@@ -203,7 +204,7 @@ impl Series {
         }
     }
 
-    /// Draws the commands that were executed up to this report. Returns false if that is not known yet.
+    /// Draws the commands that were executed up to this report. Returns false if it is not yet known which were executed.
     fn execute(&mut self, at_ns: i64, master: &MasterResponse) -> bool {
         let (entries, idle_since_ns) = match self.execution.report(at_ns, master) {
             ExecutionReport::Executed { entries, idle_since_ns } => (entries, idle_since_ns),

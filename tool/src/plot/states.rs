@@ -15,8 +15,8 @@ use ecmsk::sk::{CommandId, DriveResponse};
 
 use super::{Window, seconds, style};
 
-/// How long the bits of a homing result must stay set if they were set from the first report on; the same time as in
-/// the board. \[OURS]
+/// How long after the beginning of a homing its result bits count only if they were clear in between: bits that were set from
+/// its first report on may be of an earlier homing. After this time they count in any case, as in the board. \[OURS]
 const SETTLE_NS: i64 = 20_000_000;
 
 /// A state that is shown. Operation enabled without homing is not shown.
@@ -32,11 +32,11 @@ pub enum State {
     Gap,
     /// The board is in state 0x18, and the slot of the slave does not change.
     Lost,
-    /// The board is in state 0x18.
+    /// The board is in state 0x18: OP with a lost slave.
     Failed,
 }
 
-/// A note on a state.
+/// A note that the plot writes at the beginning of a state, such as the alarm of a fault.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
     /// The note in few words, such as an error code alone.
@@ -79,7 +79,7 @@ pub struct Span {
 pub enum Change {
     /// The report changes nothing.
     None,
-    /// From here on the drive follows targets. After homing its position has a new zero.
+    /// From here on the drive follows targets. If it was homing until now, its position has a new zero.
     Follows,
     /// From here on the drive follows no target, and earlier targets are void.
     FollowsNot,
@@ -95,7 +95,7 @@ pub struct States {
     done: Vec<Piece>,
     now: Option<Piece>,
     homing: Homing,
-    /// The time at which the slave may have been lost.
+    /// The time from which on the slave may be lost, in the recording's nanoseconds; `None` if it is there.
     lost_since_ns: Option<i64>,
 }
 
@@ -140,7 +140,7 @@ impl States {
         if let Some(now) = self.now.as_mut().filter(|now| now.state == State::Fault && now.note.is_none()) {
             now.note = match drive.error_code {
                 _ if !has_code => Some(Note::new("fault")),
-                // The error code may come one cycle later than the state.
+                // The error code may come one cycle later than the state, so 0 means that a later report makes the note.
                 0 => None,
                 code => Some(Note::alarm(code)),
             };
@@ -189,7 +189,8 @@ impl States {
     /// Ends the present state, because the next one is unknown until the next report in OP.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.close(at_ns);
-        // After a return to OP a slot may still answer the earlier GO_HOME.
+        // The slot may still answer the earlier GO_HOME after the return to OP. `answered` is kept, so that this answer
+        // does not count as a new homing.
         self.homing = Homing { answered: self.homing.answered, ..Homing::default() };
     }
 

@@ -7,29 +7,29 @@ use crate::visible::is_plain;
 /// The number of grid steps per pixel. The drawing library has integer coordinates, so everything is drawn on this finer grid.
 pub const FINE: u32 = 4;
 
-/// Width of the whole picture.
+/// Width of the whole picture, in pixels.
 pub const WIDTH: u32 = 1200;
-/// Height of title and caption.
+/// Height of title and caption, in pixels.
 pub const HEAD: u32 = 62;
-/// Height of the line with a panel's name and legend.
+/// Height of the line with a panel's name and legend, in pixels.
 pub const PANEL_HEAD: u32 = 26;
-/// Height of the time axis with its numbers and name.
+/// Height of the time axis with its numbers and name, in pixels.
 pub const TIME_AXIS: u32 = 46;
-/// Width of the area at the left with the numbers of the vertical axis.
+/// Width of the area at the left with the numbers of the vertical axis, in pixels.
 pub const LEFT: u32 = 116;
-/// Width of the margin at the right.
+/// Width of the margin at the right, in pixels.
 pub const RIGHT: u32 = 28;
 
-/// Width and height of the plane of two axes.
+/// Width and height of the diagram that shows the path of two axes in their plane, in pixels.
 pub const PLANE: (u32, u32) = (560, 520);
-/// Height of the lane of one input or output.
+/// Height of the lane of one input or output, in pixels.
 pub const LANE: u32 = 18;
 
-/// Size of most texts.
+/// Size of most texts, in pixels.
 pub const TEXT: u32 = 13;
-/// Size of texts that stand close together, such as the names of lanes.
+/// Size of texts that stand close together, such as the names of lanes, in pixels.
 pub const SMALL: u32 = 12;
-/// Size of the title.
+/// Size of the title, in pixels.
 pub const TITLE: u32 = 17;
 /// The drawing library divides text sizes by this factor, so they are multiplied by it first.
 const TEXT_FACTOR: f64 = 1.24;
@@ -65,7 +65,8 @@ pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
 pub const BESIDE: RGBColor = RGBColor(0x20, 0x20, 0x20);
 /// The colour of curves in the FIFO diagram.
 pub const FIFO: RGBColor = RGBColor(0x40, 0x50, 0x60);
-/// The colour of marks: lost commands, limits, the first difference.
+/// The colour of marks: lost commands, state 0x18, notes on states, the first difference of two recordings, the limits in a
+/// picture of `ecmsk migrate`.
 pub const ALARM: RGBColor = RGBColor(0xD0, 0x10, 0x20);
 /// The background of times in which a drive has a fault.
 pub const FAULT: RGBColor = RGBColor(0xF9, 0xCF, 0xD0);
@@ -83,9 +84,9 @@ pub const GAP: RGBColor = RGBColor(0xE3, 0x9B, 0xF5);
 pub const INPUT: RGBColor = RGBColor(0x0B, 0x6E, 0x8A);
 /// The colour of the outputs of an IO slave.
 pub const OUTPUT: RGBColor = RGBColor(0xB8, 0x4A, 0x00);
-/// The colour of titles and names.
+/// The colour of texts: titles and names.
 pub const INK: RGBColor = RGBColor(0x20, 0x24, 0x28);
-/// The colour of numbers and captions.
+/// The colour of less important texts: numbers and captions.
 pub const SOFT_INK: RGBColor = RGBColor(0x58, 0x60, 0x68);
 /// The colour of the frames of panels.
 pub const FRAME: RGBColor = RGBColor(0xA8, 0xB0, 0xB8);

@@ -8,7 +8,8 @@ use ecmsk::sk::{CommandId, Frame, IoResponse, MasterResponse, MasterState, Slave
 use super::Window;
 use crate::recording::{self, Framed};
 
-/// The result so far. Of several boards in a capture, the one that is in OP first is used and the others are ignored.
+/// What one reading of the recording has found so far. Of several boards in a capture, the one that is in OP first is used
+/// and the others are ignored.
 pub struct Survey {
     board: Option<(u16, u8)>,
     size: SlotSize,
@@ -23,7 +24,8 @@ pub struct Survey {
     /// Slaves that are IO slaves, and (next field) those of them with an input or output that was ever 1.
     ios: [bool; MAX_SLAVES],
     lively_ios: [bool; MAX_SLAVES],
-    /// Slaves whose slot was not empty in some frame in OP.
+    /// Slaves whose slot has had anything but zeros in OP, besides its index byte. Without such a slot there is nothing to
+    /// draw.
     seen: [bool; MAX_SLAVES],
     /// The intervals between the first reports in OP.
     intervals_ns: Vec<i64>,
@@ -76,7 +78,7 @@ impl Survey {
         intervals.get(intervals.len() / 2).copied().unwrap_or_default()
     }
 
-    /// The address of the board that is used.
+    /// The address of the board whose frames are drawn; `None` before a report in OP.
     pub fn board(&self) -> Option<(u16, u8)> {
         self.board
     }
@@ -103,7 +105,7 @@ impl Survey {
         (0..MAX_SLAVES).filter(known).map(|n| n as u8 + 1).collect()
     }
 
-    /// Whether that slave (from 1) is IO, which has no position.
+    /// Whether the slave with this number (from 1) is IO, which has no position.
     pub fn is_io(&self, slave: u8) -> bool {
         let io = usize::from(slave).checked_sub(1).and_then(|n| self.ios.get(n));
         io.copied().unwrap_or_default()
@@ -114,7 +116,7 @@ impl Survey {
         (1..).zip(&self.lively_ios).filter(|(_, lively)| **lively).map(|(n, _)| n).collect()
     }
 
-    /// Whether a plot of that slave (from 1) would show nothing.
+    /// Whether a plot of the slave with this number (from 1) would show nothing: its slot was always empty in OP.
     pub fn is_empty(&self, slave: u8) -> bool {
         let known = usize::from(slave).checked_sub(1).and_then(|n| self.seen.get(n));
         !known.copied().unwrap_or_default()

@@ -6,19 +6,20 @@ use std::path::PathBuf;
 /// Why `ecmsk recording` fails.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingVerbError {
-    /// The ending of the file to write names no format.
+    /// The extension of the output file names no format.
     #[error("{} has no ending that names a format; name it .pcapng, .ecmrec or .csv", .file.display())]
     Ending {
-        /// The file.
+        /// The output file.
         file: PathBuf,
     },
-    /// The recording and the file to write are the same.
+    /// The recording and the output file are the same.
     #[error("{} is the recording itself; name another file", .file.display())]
     SameFile {
-        /// The file.
+        /// The recording, which is also the output file.
         file: PathBuf,
     },
-    /// The recording is a capture of another program.
+    /// `ecmsk recording export` was to write a capture of another program as a recording. That is not possible, since a capture
+    /// has more than the frames of one board.
     #[error(
         "{} is a capture of another program, which has more than frames of a board; verbs read it as it is, and it can be \
          exported as .csv",
@@ -36,15 +37,15 @@ pub enum RecordingVerbError {
         /// The error of the system.
         source: io::Error,
     },
-    /// The file cannot be written.
+    /// The output file cannot be written.
     #[error("cannot write {}: {source}; name a file on a disk with room", .file.display())]
     Write {
-        /// The file.
+        /// The output file.
         file: PathBuf,
         /// The error of the system.
         source: io::Error,
     },
-    /// There is no report of a board in OP, so a table would be empty.
+    /// No report shows the board in OP, so a table would be empty.
     #[error("{} has no report in OP, so that its table has no row; `ecmsk dump` shows its frames", .file.display())]
     NoRow {
         /// The recording.

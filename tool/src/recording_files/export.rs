@@ -1,4 +1,4 @@
-//! `ecmsk recording export`.
+//! `ecmsk recording export`: writes a recording in another format, or its reports as a CSV table.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Read};
@@ -33,11 +33,11 @@ pub struct Args {
     #[arg(value_name = "OUT", value_hint = ValueHint::FilePath)]
     output: PathBuf,
 
-    /// Replace a file that is there
+    /// Replace an output file that exists
     #[arg(long)]
     overwrite: bool,
 
-    /// In a table, the slaves with these numbers alone; comma list [default: all that the first report in OP has]
+    /// In a table, only the slaves with these numbers; comma list [default: all that the first report in OP has]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     axes: Vec<u8>,
 
@@ -50,8 +50,12 @@ pub struct Args {
     device: Option<Address>,
 }
 
+/// Runs `ecmsk recording export`.
+///
 /// # Errors
-/// [`CliError`]
+/// [`CliError`] if the recording cannot be read, has no report in OP for a table, or is a capture of another program that
+/// is to become a recording; if the output file has another extension or cannot be written; or if standard output cannot be
+/// written to.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let (input, output) = (&args.input, &args.output);
     let same = fs::canonicalize(input).ok().zip(fs::canonicalize(output).ok()).is_some_and(|(a, b)| a == b);
@@ -70,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     Ok(output::print(format!("{}: {count}\n", output.display()))?)
 }
 
-/// Copies all frames to a recording of another format. Returns what was written, in words.
+/// Copies all frames to a recording of another format. Returns the number of frames as text for the user, e.g. `12 frames`.
 fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<String, CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
     make_room(&args.output, args.overwrite).map_err(|error| failed(with_hint(error, args.overwrite)))?;
@@ -83,7 +87,7 @@ fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<String, CliEr
         let Some(meta) = framed.meta.clone() else {
             return Err(RecordingVerbError::Capture { file: args.input.clone() }.into());
         };
-        // Each opening of the board is a recording of its own.
+        // Each opening of the board has metadata of its own, and becomes a recording of its own in the output file.
         if let Some((_, ended)) = copy.take_if(|(of, _)| *of != meta) {
             ended.end(&Lacks::default()).map_err(failed)?;
         }
@@ -101,7 +105,8 @@ fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<String, CliEr
     Ok(format!("{count} frames"))
 }
 
-/// What a copy lacks: the frames of damaged stretches are missing in it.
+/// What the output file lacks, when the input file lacks `lacks`. Damaged stretches of the input are not in the output, so
+/// their frames count as missing there.
 fn inherited(mut lacks: Lacks) -> Lacks {
     if lacks.damage.count > 0 {
         lacks.missing += lacks.damage.whole.packets.max(1);
@@ -110,7 +115,7 @@ fn inherited(mut lacks: Lacks) -> Lacks {
     lacks
 }
 
-/// Writes a table of the reports. Returns what was written, in words.
+/// Writes a CSV table with a row for each report in OP. Returns the number of rows as text for the user, e.g. `12 rows`.
 fn table(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<String, CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
     let file = create(&args.output, args.overwrite).map_err(failed)?;
@@ -140,7 +145,8 @@ fn create(file: &Path, overwrite: bool) -> io::Result<File> {
     File::create_new(file).map_err(|error| with_hint(error, overwrite))
 }
 
-/// The error for a file that is there names the option that replaces it.
+/// If the output file exists already, makes an error text that names the option `--overwrite`. Other errors of opening the
+/// output file are returned as they are.
 fn with_hint(error: io::Error, overwrite: bool) -> io::Error {
     match error.kind() {
         io::ErrorKind::AlreadyExists if !overwrite => {
@@ -150,7 +156,7 @@ fn with_hint(error: io::Error, overwrite: bool) -> io::Error {
     }
 }
 
-/// Says every few seconds how far the reading of a long recording is.
+/// Prints every few seconds how far the reading of a long recording is.
 pub struct Progress<'a> {
     file: &'a Path,
     said: Instant,
@@ -158,17 +164,17 @@ pub struct Progress<'a> {
 }
 
 impl<'a> Progress<'a> {
-    /// The time between two notes. \[OURS]
+    /// The shortest time between two progress messages. \[OURS]
     const EVERY: Duration = Duration::from_secs(5);
-    /// The clock is read once in that many frames.
+    /// The clock is read only once in this number of frames, since reading it for every frame would take too long.
     const FRAMES: u64 = 4096;
 
-    /// Begins with the reading of a file.
+    /// Starts the time until the first progress message, for the reading of `file`.
     pub fn new(file: &'a Path) -> Self {
         Self { file, said: Instant::now(), frames: 0 }
     }
 
-    /// Notes that a frame was read.
+    /// Counts a frame that was read, and prints a progress message if one is due.
     pub fn frame(&mut self, framed: &Framed) {
         self.frames += 1;
         if self.frames.is_multiple_of(Self::FRAMES) && self.said.elapsed() >= Self::EVERY {

@@ -1,4 +1,4 @@
-//! `ecmsk recording info`.
+//! `ecmsk recording info`: shows how long a recording is and what is missing in it.
 
 use std::path::PathBuf;
 
@@ -12,17 +12,17 @@ use super::super::recording::{self, Frames, link_name};
 use super::RecordingVerbError;
 use super::export::Progress;
 
-/// Say how many frames a recording has, of which time, in how many bytes, and what is damaged
+/// Show the number of frames in a recording, the time that they cover, the size of the file, and what is missing or damaged
 ///
-/// Of a recording in blocks (.ecmrec) only the index is read, which takes a moment however long it is, and with --check all of
-/// it. Other formats have no index and are read to their end.
+/// For a recording in blocks (.ecmrec) only its index is read, which is quick for a recording of any length; with --check
+/// all frames are read. Other formats have no index and are always read to their end.
 #[derive(clap::Args)]
 pub struct Args {
     /// The recording or capture
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
     file: PathBuf,
 
-    /// Read all frames, and say what is damaged
+    /// Read all frames, to find every missing or damaged one; without this option a recording in blocks is not searched
     #[arg(long)]
     check: bool,
 
@@ -35,18 +35,22 @@ pub struct Args {
     json: bool,
 }
 
-/// What is said of a recording.
+/// What `ecmsk recording info` shows of a recording in any format. The blocks, which only a recording in the format .ecmrec
+/// has, are shown besides.
 #[derive(Default)]
 struct Info {
     frames: u64,
     times_ns: Option<(u64, u64)>,
     link: Option<String>,
-    /// What it lacks, in words; `None` if it was not read for that.
+    /// What is missing or damaged in the recording, as text. `None` if nothing is known to be missing, or if the frames
+    /// were not read.
     lacks: Option<String>,
 }
 
+/// Runs `ecmsk recording info`.
+///
 /// # Errors
-/// [`CliError`]
+/// [`CliError`] if the recording cannot be read or standard output cannot be written to.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let outline =
         Outline::of(&args.file).map_err(|source| RecordingVerbError::Read { file: args.file.clone(), source })?;
@@ -105,7 +109,7 @@ fn first_link(args: &Args) -> Result<Option<String>, CliError> {
     Ok(first.and_then(|framed| framed.meta.as_deref().map(link_name)))
 }
 
-/// Reads all frames.
+/// Reads all frames to count them, and to find what is missing or damaged.
 fn read(args: &Args) -> Result<Info, CliError> {
     let device = recording::board(&args.file, args.device)?;
     let mut frames = Frames::open(&args.file, None, device)?.quiet();

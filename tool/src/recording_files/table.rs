@@ -11,7 +11,7 @@ use ecmsk::sk::{
 
 use crate::recording::Framed;
 
-/// What a slave has in the table.
+/// Which columns of the table a slave has.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Columns {
     Axis,
@@ -20,13 +20,14 @@ enum Columns {
     Bits,
 }
 
-/// Writes the rows.
+/// Writes the CSV table: a line with the names of the columns, and a row for each report in OP.
 pub struct Table<W> {
     out: W,
-    /// The slaves that were asked for; empty: all.
+    /// The numbers of the slaves that the table has columns for; empty: all slaves.
     asked: Vec<u8>,
     kinds: Kinds,
-    /// The slaves of the table, once there was a report in OP.
+    /// The slaves that have columns, by number. `None` before the first report in OP, whose slots show which slaves there
+    /// are.
     slaves: Option<Vec<(u8, Columns)>>,
     /// The target that was sent last to each slave.
     targets: [Option<i32>; MAX_SLAVES],
@@ -34,7 +35,8 @@ pub struct Table<W> {
 }
 
 impl<W: Write> Table<W> {
-    /// A table of these slaves, of all if there are none.
+    /// Starts a table that is written to `out`. It has columns for the slaves with the numbers `asked`, or for all slaves
+    /// if `asked` is empty.
     pub fn new(out: W, asked: Vec<u8>) -> Self {
         Self { out, asked, kinds: Kinds::new(None), slaves: None, targets: [None; MAX_SLAVES], rows: 0 }
     }

@@ -39,17 +39,19 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_parser = slave_list)]
     slaves: SlaveList,
 
-    /// Crystal error of the slaves' clocks: PPM parts per million too fast (the first slave) to too slow (the last one)
+    /// Crystal errors of the slaves' clocks: the first slave is PPM parts per million too fast, the last one PPM too slow,
+    /// and the others are evenly distributed in between
     #[arg(long, value_name = "PPM", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1000))]
     drift: u16,
 
-    /// Script of timed faults of the slaves, one per line, see `ecmsk link help`; events of a board are refused. Times
-    /// count from the start of the server, or from a master's first frame or OP (`from frame`, `from op`)
+    /// Script of timed faults of the slaves, one per line, see `ecmsk link help`; events of a board, which is not simulated
+    /// here, are refused. Times count from the start of the server, or from a master's first frame or OP (`from frame`,
+    /// `from op`)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     script: Option<PathBuf>,
 
-    /// Record every frame and its answer, for Wireshark; an existing recording becomes FILE.1, and an older FILE.1 is
-    /// lost
+    /// Record every frame and its answer, for Wireshark. An existing recording is renamed to FILE.1, which replaces an
+    /// older FILE.1
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     record: Option<PathBuf>,
 
@@ -57,7 +59,7 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=99))]
     priority: Option<u8>,
 
-    /// Use the interface even if it is this machine's default route
+    /// Use the interface even if it is this machine's default route, whose network connection is then lost
     #[arg(long)]
     force: bool,
 }

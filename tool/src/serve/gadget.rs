@@ -13,12 +13,14 @@ use super::usbip::{given_link, id};
 use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
-/// Serve a board at a USB device port of this machine: the PC at its other end sees an ECM-SK, nothing there needs a change
+/// Serve a board at a USB device port of this machine: the PC at the other end of the cable sees an ECM-SK, and nothing
+/// there needs a change
 ///
-/// This machine needs a USB port that can be a device (Raspberry Pi 4 and 5, CM4, BeagleBone Black and others) and the kernel's
-/// FunctionFS. It makes the gadget, and removes it at its end; what a run that was killed has left is mended. The cable may come
-/// and go. When the host is gone (unplugged, switched off, asleep), axes that it has moved are brought to a standstill. Standard
-/// output says what is served, standard error what the host does. It needs root. Ctrl-C and SIGTERM pull the board and end it.
+/// This machine needs a USB port that can be a device (Raspberry Pi 4 and 5, CM4, BeagleBone Black and others) and the
+/// kernel's FunctionFS. The server makes the kernel's USB gadget and removes it at its end; a gadget that a killed server
+/// has left is cleaned up first. The cable may be plugged and unplugged at any time. When the host is gone (unplugged,
+/// switched off, asleep), axes that it has moved are brought to a standstill. Standard output says what is served, standard
+/// error what the host does. The server needs root. Ctrl-C and SIGTERM unplug the board and end the server.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -34,7 +36,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     udc: Option<String>,
 
-    /// What happens to moving axes when the host is gone
+    /// What happens to moving axes when the host is gone: unplugged, switched off or asleep
     #[arg(long, value_enum, default_value_t = Vanish::Ramp)]
     on_vanish: Vanish,
 

@@ -16,9 +16,9 @@ use crate::{CliError, signals, streams};
 /// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, and programs need no change
 ///
 /// Standard output gives the address and what is served, standard error each client that comes or goes. USB/IP has no
-/// password, so the server listens on this machine alone; other machines use a tunnel (docs/VIRTUAL-BOARD.md). A lost
-/// board is detached; when it is back it can be attached again, and --attach does so. Ctrl-C and SIGTERM detach the
-/// boards and end the server.
+/// password, so the server listens on this machine alone; other machines use a tunnel (docs/VIRTUAL-BOARD.md). A lost board
+/// is detached. When the board is back it can be attached again; with --attach the server attaches it. Ctrl-C and SIGTERM
+/// detach the boards and end the server.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(super::ended(&links))
 }
 
-/// The links to serve: those of the command line, otherwise the one that the library would open.
+/// The links to serve: those of the command line, otherwise the one of `ECMSK_LINK` or of a configuration file.
 fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
     if !args.links.is_empty() {
         return Ok(args.links.clone());

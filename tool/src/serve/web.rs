@@ -49,7 +49,7 @@ Examples:
 
 A recording as one file, which needs no server: ecmsk plot run.pcapng -o run.html")]
 pub struct Args {
-    /// Show this recording
+    /// Show this recording or capture instead of a board
     #[arg(value_name = "FILE", conflicts_with = "link", value_hint = ValueHint::FilePath)]
     file: Option<PathBuf>,
 
@@ -79,7 +79,7 @@ pub struct Args {
     slot_size: Option<SlotSize>,
 }
 
-/// Why there is no page.
+/// Why `ecmsk serve web` does not start.
 #[derive(Debug, thiserror::Error)]
 pub enum WebError {
     /// The address cannot be listened on.
@@ -90,12 +90,12 @@ pub enum WebError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// A system call failed.
+    /// The operating system refuses what the server needs, such as a thread.
     #[error("cannot {what}: {message}; free some of the system's memory or threads, then run it again")]
     System {
-        /// What was tried.
+        /// What the server tried to do, for the message.
         what: &'static str,
-        /// The error.
+        /// The error of the operating system, as text.
         message: String,
     },
 }
@@ -129,7 +129,7 @@ fn recording(args: &Args, file: &Path) -> Result<Content, CliError> {
 fn board(args: &Args) -> Result<(Arc<Hub>, LinkUri), CliError> {
     let machine = machine_option::load(args.machine.as_deref())?.map(Arc::new);
     let mut chosen = ChosenLink::find_with(args.link.as_ref(), machine.as_deref()).map_err(MonitorError::from)?;
-    // The user has to name it, as for every server.
+    // The user has to name the board, as for every server, so that a forgotten option does not show a real board.
     if !chosen.is_named() {
         return Err(CliError::NothingToServe);
     }
@@ -145,8 +145,8 @@ fn board(args: &Args) -> Result<(Arc<Hub>, LinkUri), CliError> {
     Ok((Hub::start(&chosen, subject)?, uri))
 }
 
-/// The link with a queue in which a second of reports waits for this process at 1 kHz, so that a busy machine makes no
-/// gaps. \[OURS] A queue of the user's stays.
+/// The link with the key `queue=1000`: the queue holds a second of reports at 1 kHz while this process does not read, so
+/// that a busy machine makes no gaps. \[OURS] If the user's link has the key `queue=`, it stays.
 fn with_long_queue(uri: &LinkUri) -> LinkUri {
     let text = uri.to_string();
     if text.contains("queue=") {
@@ -156,7 +156,7 @@ fn with_long_queue(uri: &LinkUri) -> LinkUri {
     LinkUri::parse(&format!("{text}{sign}queue=1000")).unwrap_or_else(|_| uri.clone())
 }
 
-/// Parses the address of `--listen`, which only this machine reaches: HTTP has no encryption.
+/// Parses the address of `--listen`. Addresses that other machines reach are refused, because HTTP has no encryption.
 fn listen_here(text: &str) -> Result<SocketAddr, String> {
     let address = super::listen_at::<DEFAULT_PORT>(text)?;
     if address.ip().is_loopback() {

@@ -13,10 +13,10 @@ use crate::{CliError, signals, streams};
 
 /// Serve a chip ECM-XF as a stream of bytes: a C driver for the chip runs on the model, with a shim instead of SPI
 ///
-/// The few bytes around each exchange are described in docs/XF-PORT.md; examples/c/xf_client.c is a host of one page.
-/// One host at a time has the chip. Standard output gives the address and what is served, standard error each host that
-/// comes or goes. There is no password, so the server listens on this machine alone. Ctrl-C and SIGTERM end it, and
-/// stop axes if there is a host.
+/// docs/XF-PORT.md describes the few bytes that the stream adds to each exchange; examples/c/xf_client.c is a short example of
+/// a host. One host at a time has the chip. Standard output gives the address and what is served, standard error each host that
+/// comes or goes. There is no password, so the server listens on this machine alone. Ctrl-C and SIGTERM end it, and stop axes
+/// if there is a host.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(long)]
     insecure_anyone: bool,
 
-    /// What happens when the host ends without closing
+    /// What happens when the host disconnects without closing the chip
     #[arg(long, value_enum, default_value_t = Vanish::SafeOp)]
     on_vanish: Vanish,
 }

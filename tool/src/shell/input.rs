@@ -22,7 +22,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// What the thread has read from standard input.
 enum Typed {
     Line(String),
-    /// Ctrl-C was pressed at the prompt.
+    /// Ctrl-C was pressed at the prompt, where no step runs that it could end: a note says how to leave.
     Nothing,
     End,
     Failed(io::Error),
@@ -30,17 +30,18 @@ enum Typed {
 
 /// Reads lines from a terminal or from a pipe.
 pub struct Input {
-    /// Requests the next line from the thread. Without a request it shows no prompt, as while a step runs.
+    /// Requests the next line from the thread that reads. The thread shows a prompt only after a request, so there is none
+    /// while a step runs.
     wanted: Sender<()>,
     typed: Receiver<Typed>,
     terminal: Terminal,
 }
 
 impl Input {
-    /// Starts the thread. `typed`: whether standard input is a terminal.
+    /// Starts the thread that reads standard input. `typed`: whether standard input is a terminal.
     ///
     /// # Errors
-    /// [`BoardError::System`]
+    /// [`BoardError::System`] if the operating system provides no thread.
     pub fn start(typed: bool) -> Result<Self, BoardError> {
         let terminal = Terminal::now();
         let (wanted, asked) = mpsc::channel();
@@ -70,7 +71,7 @@ impl Input {
     /// Waits for the next line; `None` at the end of the input.
     ///
     /// # Errors
-    /// [`BoardError::Stopped`], [`BoardError::Input`].
+    /// [`BoardError::Stopped`] if a signal arrives, [`BoardError::Input`] if standard input cannot be read.
     pub fn next(&self, board: &Board) -> Result<Option<String>, BoardError> {
         self.ask();
         loop {

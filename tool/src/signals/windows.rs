@@ -23,7 +23,7 @@ pub const fn has_hung_up<T>(_file: &T) -> bool {
     false
 }
 
-/// What is done when an event occurs.
+/// How an event is passed to the part of the program that watches for it.
 enum Watcher {
     Note { signal: Arc<AtomicUsize>, armed: Option<Arc<AtomicBool>> },
     Wait(Sender<u8>),

@@ -34,7 +34,7 @@ enum Verb {
         #[arg(long, value_name = "N", default_value = "0", value_parser = not_negative, allow_negative_numbers = true)]
         within: f64,
     },
-    /// An IO slave's inputs must be these bits
+    /// The 16 inputs of an IO slave must be exactly these, bit k is input k, e.g. 3=0x0001
     Inputs {
         #[arg(value_name = "SLAVE=BITS", value_parser = inputs)]
         inputs: (u8, u16),
@@ -48,6 +48,8 @@ fn inputs(text: &str) -> Result<(u8, u16), String> {
 }
 
 impl Args {
+    /// Checks the axes and slaves of the step before anything is sent.
+    ///
     /// # Errors
     /// A slave does not exist or is of another kind.
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
@@ -61,8 +63,11 @@ impl Args {
         }
     }
 
+    /// Reads the state, the positions or the inputs, and compares them with what is expected.
+    ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if they differ, if a slave does not exist or is of another kind, if the network is not in OP for
+    /// positions or inputs, or if the board does not answer.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let failed = |why| BoardError::Refused { what: WHAT.into(), why, next: "see what came before".into() };
         match &self.verb {

@@ -13,12 +13,13 @@ use crate::board::{AxisWord, Board, BoardError, Needs, SlaveList, Units, positio
 const WHAT: &str = "home";
 /// The object 0x6098, "homing method".
 const METHOD: ObjectAddress = ObjectAddress::new(0x6098, 0);
-/// \[OURS] Timeout for the homing of one axis.
+/// \[OURS] Timeout for the homing of one axis, after which it is aborted with ABORT_HOME. `--timeout` replaces it.
 const LIMIT: Duration = Duration::from_secs(60);
 
 /// Home axes, one after the other
 ///
-/// Values that are not given are those of the machine file, or else stay as the drive has them. Ctrl-C ends homing with ABORT_HOME.
+/// Values that are not given are those of the machine file, or else stay as the drive has them. Ctrl-C ends homing with
+/// ABORT_HOME.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -51,8 +52,11 @@ pub struct Args {
 }
 
 impl Args {
+    /// Checks the axes and the home offset before anything is sent.
+    ///
     /// # Errors
-    /// A slave does not exist or has no axis, or the offset is not one of its positions.
+    /// A slave does not exist or has no axis, or the offset is not possible for an axis: it is no whole number of counts
+    /// although no unit is known, it does not fit the range of positions, or it is beyond the axis' limits in the machine file.
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
         SlaveList::axes(&self.axes, network, WHAT, units)?
             .iter()
@@ -68,8 +72,11 @@ impl Args {
         Ok(Some(counts))
     }
 
+    /// Homes the axes, one after the other.
+    ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if a slave does not exist or has no axis, if an axis is not enabled or does not find its home in
+    /// time, if the board does not answer, or if a signal stops the homing.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let axes = SlaveList::axes(&self.axes, board.known_network(WHAT)?, WHAT, board.units())?;
         let slaves: Vec<u8> = axes.iter().map(|(slave, _)| *slave).collect();

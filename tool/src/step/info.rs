@@ -13,8 +13,9 @@ use crate::board::{Board, BoardError, Needs, list, statusword_text};
 
 /// Show the board, the link and the network; nothing is sent
 ///
-/// A board that nobody has brought up is in PreOP, where reports do not contain slaves: they get a line each in SafeOP
-/// and OP. A real board that a program has brought there is shown as it is; --up brings the network up first.
+/// Reports contain slaves only in SafeOP and OP; there each slave gets a line. A board that no program has brought to
+/// SafeOP or OP is in PreOP. A real board that a program has brought to OP is shown in OP; --up brings the network to OP
+/// first.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// Read the identity of the slaves, by SDOs, from slave 1 to the first that does not answer
@@ -23,7 +24,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Whether the step only reads reports, so that it sends no command.
+    /// Whether the step only reads reports. It sends no command then, and also works while another program sends commands.
     pub const fn only_looks(&self) -> bool {
         !self.scan
     }
@@ -38,8 +39,10 @@ const IDENTITY: [(&str, ObjectAddress); 4] = [
 ];
 
 impl Args {
+    /// Prints what the reports show of the board, the link and the network, with `--scan` also the identity of the slaves.
+    ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if the board does not answer, a signal stops the scan, or standard output cannot be written to.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let snapshot = board.ecm.snapshot()?;
         let (mut text, mut json) = facts(board, &snapshot)?;

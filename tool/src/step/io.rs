@@ -16,7 +16,8 @@ pub struct Args {
     #[arg(value_name = "SLAVE|local", value_parser = Side::parse)]
     side: Side,
 
-    /// Set the outputs, bit k is output k, e.g. 0x0003; they stay until they are set again
+    /// Set all outputs of the slave (16) or of the board (6): bit k is output k, from 0, e.g. 0x0003; they stay until they
+    /// are set again
     #[arg(long, value_name = "BITS", value_parser = bits)]
     set: Option<u16>,
 }
@@ -47,6 +48,8 @@ pub fn bits(text: &str) -> Result<u16, String> {
 }
 
 impl Args {
+    /// Checks the slave or the outputs before anything is sent.
+    ///
     /// # Errors
     /// A slave is not an IO slave, or the board does not have these outputs.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
@@ -56,8 +59,11 @@ impl Args {
         }
     }
 
+    /// Reads the inputs or sets the outputs, and prints them.
+    ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if the slave does not exist or is no IO slave, the bits do not fit, the network is not in OP for a
+    /// slave, or the board does not answer.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         match self.side {
             Side::Slave(slave) => {
@@ -95,7 +101,7 @@ impl Args {
     }
 }
 
-/// Checks that the slave is an IO slave.
+/// Checks that the slave is an IO slave. `what` is the verb, for the error.
 pub fn io_slave(network: &Config, what: &str, slave: u8) -> Result<(), BoardError> {
     match find_slave(network, what, slave)? {
         Slave::Io => Ok(()),

@@ -44,7 +44,7 @@ impl Line {
         Words::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
     }
 
-    /// The verbs and options that may follow these words, for completion.
+    /// The verbs, options and fixed values that may follow the first words of a line, for completion with Tab.
     pub fn after(words: &[&str]) -> Vec<String> {
         let (at, _) = command(words);
         let verbs = at.get_subcommands().map(|verb| verb.get_name().to_owned());
@@ -81,7 +81,8 @@ fn command<'a>(mut words: &'a [&'a str]) -> (clap::Command, &'a [&'a str]) {
     (at, words)
 }
 
-/// The error of clap as one line, with the syntax of the step.
+/// The error of clap for a line, as one line of text. The syntax of the line's verb follows, or the verbs that may follow
+/// that verb.
 fn why(error: &clap::Error, words: &[&str]) -> String {
     if let (.., [word, ..]) = command(words)
         && word == &words[0]

@@ -32,7 +32,8 @@ const SETTLE_WINDOW_COUNTS: u32 = 2;
 /// \[OURS] If an internal limit of its drive holds an axis away from its target for this long, the move fails. The time is more
 /// than twice that of the frames ahead, so the reports already answer the present targets.
 const HELD_LIMIT: Duration = Duration::from_millis(150);
-/// \[OURS] The time limit for braking after Ctrl-C. Of the 2 s that Ctrl-C may take, the rest is for closing the board.
+/// \[OURS] The time limit for braking after Ctrl-C. The tool promises to end within 2 s after Ctrl-C; the rest of that time
+/// is for closing the board.
 const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 
 /// Move axes to positions, all together
@@ -115,14 +116,16 @@ impl Args {
         }
     }
 
-    /// The targets, with the meaning of their axes and numbers.
+    /// The targets, each with the slave and the scale that its axis and its unit have.
     fn resolved(&self, units: Units<'_>) -> Result<Vec<AxisTarget>, BoardError> {
         self.targets.iter().map(|target| target.resolve(WHAT, units)).collect()
     }
 
+    /// Checks the move before anything is sent.
+    ///
     /// # Errors
-    /// A slave has no axis in CSP, a target does not fit into 32 bits or is beyond the limits of the axis, or the axis cannot
-    /// follow so closely at that speed.
+    /// A slave has no axis in CSP, or is named twice. A target does not fit into 32 bits or is beyond the limits of the
+    /// axis. At this velocity the targets in the FIFO are so far ahead of the axis that its `--lead-limit` ends the move.
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
         let targets = self.resolved(units)?;
         for (index, target) in targets.iter().enumerate() {
@@ -150,10 +153,11 @@ impl Args {
         Ok(())
     }
 
-    /// The limits of an axis, in counts and seconds.
+    /// The velocity, acceleration and jerk limits of an axis, in counts and seconds: those of the options, else of the
+    /// machine file, else defaults.
     ///
     /// # Errors
-    /// They are beyond those of the machine file.
+    /// An option is above the limit of the axis in the machine file.
     fn speeds(&self, target: &AxisTarget, units: Units<'_>) -> Result<Speeds, BoardError> {
         let counts = target.scale.counts_per_unit.abs();
         let axis = units.axis(target.slave);
@@ -161,7 +165,8 @@ impl Args {
             let asked = asked.map(|units| units * counts);
             let Some((axis, max)) = axis.zip(max) else { return Ok((asked, None)) };
             let max_counts = max * axis.scale.counts_per_unit.abs();
-            // A unit of the option and one of the file may differ in the last bit.
+            // The same limit in the unit of the option and in that of the machine file may differ by a rounding error,
+            // which is allowed.
             if asked.is_none_or(|asked| asked <= max_counts * (1.0 + f64::EPSILON)) {
                 return Ok((asked, Some(max_counts)));
             }
@@ -173,8 +178,11 @@ impl Args {
         Ok(Speeds::of(velocity, acceleration, self.jerk.map(|jerk| jerk.scaled(counts))))
     }
 
+    /// Moves the axes to their targets, and prints their positions.
+    ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if a slave does not exist or has no axis in CSP, an axis is not enabled or does not follow, a target
+    /// or a limit is not allowed, the board does not answer, or a signal stops the move.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let slaves = self.slaves(board)?;
         board.ready(WHAT, Needs::On(&slaves))?;
@@ -216,8 +224,9 @@ impl Args {
         Ok(())
     }
 
-    /// Moves the axes along their path. After each long gap they start again from rest. Returns the duration in seconds, the
-    /// number of underruns, and the path of the last part, which ends at the targets.
+    /// Moves the axes along their path. After a gap longer than [`GAP_MAX`] (the FIFO was empty) they start again from
+    /// rest. Returns the duration in seconds, the number of underruns, and the path of the last part, which ends at the
+    /// targets.
     fn carry_out(&self, board: &Board, depth: u16, cycle: f64) -> Result<(f64, u64, Path), BoardError> {
         let (mut snapshot, mut path) = self.agreed_path(board)?;
         let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
@@ -262,7 +271,7 @@ impl Args {
         Ok((snapshot, path))
     }
 
-    /// The slaves of the axes.
+    /// The numbers of the slaves that the targets name.
     fn slaves(&self, board: &Board) -> Result<Vec<u8>, BoardError> {
         Ok(self.resolved(board.units())?.iter().map(|target| target.slave).collect())
     }
@@ -308,12 +317,13 @@ fn no_path(why: String) -> BoardError {
 /// otherwise a program that is often slightly late would never finish a move.
 const GAP_MAX: Duration = Duration::from_millis(100);
 
-/// \[OURS] How many times the last targets are repeated, so that the drives settle.
+/// \[OURS] In how many further cycles the last targets are sent again. The drives settle meanwhile.
 const HOLD_FRAMES: usize = 9;
 
 /// How the motion along a path has ended, with its duration in seconds.
 enum Ended {
-    /// The last targets were sent to all axes, or Ctrl-C has braked the motion.
+    /// The last targets were sent to all axes, or Ctrl-C has braked the motion. In the latter case [`Run::go`] returns an
+    /// error instead.
     Arrived(f64),
     /// The FIFO was empty for too long, so the axes stand. The second value is the fraction of the path that they have covered,
     /// 0 to 1.
@@ -332,8 +342,8 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Sends one target per cycle until all axes have arrived, or until a long gap. Returns how the move ended, and the
-    /// counters of the stream.
+    /// Sends one target per cycle until all axes have arrived, or until a gap that is longer than [`GAP_MAX`]. Returns how
+    /// the move ended, and the counters of the stream.
     fn go(&self, mut stream: Stream<'_>) -> Result<(Ended, StreamStats), BoardError> {
         let stepped = self.steps(&mut stream);
         // `finish` brakes axes that are still moving, also after an error.
@@ -369,8 +379,8 @@ impl Run<'_> {
                 self.hold(stream, |axis| axis.end)?;
                 return Ok(Ended::Arrived(time));
             }
-            // A board that catches up reports a gap in several steps. The frame sent in each step makes up for one cycle of the
-            // gap.
+            // A long gap may become known over several steps, so the underruns of all steps are added up. Each step sends one
+            // target, so one cycle is subtracted per step: single underruns far apart do not add up to a long gap.
             gap = (gap + stats.underruns - std::mem::replace(&mut before, stats.underruns)).saturating_sub(1);
             if gap as f64 * self.cycle > GAP_MAX.as_secs_f64() {
                 return Ok(Ended::Stood(time, last.length / self.path.length));
@@ -431,7 +441,8 @@ impl Run<'_> {
         stream.step().map_err(explain)
     }
 
-    /// Sets the target of an axis. The second channel of an HSP (a pulse module) gets its present position.
+    /// Sets the target of an axis. With 16-byte slots one command moves both channels of an HSP (a pulse module), so the
+    /// second channel gets its present position and stands still.
     fn aim(&self, stream: &mut Stream<'_>, slave: u8, target: i32) -> Result<(), EcmError> {
         match self.snapshot.slave(slave) {
             Some(ecmsk::ecm::SlaveView::Hsp(hsp)) if self.board.ecm.slot_size()? == SlotSize::Bytes16 => {

@@ -22,10 +22,7 @@ use Type::{I8, I16, I32, U8, U16, U32};
 impl Type {
     const ALL: [(&str, Self); 6] = [("u8", U8), ("i8", I8), ("u16", U16), ("i16", I16), ("u32", U32), ("i32", I32)];
 
-    /// Parses `u8` to `i32`.
-    ///
-    /// # Errors
-    /// The text is invalid; the error says what is allowed.
+    /// Parses the name of a type: `u8`, `i8`, `u16`, `i16`, `u32` or `i32`.
     pub fn parse(text: &str) -> Result<Self, String> {
         let known = Self::ALL.into_iter().find(|(name, _)| name.eq_ignore_ascii_case(text));
         known.map(|(_, of)| of).ok_or_else(|| "allowed: u8, i8, u16, i16, u32, i32".into())
@@ -45,7 +42,8 @@ impl Type {
         }
     }
 
-    /// Whether the value fits the type: as a number of its range, or as its bits if it was written with 0x.
+    /// Whether the value fits the type: it is in the range of the type, or it was written in hexadecimal (0x) and has at
+    /// most the bits of the type. So 0xFFFF fits `i16` and is -1.
     pub fn takes(self, value: Value) -> bool {
         let (low, high) = match self {
             U8 | U16 | U32 => (0, (1_i64 << self.bits()) - 1),

@@ -26,7 +26,7 @@ pub struct PathPoint {
 
 /// A motion along the path, from time 0 to [`Profile::seconds`].
 pub struct Profile {
-    /// The motion in scaled units; `None` for a standstill.
+    /// The motion in the units of `scale`; `None` for a standstill.
     trajectory: Option<Trajectory<1>>,
     /// The point of the path where the motion begins, in the caller's unit.
     from: f64,
@@ -44,16 +44,17 @@ struct Scale {
 /// \[OURS] The highest limits in scaled units. Higher ones would hardly make the motion faster, and `rsruckig` does not keep
 /// them precisely.
 const SCALED_MAX: Limits = Limits { velocity: 1e1, acceleration: 1e3, jerk: Some(1e6) };
-/// \[OURS] A speed below this fraction of the velocity limit counts as a standstill.
+/// \[OURS] A speed below this fraction of the velocity limit counts as a standstill, so no braking is calculated.
 const STANDSTILL: f64 = 1e-9;
-/// How many times the limits are doubled at most to brake within the time limit.
+/// How many times the acceleration limit is doubled at most, until braking takes no longer than it may. After that it is an
+/// error.
 const DOUBLINGS_MAX: usize = 64;
 
 impl Profile {
-    /// The motion from rest to rest over `length`, above 0.
+    /// The motion from rest to rest over `length`, which is above 0 and in the unit of length of `limits`.
     ///
     /// # Errors
-    /// No motion can be calculated.
+    /// `rsruckig` finds no motion within the limits, or its duration is not finite.
     pub fn rest_to_rest(length: f64, limits: Limits) -> Result<Self, String> {
         let Limits { velocity, acceleration, jerk } = limits;
         // The durations of the motion if only one of the limits applied. The longest one is near the real duration.
@@ -65,11 +66,11 @@ impl Profile {
         Self::calculate(input, limits, 0.0, scale)
     }
 
-    /// The motion that brakes from a point of another profile to rest, wherever it ends. If it takes longer than `within`,
-    /// acceleration and jerk are raised until it does not.
+    /// The motion that brakes from a point of another profile to rest. Where it ends follows from the limits. If it takes
+    /// longer than `within`, the limits of acceleration and jerk are raised until it does not.
     ///
     /// # Errors
-    /// No motion can be calculated.
+    /// `rsruckig` finds no motion, or no acceleration is high enough to brake within `within`.
     pub fn to_rest(from: PathPoint, mut limits: Limits, within: Duration) -> Result<Self, String> {
         for _ in 0..DOUBLINGS_MAX {
             let profile = Self::brake(from, limits)?;

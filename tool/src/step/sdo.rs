@@ -28,7 +28,7 @@ enum Verb {
     Write {
         #[command(flatten)]
         which: Which,
-        /// Decimal, or hexadecimal with 0x
+        /// The value to write, decimal or hexadecimal with 0x
         #[arg(value_name = "VALUE", allow_hyphen_values = true, value_parser = Value::parse)]
         value: Value,
     },
@@ -36,13 +36,13 @@ enum Verb {
 
 #[derive(Clone, Debug, clap::Args)]
 struct Which {
-    /// The slave
+    /// The slave, from 1 in the order of the cable
     #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
     slave: u8,
-    /// 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
+    /// The object: 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
     #[arg(value_name = "OBJECT[:SUB]", value_parser = Object::parse)]
     object: Object,
-    /// u8, i8, u16, i16, u32, i32 [default: the object's type, where it is known]
+    /// The type of the value: u8, i8, u16, i16, u32 or i32 [default: the object's type, where it is known]
     #[arg(long = "type", value_name = "TYPE", value_parser = Type::parse)]
     of: Option<Type>,
 }
@@ -54,6 +54,8 @@ impl Which {
 }
 
 impl Args {
+    /// Checks the value to write before anything is sent.
+    ///
     /// # Errors
     /// The value has no type or does not fit it.
     pub fn check(&self) -> Result<(), BoardError> {
@@ -72,8 +74,11 @@ impl Args {
         }
     }
 
+    /// Reads or writes the object, and prints its value.
+    ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if the value has no type or does not fit it, the slave answers with an abort code, the board does not
+    /// answer, or a signal stops the SDO.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         self.check()?;
         match &self.verb {

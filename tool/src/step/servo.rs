@@ -12,7 +12,7 @@ use crate::board::{Board, BoardError, Needs, SlaveList, Units, statusword_text};
 /// An axis that is switched off without a brake drops if it hangs. All axes of the list change in the same cycle.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The action
+    /// What to do with the axes
     #[arg(value_enum)]
     verb: What,
     /// The axes, by the numbers of their slaves or by their names in the machine file, e.g. 1,2 or all
@@ -26,7 +26,7 @@ enum What {
     On,
     /// Leave Operation enabled: the motor is free
     Off,
-    /// Reset alarms; the axes are off then
+    /// Reset alarms; the axes are off afterwards
     Clear,
 }
 
@@ -41,14 +41,19 @@ impl What {
 }
 
 impl Args {
+    /// Checks the axes before anything is sent.
+    ///
     /// # Errors
     /// A slave does not exist or has no axis.
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
         SlaveList::axes(&self.axes, network, self.verb.name(), units).map(|_| ())
     }
 
+    /// Switches the axes on or off, or clears their alarms, and prints their states.
+    ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if a slave does not exist or has no axis, the network is not in OP, a drive does not reach the state
+    /// in time, or a signal stops the step.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let what = self.verb.name();
         board.ready(what, Needs::Op)?;

@@ -25,6 +25,8 @@ impl Args {
 
 const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 
+/// Parses the name of a state: `init`, `preop`, `safeop` or `op`.
+///
 /// # Errors
 /// The text is invalid; the error says what is allowed.
 pub fn parse(text: &str) -> Result<MasterState, String> {
@@ -33,8 +35,10 @@ pub fn parse(text: &str) -> Result<MasterState, String> {
 }
 
 impl Args {
+    /// Changes the state of the network if one was given, and prints the present state.
+    ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if the network does not reach the state, the board does not answer, or a signal stops the change.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         if let Some(to) = self.to {
             leave_op(board, to)?;

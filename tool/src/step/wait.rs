@@ -1,4 +1,4 @@
-//! `wait`: lets time pass on the board's clock.
+//! `wait`: waits until a time has passed on the board's clock, which is virtual on some simulated boards.
 
 use std::time::Duration;
 
@@ -15,8 +15,11 @@ pub struct Args {
 }
 
 impl Args {
+    /// Waits for the time of the option, and shows how much of it has passed.
+    ///
     /// # Errors
-    /// [`BoardError`]
+    /// [`BoardError`] if the board sends no report in time, a signal stops the wait, or standard output cannot be written
+    /// to.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let start = board.ecm.snapshot()?.meta.at.0;
         let mut pace = board.reporter.pace();

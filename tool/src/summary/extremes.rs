@@ -10,7 +10,8 @@ use serde_json::{Value, json};
 use crate::machine_option::{in_unit, label};
 use crate::recording::Framed;
 
-/// \[OURS] No velocity is computed between two reports that are more than this many cycles apart.
+/// \[OURS] No velocity is computed between two reports that are more than this many cycles apart: the mean over a longer
+/// time says little about the largest velocity.
 const CYCLES_APART_MAX: i64 = 8;
 
 /// The largest magnitude of a quantity, and when it occurred.
@@ -58,8 +59,7 @@ impl Quantity {
 
     /// A value with its unit; in the unit of the machine file, too, if the axis has one.
     pub fn shown(self, value: u64, axis: Option<&MachineAxis>) -> String {
-        // The magnitude of a value has no direction.
-        // An amount is positive, whatever the direction of the axis.
+        // A magnitude is positive also on an axis with a negative scale, so the sign of the scale is taken out.
         let in_unit = |axis: &MachineAxis| in_unit(axis, value as f64 * axis.scale.counts_per_unit.signum());
         match (self, axis.filter(|axis| axis.unit != Unit::Counts)) {
             (Self::FollowingError | Self::TargetStep, Some(axis)) => format!("{} ({value} counts)", in_unit(axis)),
@@ -93,7 +93,8 @@ impl AxisExtremes {
 #[derive(Debug, Default)]
 struct Axis {
     extremes: AxisExtremes,
-    /// Whether the slave is an axis: it was sent a command for axes.
+    /// Whether the slave is an axis: it was sent a command that only axes have. Reports alone do not tell an axis from
+    /// other slaves.
     is_axis: bool,
     /// The target that was executed last, while it is in force.
     target: Option<i32>,
@@ -169,7 +170,7 @@ impl Extremes {
         (1..).zip(&self.axes).filter(|(_, axis)| axis.is_axis).map(|(slave, axis)| (slave, &axis.extremes))
     }
 
-    /// Takes the next frame.
+    /// Adds the next frame; frames are sorted by time.
     pub fn frame(&mut self, framed: &Framed) {
         match framed.recorded.dir {
             Dir::Write => self.run.command(framed.time_ns, &framed.recorded.frame, framed.size),
@@ -221,7 +222,7 @@ pub fn seconds(at_ns: i64) -> String {
     format!("{:.3} s", at_ns as f64 / 1e9)
 }
 
-/// The line of an axis.
+/// The line of an axis in the summary: the largest value of each quantity and its time, or that the axis stood still.
 pub fn line(slave: usize, extremes: &AxisExtremes, machine: Option<&MachineFile>) -> String {
     let (axis, label) = named(slave, machine);
     let parts: Vec<String> = Quantity::ALL

@@ -1,4 +1,4 @@
-//! The option `--fail-on`: which findings make a run fail.
+//! The option `--fail-on`: for which reasons a recorded run counts as failed.
 
 use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 use ecmsk::summary::Summary;
@@ -6,10 +6,10 @@ use ecmsk::summary::Summary;
 use super::extremes::{AxisExtremes, Quantity, named, seconds};
 use crate::machine_option::number_and_unit;
 
-/// A kind of finding that makes a run fail.
+/// A reason for which a run counts as failed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FailOn {
-    /// Any finding of the summary, or an incomplete recording.
+    /// Anything that the summary reports, or an incomplete recording.
     Any,
     /// A drive had an alarm.
     Alarm,
@@ -90,7 +90,8 @@ impl FailOn {
     }
 }
 
-/// The line for an axis whose value is above its limit. `limit` is that of the axis, if it has one.
+/// The text of the failure for an axis whose peak value is above `limit`; `None` if it is not. An axis has no limit if the
+/// limit is in another unit than the axis has in the machine file.
 fn above(
     (slave, extremes): &(usize, &AxisExtremes),
     quantity: Quantity,

@@ -1,11 +1,11 @@
-//! Makes one HTML text of the files of `tool/web/`. No bundler is needed: the modules import one another and nothing
-//! else, so that without their `import` lines and the words `export` they are one module, in the order below.
+//! Makes one HTML text of the files of `tool/web/`. No bundler is needed: the modules import one another and nothing else.
+//! Without their `import` lines and the words `export` they are one module, in the order of [`MODULES`].
 
 use data_encoding::BASE64;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-/// The modules of the page, each behind those that it imports.
+/// The modules of the page, each after those that it imports.
 const MODULES: [&str; 11] = [
     include_str!("../../web/src/codec.js"),
     include_str!("../../web/src/words.js"),
@@ -25,11 +25,11 @@ const PLOT_LIBRARY: [&str; 2] =
 const STYLES: [&str; 2] = [include_str!("../../web/vendor/uPlot.min.css"), include_str!("../../web/page.css")];
 const PAGE: &str = include_str!("../../web/page.html");
 
-/// The page as a text, and the policy that allows its scripts and nothing else.
+/// The page as a text, and the content security policy that allows the scripts of the page and nothing else.
 pub struct Page {
     /// The HTML text.
     pub html: String,
-    /// The content security policy, for a header.
+    /// The content security policy, for the HTTP header of the same name.
     pub policy: String,
 }
 
@@ -70,7 +70,7 @@ pub fn page(title: &str, data: Option<&impl Serialize>, connect: Option<&str>) -
     Ok(Page { html, policy })
 }
 
-/// The text of a module as a part of one module of all.
+/// The text of a module without its `import` lines and the words `export`, as a part of the page's one script.
 fn without_imports(module: &str) -> String {
     let lines = module.lines().filter(|line| !line.starts_with("import "));
     lines.map(|line| line.strip_prefix("export ").unwrap_or(line).to_owned() + "\n").collect()
@@ -90,7 +90,8 @@ mod tests {
 
     use super::*;
 
-    /// What others wrote is as they have published it: uPlot 1.6.32 of npm.
+    /// uPlot, the library with which the pages draw curves, is included unchanged: its files have the SHA-256 checksums of
+    /// uPlot 1.6.32 in npm.
     #[test]
     fn the_library_is_as_it_was_published() {
         let sums = [&PLOT_LIBRARY[0], &STYLES[0]].map(|text| HEXLOWER.encode(&Sha256::digest(text.as_bytes())));
@@ -103,7 +104,7 @@ mod tests {
         );
     }
 
-    /// Each module stands behind those that it imports.
+    /// Each module stands after those that it imports.
     #[test]
     fn modules_are_in_order() {
         let names =
@@ -116,7 +117,8 @@ mod tests {
         }
     }
 
-    /// Data cannot end its element, and a title is text.
+    /// Data cannot end the script element that contains it, and markup in a title is shown as text. So no recording can run
+    /// a script in the page.
     #[test]
     fn data_and_title_are_no_markup() {
         let page = page("</title><b>\"", Some(&["</script><script>alert(1)"]), None).expect("a page");

@@ -6,29 +6,29 @@ use serde::Serialize;
 
 use super::codec::{self, Point};
 
-/// What a channel shows.
+/// The quantity that a channel shows over time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
-    /// The state byte of the board, 0 to 255.
+    /// The state byte of the board: the AL state, and whether a slave is lost or has failed to reach the state.
     AlState,
     /// The free entries of the FIFO.
     FifoFree,
-    /// The FIFO-full count.
+    /// The full count: the number of command frames that found the FIFO full.
     FullCount,
     /// The statusword, 0x6041.
     Statusword,
     /// The error code, 0x603F.
     ErrorCode,
-    /// The actual position.
+    /// The actual position in counts.
     Position,
-    /// The executed target position.
+    /// The executed target position in counts.
     Target,
-    /// The following error: the executed target minus the position.
+    /// The following error in counts: the executed target minus the position.
     FollowingError,
-    /// The velocity of the positions.
+    /// The velocity in counts per second, from the differences of actual positions.
     Velocity,
-    /// The velocity of the targets.
+    /// The velocity in counts per second, from the differences of executed target positions.
     TargetVelocity,
     /// The target of CSV, in the drive's own unit.
     Csv,
@@ -43,7 +43,8 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// Whether a value holds until the next one, so that the curve has steps.
+    /// Whether a value of this quantity stays until it changes, as a state does, so that the page draws its curve with
+    /// steps. Other curves connect their points with straight lines.
     pub const fn is_held(self) -> bool {
         !matches!(
             self,
@@ -56,7 +57,8 @@ impl Quantity {
         )
     }
 
-    /// The size of a step of the values, before a scale is applied.
+    /// The unit of the whole numbers in blocks of points: 0.125 counts per second for velocities, 0.1 % for torques,
+    /// otherwise 1.
     pub const fn step(self) -> f64 {
         match self {
             Self::Velocity | Self::TargetVelocity => 0.125,
@@ -65,16 +67,17 @@ impl Quantity {
         }
     }
 
-    /// Whether values are in counts or in counts per second, and so in the unit of an axis.
+    /// Whether the values are in counts or counts per second. The page shows them in the unit of the axis, if it has one.
     pub const fn is_scaled(self) -> bool {
         matches!(self, Self::Position | Self::Target | Self::FollowingError | Self::Velocity | Self::TargetVelocity)
     }
 }
 
-/// Which channel: the slave (0: the board), what it shows, and the bit of an input or output.
+/// Identifies a channel: the slave (0: the board), the quantity, and the bit of an input or output (0 for other
+/// quantities).
 pub type Key = (u8, Quantity, u8);
 
-/// A channel as the page is told of it.
+/// A channel as it is described to the page.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Channel {
     /// The number of the slave; 0: the board.
@@ -86,21 +89,21 @@ pub struct Channel {
     /// The name of an input or output in the machine file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// By which the page multiplies a value.
+    /// The factor by which the page multiplies the whole numbers of the channel's points, to get values in `unit`.
     pub factor: f64,
-    /// The unit of the product.
+    /// The unit of the values that the page shows.
     pub unit: String,
-    /// Whether a value holds until the next one.
+    /// Whether a value stays until it changes, see [`Quantity::is_held`].
     pub held: bool,
 }
 
-/// How channels are named and scaled.
+/// Gives channels their names, factors and units.
 pub trait Naming {
-    /// The channel of this key.
+    /// Describes the channel with this key: its name, factor and unit.
     fn channel(&self, key: Key) -> Channel;
 }
 
-/// Channels and their points since the last block.
+/// The channels of a page, and their points since the last block of points.
 #[derive(Debug, Default)]
 pub struct Channels {
     list: Vec<Channel>,
@@ -116,7 +119,7 @@ impl Channels {
         &self.list
     }
 
-    /// The number of a channel, which begins with its first use.
+    /// The number of a channel in blocks of points. A channel that is new gets the next number.
     pub fn place(&mut self, key: Key, naming: &impl Naming) -> usize {
         *self.places.entry(key).or_insert_with(|| {
             self.list.push(naming.channel(key));
@@ -126,7 +129,7 @@ impl Channels {
         })
     }
 
-    /// Adds a point.
+    /// Adds a point to a channel, for the next block.
     pub fn push(&mut self, key: Key, naming: &impl Naming, point: Point) {
         let place = self.place(key, naming);
         self.points[place].push(point);

@@ -1,15 +1,17 @@
-//! The bytes of points. A block consists of records; each belongs to one channel and is independent of all others, so that a
-//! page can do without any of them. `tool/web/src/codec.js` reads them.
+//! The binary format of points. A block consists of records. Each record belongs to one channel and is independent of all
+//! others, so that a page can read on after a block that it did not get. `tool/web/src/codec.js` reads them.
 //!
-//! A record: channel, flags (bit 0: its first point is not connected with the channel's point before), number of points,
-//! then for each point its time in nanoseconds and its value, in whole steps of the channel's factor. All are LEB128
-//! numbers. Times are differences of differences and values differences, both signed by zigzag: at a steady cycle a
-//! point at rest takes two bytes.
+//! A record: channel, flags (bit 0: its first point is not connected with the channel's point before), number of points, then
+//! for each point its time in nanoseconds and its value, in whole steps of the channel's factor. All are LEB128 numbers. A
+//! value is stored as its difference to the value before. A time is stored as the difference of two intervals: that to the time
+//! before, and the one before that. Time, interval and value before the first point of a record are 0. The differences are
+//! signed by zigzag: at a steady cycle a point at rest takes two bytes.
 
-/// A point: nanoseconds, value in steps of the channel's factor.
+/// A point: nanoseconds since the first frame, value in steps of the channel's factor.
 pub type Point = (i64, i64);
 
-/// Appends a record. Points inside a run of equal values are left out: a straight line connects its ends.
+/// Appends a record with points of a channel to a block. `breaks`: the first point is not connected with the channel's
+/// point before. Points inside a run of equal values are left out: a straight line connects the ends of the run.
 pub fn append(block: &mut Vec<u8>, channel: usize, breaks: bool, points: &[Point]) {
     let inside = |i: usize| {
         let near = i.checked_sub(1).and_then(|before| points.get(before)).zip(points.get(i + 1));
@@ -44,7 +46,7 @@ fn unsigned(block: &mut Vec<u8>, mut value: u64) {
 mod tests {
     use super::*;
 
-    /// The same bytes are in `tool/web/tests/codec.test.js`.
+    /// `tool/web/tests/codec.test.js` tests with the same bytes that JavaScript decodes them.
     #[test]
     fn a_record_has_the_bytes_that_the_page_reads() {
         let mut block = Vec::new();
@@ -53,7 +55,7 @@ mod tests {
         assert_eq!(block, expected);
     }
 
-    /// Of a run of equal values the ends remain.
+    /// Of a run of equal values only the first and the last point are written.
     #[test]
     fn a_run_of_equal_values_has_two_points() {
         let points: Vec<Point> = (0..1000).map(|i| (i * 1_000_000, if i < 500 { 3 } else { 4 })).collect();

@@ -1,4 +1,5 @@
-//! The events of a run: what a page lists with times and words.
+//! Finds the events in the frames of a board: changes of states, alarms and lost commands, which a page lists with their
+//! times.
 
 use ecmsk::link::Dir;
 use ecmsk::machine_file::MachineFile;
@@ -10,7 +11,7 @@ use serde::Serialize;
 
 use crate::machine_option::alarm_words;
 
-/// The most events that are kept; a page has no use for more. \[OURS]
+/// The largest number of events that are kept, since nobody reads more of them in a page. The oldest are dropped. \[OURS]
 const EVENTS_MAX: usize = 5000;
 /// FIFO-full counts that rise within this time are one event, ns. \[OURS]
 const FULL_APART_NS: i64 = 1_000_000_000;
@@ -21,19 +22,19 @@ const FULL_APART_NS: i64 = 1_000_000_000;
 pub enum EventKind {
     /// The AL state of the network changes.
     Network,
-    /// A state of a drive begins.
+    /// The CiA 402 state of a drive changes, or homing begins.
     Drive,
     /// An alarm of a drive.
     Alarm,
     /// The FIFO ran empty in a motion.
     Gap,
-    /// Command frames were lost.
+    /// Command frames found the FIFO of the board full and were lost.
     Fifo,
     /// A slave is lost.
     Lost,
 }
 
-/// An event.
+/// An event, as the page lists it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Event {
     /// Nanoseconds since the first frame.
@@ -49,7 +50,7 @@ pub struct Event {
     pub code: Option<u16>,
 }
 
-/// A time in which an axis or the board has a state that is shaded.
+/// A time span in which an axis or the board has a state that the page shades behind the curves.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Span {
     /// The slave; 0: the board.
@@ -104,7 +105,7 @@ impl Events {
         }
     }
 
-    /// Takes over other kinds of the slaves.
+    /// Replaces the kinds of the slaves, after a server has reported other slaves.
     pub fn set_kinds(&mut self, kinds: Kinds) {
         self.kinds = kinds;
     }
@@ -119,12 +120,12 @@ impl Events {
         &self.found
     }
 
-    /// How many events, the oldest, were left out because there were too many.
+    /// The number of events, the oldest ones, that were dropped because there were more than [`EVENTS_MAX`].
     pub const fn left_out(&self) -> u64 {
         self.left_out
     }
 
-    /// Adds events that were found elsewhere, and sorts all by time.
+    /// Adds events that were not found in the frames, such as the beginnings of shaded time spans, and sorts all by time.
     pub fn with(&mut self, others: impl IntoIterator<Item = Event>) {
         others.into_iter().for_each(|event| self.add(event));
         self.found.sort_by_key(|event| event.at_ns);
@@ -170,7 +171,7 @@ impl Events {
                 continue;
             }
             let drive = DriveResponse::decode(&frame.slot(self.size, slave));
-            // Before it has process data a slot is empty.
+            // The slot of a drive is empty until it has process data: statusword 0 is no state then.
             let state = drive.statusword.state().filter(|_| drive.statusword.0 != 0).map(|state| state.name());
             let before = std::mem::replace(&mut self.drives[slave - 1], state);
             if let Some(name) = state.filter(|_| before != state) {

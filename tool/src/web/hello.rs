@@ -1,4 +1,5 @@
-//! What a page is told before points: the source, the slaves, words for numbers, channels and events.
+//! What a page needs before it can show points: the source of the data, the slaves, the names of states, channels and
+//! events.
 
 use std::collections::BTreeMap;
 
@@ -17,10 +18,10 @@ use super::events::{Event, Span};
 /// The version of the messages and blocks of a page.
 pub const FORMAT: u32 = 1;
 
-/// The first message.
+/// The first message to a page, or the data in the page of a recording.
 #[derive(Debug, Serialize)]
 pub struct Hello<'a> {
-    /// [`FORMAT`].
+    /// The version of the messages, which the page checks: [`FORMAT`].
     pub format: u32,
     /// The version of the tool.
     pub version: &'static str,
@@ -28,27 +29,27 @@ pub struct Hello<'a> {
     pub source: &'static str,
     /// The link of the board, or that of the recording.
     pub name: String,
-    /// What a person has to know of the data, such as a truncated recording.
+    /// Facts that the user should know of the recording, such as that it is truncated.
     pub notes: Vec<String>,
     /// The slaves that are known.
     pub slaves: Vec<Slave>,
-    /// Words for numbers.
+    /// The names of states, by their codes.
     pub words: Words,
     /// The channels so far.
     pub channels: &'a [Channel],
     /// The events so far, in the order of their times.
     pub events: &'a [Event],
-    /// Times in which an axis has a state that is shaded; of recordings alone.
+    /// Time spans in which an axis has a state that the page shades. A board that is shown live has none.
     pub spans: Vec<Span>,
-    /// The two axes of the plane that is shown first.
+    /// The two axes of which the page shows the path in their plane at first; `None`: it shows none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plane: Option<[u8; 2]>,
-    /// The block of a recording, in base64.
+    /// The points of a recording, as one block in base64. For a board, blocks follow as binary messages.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub block: String,
 }
 
-/// A slave.
+/// A slave, as the page lists it.
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Slave {
     /// The number, from 1.
@@ -60,7 +61,8 @@ pub struct Slave {
     pub name: Option<String>,
 }
 
-/// The slaves of known kinds, and those with an axis in the machine file.
+/// The slaves that the page lists: those whose kind is known from frames or options, and those that the machine file has an
+/// axis for, which count as drives.
 pub fn slaves(kinds: &Kinds, machine: Option<&MachineFile>) -> Vec<Slave> {
     let slave = |number: u8| {
         let axis = machine.and_then(|machine| machine.axis_of(number));
@@ -71,7 +73,7 @@ pub fn slaves(kinds: &Kinds, machine: Option<&MachineFile>) -> Vec<Slave> {
     (1..=MAX_SLAVES as u8).filter_map(slave).collect()
 }
 
-/// Words for numbers, so that a page needs no tables of its own.
+/// The names of states by their codes, so that a page needs no tables of its own.
 #[derive(Debug, Serialize)]
 pub struct Words {
     /// The states of a drive by bits 0 to 6 of its statusword; empty where CiA 402 defines none.
@@ -81,7 +83,7 @@ pub struct Words {
 }
 
 impl Words {
-    /// The words of this tool.
+    /// Makes the tables from the names that this tool uses.
     pub fn new() -> Self {
         let name = |bits| Statusword(bits).state().map_or("", |state| state.name());
         Self {

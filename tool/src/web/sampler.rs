@@ -1,4 +1,4 @@
-//! Points of channels from reports.
+//! Takes points of channels from reports: states, positions, velocities, torques, inputs and the FIFO level.
 
 use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::MAX_SLAVES;
@@ -10,9 +10,11 @@ use ecmsk::sk::{
 use super::channels::{Channels, Naming, Quantity};
 use crate::plot::speed::Speed;
 
-/// Takes points from reports, with what has to be remembered from one to the next.
+/// Takes points of channels from reports. It keeps the last positions, for velocities, and which inputs and outputs were
+/// ever 1.
 pub struct Sampler {
-    /// Whether positions, velocities, torques, inputs and the FIFO are taken too, and not only states.
+    /// Whether positions, velocities, torques, inputs and the FIFO level are taken, too. The page of a recording has these
+    /// from the plot, and needs only states.
     motion: bool,
     speeds: [Speed; MAX_SLAVES],
     /// The bits of inputs and of outputs that were ever 1.
@@ -20,12 +22,12 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    /// `motion`: takes positions, velocities, torques, inputs and the FIFO too, and not only states.
+    /// `motion`: takes positions, velocities, torques, inputs and the FIFO level, too, and not only states.
     pub fn new(motion: bool) -> Self {
         Self { motion, speeds: std::array::from_fn(|_| Speed::default()), used: [[0; 2]; MAX_SLAVES] }
     }
 
-    /// Adds the points of a report.
+    /// Adds to `channels` the points that a report has for each slave and the board, at the time `at_ns`.
     pub fn report(
         &mut self,
         channels: &mut Channels,
@@ -88,7 +90,7 @@ impl Sampler {
         }
     }
 
-    /// Puts the bits that were ever 1.
+    /// Adds a point for each input or output that was ever 1. The others get no channel.
     fn bits(&mut self, put: &mut impl FnMut(u8, Quantity, u8, i64), slave: u8, quantity: Quantity, bits: u16) {
         let used = &mut self.used[usize::from(slave) - 1][usize::from(quantity == Quantity::Output)];
         *used |= bits;

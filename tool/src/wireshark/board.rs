@@ -1,6 +1,7 @@
-//! The tables for frames of a board: names, codes and texts, and the places of values in a slot.
+//! Makes the tables for frames of a board: names, codes and texts, and the offsets of values in a slot.
 //!
-//! No offset stands here. A place is where two encodings differ that differ in one value.
+//! This file contains no offset as a number. Two slots are encoded that differ in one value; the first byte in which they
+//! differ is the offset of that value.
 
 use ecmsk::cia402::{DriveState, Mode, Statusword, error_name};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -15,7 +16,7 @@ use serde_json::{Map, Value, json};
 
 use crate::filter::CYCLIC;
 
-/// All tables of a board.
+/// All tables of the plugin for frames of a board.
 pub fn tables() -> Value {
     let (vendor, product) = BOARD_IDS;
     json!({
@@ -43,7 +44,7 @@ fn size(size: SlotSize) -> Value {
     json!({"bytes": size.bytes(), "slots": size.slots(), "frame": size.frame_len()})
 }
 
-/// The word for a kind of slaves, by its nibble.
+/// The word for a kind of slaves. `nibble` is the 4-bit code of the kind in SET_AXIS.
 fn kind(nibble: u8) -> Option<(u32, Value)> {
     SlaveKind::from_nibble(nibble).map(|kind| (nibble.into(), slaves::word(kind).into()))
 }
@@ -74,7 +75,7 @@ fn command(id: CommandId) -> Value {
     Value::Object(row)
 }
 
-/// A state that a response may show; `None` for one without a name of its own.
+/// The texts of a state byte in a response; `None` if the byte is only shown as a number.
 fn state(state: StateByte) -> Option<Value> {
     let text = state.to_string();
     let is_named = state.0 == 0 || state.0 == StateByte::FAILED || state.state().is_some();
@@ -110,14 +111,14 @@ fn error_codes() -> Value {
     json!(ranges)
 }
 
-/// A text as a format of Lua: samples of values become placeholders.
+/// Turns an error text into a format string of Lua: the values that stand in it as samples become placeholders.
 pub fn template(text: String, samples: &[(&str, &str)]) -> String {
     samples.iter().fold(text.replace('%', "%%"), |text, (sample, placeholder)| text.replace(sample, placeholder))
 }
 
 /// Why a command is malformed, in the words of [`InvalidArgument`].
 fn malformed() -> Value {
-    // No text has this number.
+    // None of the texts contains this number otherwise, so that it can be replaced by a placeholder.
     const SAMPLE: u8 = 77;
     let text = |error: InvalidArgument| template(error.to_string(), &[("77", "%d"), ("0xE", "0x%X")]);
     json!({
@@ -139,7 +140,7 @@ fn place(one: RawSlot, other: RawSlot, len: usize) -> Value {
     json!({"at": first_difference(one, other), "len": len})
 }
 
-/// Where bits stand in a byte of a slot: those in which these two slots differ.
+/// Which bits of a slot hold a value: the byte, and a mask of the bits in which these two slots differ.
 fn bits(one: RawSlot, other: RawSlot) -> Value {
     let at = first_difference(one, other);
     json!({"at": at, "len": 1, "mask": at.map(|at| bytes(one)[at] ^ bytes(other)[at])})
@@ -149,14 +150,14 @@ fn first_difference(one: RawSlot, other: RawSlot) -> Option<usize> {
     bytes(one).iter().zip(bytes(other)).position(|(one, other)| *one != other)
 }
 
-/// The bytes of a slot, the wider form.
+/// The bytes of a slot of 16 bytes, which has all fields.
 fn bytes(slot: RawSlot) -> Vec<u8> {
     let mut frame = Frame::new();
     frame.put(SlotSize::Bytes16, 0, &slot);
     frame.bytes()[..SlotSize::Bytes16.bytes()].to_vec()
 }
 
-/// The fields of a slot as they are, whatever it means.
+/// The fields that every slot has, before its command or response is decoded.
 fn head() -> Value {
     json!({
         "id": place(RawSlot::ZERO, RawSlot { id: u8::MAX, ..RawSlot::ZERO }, 1),
@@ -206,7 +207,7 @@ fn arguments() -> Value {
     })
 }
 
-/// The highest group of SET_AXIS that a board takes.
+/// The highest group of slaves that SET_AXIS of a board takes; a group is 8 slaves.
 fn last_group() -> Option<u8> {
     let axes = |group| MasterCommand::SetAxis { group, kinds: [SlaveKind::None; 8] }.encode();
     (0..=u8::MAX).rev().find(|group| MasterCommand::decode(&axes(*group), SlotSize::Bytes12).is_ok())
@@ -222,7 +223,7 @@ fn drive_modes() -> Value {
     by_code(modes().filter(takes).map(|mode| (mode.code().into(), true.into())))
 }
 
-/// The first argument of a command, which is a word.
+/// The name of what a command does, such as the action of SET_FIFO: its first argument that is a name and not a number.
 fn action(command: &MasterCommand) -> Value {
     let mut word = None;
     command.arguments(&mut |_, argument| {

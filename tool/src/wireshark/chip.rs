@@ -1,4 +1,4 @@
-//! The tables for packets of a chip: its commands with their fields, and the places in the headers.
+//! Makes the tables for packets of a chip: its commands with their fields, and the offsets of the fields in the headers.
 
 use ecmsk::xf::command_table::COMMANDS;
 use ecmsk::xf::fields::{AnswerFields, FUNCTIONS, Field, FieldKind, FieldPosition, FunctionFields, Names};
@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 
 use super::board::by_code;
 
-/// All tables of a chip.
+/// All tables of the plugin for packets of a chip.
 pub fn tables() -> Value {
     json!({
         "start_word": START_WORD,
@@ -36,7 +36,8 @@ pub fn tables() -> Value {
     })
 }
 
-/// A field of a header: its name, its place, its kind, and the names of its bits.
+/// A field of a header: its name, offset, length, kind, and the names of its bits. Offset and length are those of the bytes
+/// in which the encoded headers `base` and `other` differ.
 fn header_field(name: &str, base: [u8; HEADER_LEN], other: [u8; HEADER_LEN], kind: &str, bits: Names) -> Value {
     let differs = |n: &usize| base[*n] != other[*n];
     let (first, last) = ((0..HEADER_LEN).find(differs), (0..HEADER_LEN).rfind(differs));
@@ -103,7 +104,7 @@ fn answer(form: &AnswerFields) -> Value {
     json!({"len": form.len, "every": form.every, "fields": list(form.fields.iter().map(field))})
 }
 
-/// A list, or nothing if it is empty.
+/// A list, or `None` if it is empty, so that the table has no entry for it.
 fn list(values: impl Iterator<Item = Value>) -> Option<Vec<Value>> {
     let values: Vec<Value> = values.collect();
     (!values.is_empty()).then_some(values)
@@ -167,13 +168,13 @@ fn named(names: Names) -> Value {
     by_code(names.iter().map(|(name, number)| (*number, (*name).into())))
 }
 
-/// The names of bits, without those that stand for several.
+/// The names of the single bits; names that stand for several bits are left out.
 fn single_bits(names: Names) -> Option<Vec<Value>> {
     let single = names.iter().filter(|(_, bits)| bits.is_power_of_two());
     list(single.map(|(name, bit)| json!([name.to_lowercase(), bit])))
 }
 
-/// `StateSet` as `state_set`.
+/// Converts a name to snake case: `StateSet` becomes `state_set`.
 fn snake(name: &str) -> String {
     let mut text = String::new();
     for letter in name.chars() {

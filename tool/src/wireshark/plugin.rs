@@ -2,7 +2,7 @@
 
 use super::{board, chip, table};
 
-/// What stands before the tables.
+/// The beginning of the plugin, before the tables: a comment and the first Lua code.
 const HEAD: &str = include_str!("lua/head.lua");
 
 /// The code of the plugin, in the order in which Lua reads it.
@@ -18,7 +18,7 @@ const PARTS: &[&str] = &[
     include_str!("lua/tail.lua"),
 ];
 
-/// The whole plugin: `share/wireshark/ecmsk.lua`.
+/// The whole text of the plugin, which the release contains as `share/wireshark/ecmsk.lua`.
 pub fn text() -> String {
     let mut text = HEAD.to_owned();
     for (name, tables) in [("board", board::tables()), ("chip", chip::tables())] {

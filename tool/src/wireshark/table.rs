@@ -1,4 +1,4 @@
-//! Tables as Lua: values of JSON, in which a key that is a number becomes an index.
+//! Writes JSON values as tables of Lua. A key that is a number becomes an index.
 
 use serde_json::Value;
 

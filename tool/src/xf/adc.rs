@@ -13,7 +13,7 @@ use super::{Shown, XfVerbError};
 
 /// Timeout for a conversion. \[OURS]
 const CONVERSION_MAX: Duration = Duration::from_millis(100);
-/// Interval at which the chip is asked for the result. \[OURS]
+/// Interval at which the chip is asked whether the conversion is done. \[OURS]
 const PAUSE: Duration = Duration::from_millis(1);
 
 /// Convert the analog input once
@@ -21,7 +21,7 @@ const PAUSE: Duration = Duration::from_millis(1);
 /// The ADC is opened for the conversion and closed again.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Measure the difference of two inputs
+    /// Measure the difference of the chip's two analog inputs, instead of one against ground
     #[arg(long)]
     pub differential: bool,
 
@@ -29,8 +29,10 @@ pub struct Args {
     pub chip: ChipArgs,
 }
 
+/// Converts the analog input once, and closes the ADC also after an error of the conversion.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the chip does not answer or refuses a command, or if the conversion takes too long.
 pub fn adc(session: &mut Session, differential: bool) -> Result<Vec<Shown>, XfVerbError> {
     let mode = if differential { AdcMode::Differential } else { AdcMode::SingleEnded };
     session.xf.run(&AdcOpen { mode })?;

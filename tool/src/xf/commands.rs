@@ -9,10 +9,8 @@ use serde_json::{Value, json};
 use super::XfVerbError;
 use crate::output;
 
-/// List the functions of the chip: code, name, whether the chip does it at once, and its purpose
-///
-/// Functions of the codes 31 to 35 are listed with the parameter that selects them, e.g. 31:8. `xf raw` takes a
-/// function by its name, or by the name of its Rust type, which is listed after it.
+/// List the functions of the chip: code, name, whether the answer has the result at once or the function takes time, and
+/// its purpose
 #[derive(clap::Args)]
 pub struct Args {
     /// Print one JSON object for each function, each on a line of its own
@@ -20,8 +18,10 @@ pub struct Args {
     json: bool,
 }
 
+/// Prints the list of functions.
+///
 /// # Errors
-/// [`XfVerbError::Output`]
+/// [`XfVerbError::Output`] if standard output cannot be written to.
 pub fn run(args: &Args) -> Result<(), XfVerbError> {
     let text = if args.json { FUNCTIONS.iter().map(|row| format!("{}\n", line_json(row))).collect() } else { table() };
     Ok(output::print(text)?)
@@ -50,7 +50,7 @@ fn table() -> String {
     text
 }
 
-/// The code, with the parameter that names the function.
+/// The code of the function's command, such as `12`; with the parameter that selects the function, if there is one: `31:8`.
 fn number(row: &FunctionFields) -> String {
     let code = row.code.code();
     row.function.map_or_else(|| code.to_string(), |parameter| format!("{code}:{parameter}"))

@@ -7,7 +7,7 @@ use super::session::{ChipArgs, Session};
 use super::words::volts;
 use super::{Shown, XfVerbError};
 
-/// The output of the DAC.
+/// What the DAC is to do: output a value, or be closed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     Value(Analog),
@@ -46,8 +46,10 @@ fn output(text: &str) -> Result<Output, String> {
     value.and_then(Analog::new).map(Output::Value).ok_or_else(|| "allowed: 0 to 4095 for 0 V to 3.3 V, or off".into())
 }
 
+/// Sets the analog output, or closes the DAC.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the chip does not answer or refuses a command.
 pub fn dac(session: &mut Session, output: Output) -> Result<Vec<Shown>, XfVerbError> {
     let Output::Value(value) = output else {
         session.xf.run(&DacClose)?;

@@ -26,7 +26,8 @@ pub struct Args {
 enum Verb {
     /// Open the encoder and start counting
     Start {
-        /// Counting mode
+        /// Counting mode: x4 counts all edges of both signals, x2 half of them; free wraps around, compare counts up to a
+        /// comparison value, at which the encoder's interrupt occurs
         #[arg(long, value_name = "x4-free|x2-free|x4-compare|x2-compare", default_value = "x4-free", value_parser = mode)]
         mode: EncoderMode,
         #[command(flatten)]
@@ -51,8 +52,11 @@ impl Args {
         }
     }
 
+    /// Shows the count, or starts or stops counting.
+    ///
     /// # Errors
-    /// [`XfVerbError`]
+    /// [`XfVerbError`] if the chip does not answer or refuses a command; [`XfVerbError::Refused`] if the encoder is not
+    /// open.
     pub fn run(&self, session: &mut Session) -> Result<Vec<Shown>, XfVerbError> {
         let not_open = || XfVerbError::Refused {
             what: "xf encoder",

@@ -8,13 +8,13 @@ use ecmsk::xf_api::XfError;
 
 use crate::link_option::ChoiceError;
 
-/// Why a verb failed. Every text ends with the next step.
+/// Why a verb of `xf` failed. Every error text ends with what the user can do next.
 #[derive(Debug, thiserror::Error)]
 pub enum XfVerbError {
-    /// See [`crate::CliError::Output`].
+    /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// The configuration of the link is invalid.
+    /// The link that `ECMSK_LINK` or a configuration file gives is invalid, or the file cannot be used.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The command line names no chip.

@@ -52,9 +52,9 @@ enum Verb {
         #[command(flatten)]
         chip: ChipArgs,
     },
-    /// Set the level of all outputs at once: bit k is GPIO k
+    /// Set the levels of all outputs at once: bit k is GPIO k
     Set {
-        /// Levels, decimal or with 0x; above 0xFFFF from firmware 9 on
+        /// Levels as bits, decimal or with 0x; bits 16 to 19 need firmware 9 or newer
         #[arg(value_name = "LEVELS", value_parser = levels)]
         levels: AllPins,
         #[command(flatten)]
@@ -97,8 +97,11 @@ impl Args {
         }
     }
 
+    /// Shows the pins, changes their mode, or sets the outputs.
+    ///
     /// # Errors
-    /// [`XfVerbError`]
+    /// [`XfVerbError`] if the chip does not answer or refuses a command, for example for pins that its firmware does not
+    /// have.
     pub fn run(&self, session: &mut Session) -> Result<Vec<Shown>, XfVerbError> {
         match &self.verb {
             None => show(session),

@@ -26,8 +26,10 @@ pub struct Args {
     pub chip: ChipArgs,
 }
 
+/// Reads the chip's identity, settings, network, FIFOs, errors, interrupts and counters.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the chip does not answer or refuses a command.
 pub fn info(session: &mut Session) -> Result<Vec<Shown>, XfVerbError> {
     let mut page = Page::default();
     identity(session, &mut page);
@@ -41,7 +43,7 @@ pub fn info(session: &mut Session) -> Result<Vec<Shown>, XfVerbError> {
     Ok(vec![(page.text.trim_end().to_owned(), Value::Object(page.json))])
 }
 
-/// The output of the verb, as text and as JSON.
+/// The output of `xf info`, as lines of text and as a JSON object.
 #[derive(Default)]
 struct Page {
     text: String,

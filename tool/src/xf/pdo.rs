@@ -26,8 +26,10 @@ pub struct Args {
     pub chip: ChipArgs,
 }
 
+/// Shows the process data of one slave or of all, and their inputs from SafeOP on.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the slave does not exist, the network is below PreOP, or the chip or a slave does not answer.
 pub fn pdo(session: &mut Session, slave: Option<u8>) -> Result<Vec<Shown>, XfVerbError> {
     let found = session.join_or_start(EtherCatState::SafeOp)?;
     session.expect_mailboxes("xf pdo")?;

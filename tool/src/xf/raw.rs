@@ -24,7 +24,7 @@ use fields_in::Assignment;
 const RESET_MAX: Duration = Duration::from_secs(3);
 /// Interval at which the reset is checked. \[OURS]
 const PAUSE: Duration = Duration::from_millis(10);
-/// The length of the longest data segment, bytes.
+/// The length of the longest data segment of a packet to or from the chip, bytes.
 const SEGMENT: usize = DataSize::MAX.bytes();
 
 /// Run any function of the chip, and show the fields of its answer
@@ -41,11 +41,11 @@ Examples:
   ecmsk xf raw InterruptSetEnable polarity=int0-high sources=crc,rx-fifo-low
   ecmsk xf raw FOE_FUNC_REQ operation=write-flash start=0x100 data=0102FF")]
 pub struct Args {
-    /// The function
+    /// The function to run, by its name in the manuals or in Rust
     #[arg(value_name = "NAME", value_parser = find)]
     function: Function,
 
-    /// Its fields
+    /// The fields of the request, by the names that `ecmsk xf raw NAME` prints
     #[arg(value_name = "FIELD=VALUE", value_parser = Assignment::parse)]
     fields: Vec<Assignment>,
 
@@ -57,6 +57,8 @@ pub struct Args {
 #[derive(Clone, Copy)]
 struct Function(&'static FunctionFields);
 
+/// Finds the function with this name, which is that of the manuals or of the Rust type.
+///
 /// # Errors
 /// There is no such function, or the manuals give the name to several.
 fn find(name: &str) -> Result<Function, String> {
@@ -104,7 +106,7 @@ pub fn run(args: &Args) -> Result<(), XfVerbError> {
     on_chip(&args.chip, |session| raw(session, args.function.0, &args.fields))
 }
 
-/// Makes the request from the fields and checks it.
+/// Makes the request from the fields, and checks that the function has them and that their values fit.
 fn draft<'b>(
     row: &'static FunctionFields,
     fields: &[Assignment],
@@ -120,8 +122,10 @@ fn draft<'b>(
     Ok(draft)
 }
 
+/// Sends the request, and shows the fields of the answer.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if a field is unknown or its value does not fit, or if the chip does not answer or refuses the request.
 fn raw(session: &mut Session, row: &'static FunctionFields, fields: &[Assignment]) -> Result<Vec<Shown>, XfVerbError> {
     let mut data = [0; SEGMENT];
     let draft = draft(row, fields, &mut data)?;
@@ -137,8 +141,8 @@ fn raw(session: &mut Session, row: &'static FunctionFields, fields: &[Assignment
     Ok(vec![fields_out::shown(row, returned, &answer)])
 }
 
-/// Waits until the driver has found the chip reset, because WARM_RESET itself has no answer. `before` is the number of resets
-/// before.
+/// Waits until the driver has found the chip reset, because WARM_RESET itself has no answer. `before` is the number of
+/// resets that the driver had counted before. After [`RESET_MAX`] without a reset this is an error.
 fn expect_reset(session: &mut Session, before: u64) -> Result<(), XfVerbError> {
     let mut waited = Duration::ZERO;
     while session.xf.host().counters().chip_resets == before {

@@ -27,8 +27,10 @@ pub struct Args {
     pub force: bool,
 }
 
+/// Lists the slaves of the network.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the chip does not answer or cannot initialise the network, or if a slave does not describe itself.
 pub fn scan(session: &mut Session, force: bool) -> Result<Vec<Shown>, XfVerbError> {
     let slaves = find(session, force)?;
     if slaves > 0 {

@@ -39,7 +39,7 @@ enum Verb {
     Write {
         #[command(flatten)]
         which: Which,
-        /// Decimal, or hexadecimal with 0x; or bytes as hex:0102FF, in the order of the wire
+        /// The value to write: decimal, or hexadecimal with 0x; or bytes as hex:0102FF, lowest byte first
         #[arg(value_name = "VALUE", allow_hyphen_values = true, value_parser = Written::parse)]
         value: Written,
     },
@@ -63,8 +63,10 @@ impl Args {
         }
     }
 
+    /// Reads or writes the object.
+    ///
     /// # Errors
-    /// [`XfVerbError`]
+    /// [`XfVerbError`] as for [`read`] and [`write()`].
     pub fn run(&self, session: &mut Session) -> Result<Vec<Shown>, XfVerbError> {
         match &self.verb {
             Verb::Read(which) => read(session, which),
@@ -84,8 +86,11 @@ impl Args {
     }
 }
 
+/// Reads the object, and shows its value.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the network is below PreOP, the slave does not exist or aborts the SDO, its value does not have the
+/// length of the type, or the chip does not answer.
 pub fn read(session: &mut Session, which: &Which) -> Result<Vec<Shown>, XfVerbError> {
     session.join_or_start(EtherCatState::PreOp)?;
     session.expect_mailboxes(READ)?;
@@ -97,8 +102,11 @@ pub fn read(session: &mut Session, which: &Which) -> Result<Vec<Shown>, XfVerbEr
     Ok(vec![shown.map_err(size_mismatch)?])
 }
 
+/// Writes the value to the object.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the value has no type or does not fit it, the network is below PreOP, the slave does not exist or
+/// aborts the SDO, or the chip does not answer.
 pub fn write(session: &mut Session, which: &Which, value: &Written) -> Result<Vec<Shown>, XfVerbError> {
     let bytes = encoded(which, value)?;
     session.join_or_start(EtherCatState::PreOp)?;

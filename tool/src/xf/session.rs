@@ -20,15 +20,15 @@ pub struct ChipArgs {
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
-    /// Print JSON, one object a line
+    /// Print JSON: one JSON object per line
     #[arg(long)]
     json: bool,
 }
 
-/// An open chip, in the state in which it was found.
+/// An open chip. Opening does not change the state of its network.
 pub struct Session {
     pub xf: Xf,
-    /// The link in its normal form.
+    /// The name of the open link, as the link itself reports it.
     pub link: String,
     pub reporter: Reporter,
     /// The chip's first answer after opening: its state before the verb changes anything.
@@ -55,7 +55,7 @@ impl Session {
     /// Opens the chip behind a link without clearing its FIFO, because a machine may be running.
     ///
     /// # Errors
-    /// [`XfError`]
+    /// [`XfError`] if the chip does not answer.
     pub fn over(link: Box<dyn ChipLink>, config: HostConfig, json: bool) -> Result<Self, XfError> {
         let info = link.info();
         let xf = Xf::over(link, HostConfig { keep_fifo: true, ..config })?;
@@ -77,20 +77,21 @@ impl Session {
         self.xf.header().state.0 & 0x0F != 0
     }
 
-    /// Initialises the network, prints a note, and returns the number of slaves.
+    /// Initialises the network, prints a note that tells so, and returns the number of slaves.
     ///
     /// # Errors
-    /// [`XfError`]
+    /// [`XfError`] if the chip does not answer or cannot initialise the network.
     pub fn start(&mut self) -> Result<u8, XfError> {
         let slaves = self.xf.start_network(&NetworkConfig::default())?;
         self.reporter.note(format_args!("the network was initialised: {}", counted(slaves)));
         Ok(slaves)
     }
 
-    /// Returns the number of slaves. A network that is not initialised yet is first initialised and brought to `state`.
+    /// Returns the number of slaves. A network that is not initialised yet is first initialised and brought to `state`. A
+    /// network that is initialised stays in its state.
     ///
     /// # Errors
-    /// [`XfError`]
+    /// [`XfError`] if the chip does not answer, cannot initialise the network, or a slave does not reach `state`.
     pub fn join_or_start(&mut self, state: EtherCatState) -> Result<u8, XfError> {
         if self.is_up() {
             return self.xf.count_slaves();
@@ -114,10 +115,10 @@ impl Session {
         Ok(())
     }
 
-    /// Checks that the network is in a state in which mailboxes work.
+    /// Checks that the network is in a state in which mailboxes work: PreOP, SafeOP or OP.
     ///
     /// # Errors
-    /// [`XfVerbError::Refused`]
+    /// [`XfVerbError::Refused`] if the network is in another state.
     pub fn expect_mailboxes(&self, what: &'static str) -> Result<(), XfVerbError> {
         match self.state() {
             Some(EtherCatState::PreOp | EtherCatState::SafeOp | EtherCatState::Op) => Ok(()),

@@ -31,8 +31,10 @@ pub struct Args {
     pub chip: ChipArgs,
 }
 
+/// Shows the states of all slaves or of one, after a change of state if `to` is given.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the slave does not exist or does not reach the state, or if the chip does not answer.
 pub fn state(session: &mut Session, to: Option<EtherCatState>, slave: Option<u8>) -> Result<Vec<Shown>, XfVerbError> {
     let found = session.join_or_start(EtherCatState::Init)?;
     let shown = match slave {

@@ -179,7 +179,7 @@ fn slaves_of_a_running_machine_are_read() {
     assert!(header.state.state() == Some(EtherCatState::Op) && header.status.contains(Status::FIFO_ON));
 }
 
-/// XF-18.7, XF-18.8 In Init no slave has a mailbox: the error has the next step, and the state stays.
+/// XF-18.7, XF-18.8 In Init no slave has a mailbox: the error says what the user can do, and the state stays.
 #[test]
 fn in_init_the_error_says_how_to_go_on() {
     let chip = Lasting::new("xf-sim:?slaves=drive&clock=virtual");

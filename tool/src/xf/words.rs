@@ -4,7 +4,7 @@ use ecmsk::ethercat::AlStatus;
 use ecmsk::xf::fields::Names;
 use ecmsk::xf::{EtherCatState, NetworkState};
 
-/// The states, with the names that the tool's other verbs use.
+/// The AL states of a network, with the names that the tool's other verbs use.
 pub const STATES: [(&str, EtherCatState); 5] = [
     ("Init", EtherCatState::Init),
     ("PreOP", EtherCatState::PreOp),
@@ -13,7 +13,7 @@ pub const STATES: [(&str, EtherCatState); 5] = [
     ("OP", EtherCatState::Op),
 ];
 
-/// The name of a state.
+/// The name of an AL state.
 pub fn state_name(state: EtherCatState) -> &'static str {
     STATES.iter().find(|(_, known)| *known == state).map_or("unknown", |(name, _)| name)
 }
@@ -68,7 +68,7 @@ pub fn words(names: impl Iterator<Item = &'static str>) -> Vec<String> {
     names.map(word).collect()
 }
 
-/// The words separated by commas; `none` if there are none.
+/// Texts such as names of bits, separated by commas; `none` if there are none.
 pub fn listed(words: &[String]) -> String {
     if words.is_empty() { "none".to_owned() } else { words.join(", ") }
 }
@@ -78,13 +78,13 @@ pub fn al_status_text(code: u16) -> String {
     if code == 0 { String::new() } else { format!(", AL status code {}", AlStatus(code)) }
 }
 
-/// Finds the number of a name. Case, dashes and underscores are ignored.
+/// Finds the code that a list has for a name. Case, dashes and underscores of the name are ignored.
 pub fn named(text: &str, names: &[(&str, u32)]) -> Option<u32> {
     let plain = |text: &str| text.replace(['-', '_', ' '], "").to_ascii_lowercase();
     names.iter().find(|(name, _)| plain(name) == plain(text)).map(|(_, number)| *number)
 }
 
-/// The number of a name, or an error that lists the names.
+/// The code that a list has for a name, as [`named`] finds it.
 ///
 /// # Errors
 /// There is no such name; the error lists the valid ones.

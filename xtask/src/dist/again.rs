@@ -1,5 +1,5 @@
-//! Makes the packages a second time, from a copy of the sources in another folder, and checks that they are the same
-//! (reproducible builds).
+//! Makes the release packages a second time, from a copy of the sources in another folder, and checks that they are the
+//! same (reproducible builds).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -41,8 +41,8 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
     )))
 }
 
-/// A folder that comes before `/usr` in the alphabet if `target` comes after it, and the other way round: linkers sort inputs
-/// by path.
+/// A folder that comes before `/usr` in the alphabet if `target` comes after it, and the other way round. Linkers sort
+/// inputs by path, so a file that depends on this order would differ in the second build.
 fn place(target: &Path) -> PathBuf {
     let other = if target < Path::new("/usr") { "/var/tmp" } else { "/tmp" };
     Path::new(other).join("ecmsk-once-more")
@@ -86,7 +86,7 @@ fn differing(first: &Made, second: &Made) -> Result<Vec<String>, Error> {
 mod tests {
     use super::*;
 
-    /// A file that differs in a byte, and one that is missing on either side, are reported.
+    /// The comparison reports a file that differs in a byte, and one that is missing on either side.
     #[test]
     fn what_differs_is_told() {
         let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());

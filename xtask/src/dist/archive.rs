@@ -1,4 +1,4 @@
-//! Makes archives of trees, and checksums of files.
+//! Makes archives of the folders that become packages, and checksums of files.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};

@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::needs::UNZIP;
 use crate::project::{Project, cargo_home};
 
-/// The expected paths of every package.
+/// The paths that every package has to contain, relative to the package.
 const LIST: &str = include_str!("contents.txt");
 
 /// Unpacks the packages and checks their contents.
@@ -96,14 +96,15 @@ fn differences(package: &str, machine: Machine, found: &[PathBuf]) -> Vec<String
 
 fn paths_of_this_machine(project: &Project, folder: &Path) -> Result<Vec<String>, Error> {
     let mine = [Some(project.root.clone()), Some(project.target.clone()), cargo_home()];
-    // Short paths such as `/` or `/src` are not searched for, because they are the beginning of many other paths.
+    // The packages are searched for the folders of this machine. Short paths such as `/` or `/src` are left out, because
+    // they are the beginning of many other paths.
     let mine: Vec<String> =
         mine.into_iter().flatten().map(|path| path.display().to_string()).filter(|path| path.len() > 6).collect();
     let mut problems = Vec::new();
     for path in mine {
         let mut grep = Command::new("grep");
         grep.env("LC_ALL", "C");
-        // It does not follow links. Its exit code is 1 if no file has the text.
+        // With `--recursive` grep does not follow symbolic links. Its exit code is 1 if no file contains the path.
         grep.args(["--recursive", "--text", "--fixed-strings", "--files-with-matches", "-e", &path, "--"]).arg(folder);
         let output = grep.output().map_err(|source| Error::Start { command: command::shown(&grep), source })?;
         if output.status.code().is_none_or(|code| code > 1) {
@@ -134,7 +135,8 @@ fn times_of_linking(folder: &Path) -> Result<Vec<String>, Error> {
 /// The time of linking in the header of a PE file; `None` if the file is no PE file.
 fn time_of_linking(bytes: &[u8]) -> Option<u32> {
     let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at.checked_add(4)?)?.try_into().ok()?));
-    // The offset of the header is at 0x3C; the time follows the signature, the machine and the number of sections.
+    // In a PE file (a Windows program or DLL) the offset of the header is at 0x3C. The time follows the signature, the
+    // machine and the number of sections.
     let header = word(0x3C)? as usize;
     (bytes.get(header..)?.starts_with(b"PE\0\0")).then(|| word(header + 8))?
 }
@@ -143,7 +145,7 @@ fn time_of_linking(bytes: &[u8]) -> Option<u32> {
 mod tests {
     use super::*;
 
-    /// A DLL with a time of linking is reported, and so is a file that is no DLL.
+    /// A DLL with a time of linking is reported, and so is a file without a PE header, in which no time can be read.
     #[test]
     fn a_time_of_linking_is_found() {
         let folder = tempfile::tempdir().unwrap();
@@ -162,7 +164,7 @@ mod tests {
         }
     }
 
-    /// A missing file and an unexpected one are reported.
+    /// A file of the list that is missing in a package and a file that is not in the list are reported.
     #[test]
     fn each_difference_is_told() {
         let listed = LIST.lines().filter_map(|line| line.strip_prefix("libnextwusblib0 "));

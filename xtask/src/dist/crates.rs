@@ -48,7 +48,7 @@ struct Package {
     manifest_path: PathBuf,
 }
 
-/// All crates in Cargo.lock, by name and version.
+/// The licence, source and checksum of all crates in Cargo.lock, by name and version.
 pub struct Known(BTreeMap<(String, String), Crate>);
 
 impl Known {
@@ -126,8 +126,8 @@ mod tests {
         assert_eq!(checksums(lock), BTreeMap::from([(key("a", "1.0.0"), "00ff".to_owned())]));
     }
 
-    /// A crate that is linked on one system only is listed there only; build tools and macros are listed
-    /// nowhere.
+    /// A crate that is linked only on one operating system is listed only for that system. Build tools and macros are not
+    /// listed, because no binary contains them.
     #[test]
     fn what_is_linked_depends_on_the_target() {
         let project = Project::find().unwrap();

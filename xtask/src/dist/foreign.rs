@@ -11,11 +11,11 @@ use crate::command;
 use crate::error::Error;
 use crate::project::Project;
 
-/// A board with an axis.
+/// A simulated board with one axis, on which the programs run.
 const LINK: &str = "sim:?slaves=drive&clock=virtual";
 
-/// Unpacks the Debian packages into one folder, compiles and runs a program with the library and with its archive, and moves a
-/// simulated axis with the tool.
+/// Unpacks the Debian packages into one folder. Compiles a program with the shared library and with the static one, runs
+/// both, and moves a simulated axis with the tool.
 pub fn test(project: &Project, packages: &ForLinux, emulator: &str, version: &str) -> Result<(), Error> {
     let machine = packages.machine;
     println!("running programs for {} in {emulator}", machine.debian());
@@ -29,7 +29,7 @@ pub fn test(project: &Project, packages: &ForLinux, emulator: &str, version: &st
     }
     let emulated = |program: &Path, words: &[&str]| {
         let mut run = Command::new(emulator);
-        // The C library of the compiler for that machine.
+        // The emulator finds the dynamic linker and the C library of that machine in the folder of the cross compiler.
         run.arg("-L").arg(Path::new("/usr").join(machine.gnu()));
         run.arg("-E").arg(format!("LD_LIBRARY_PATH={}", libraries(machine, &root).display()));
         run.env("ECMSK_LINK", LINK).arg(program).args(words);
@@ -62,7 +62,8 @@ fn libraries(machine: Machine, root: &Path) -> std::path::PathBuf {
     root.join("usr/lib").join(machine.gnu())
 }
 
-/// Compiles the program of the tests with the unpacked header, and the library or its archive.
+/// Compiles [`deb::install::PROGRAM`] with the unpacked header and the shared library, or with the static library if
+/// `is_static`.
 fn compile(machine: Machine, root: &Path, is_static: bool) -> Result<std::path::PathBuf, Error> {
     let (source, libraries) = (root.join("program.c"), libraries(machine, root));
     fs::write(&source, deb::install::PROGRAM).map_err(Error::file("write", &source))?;

@@ -11,7 +11,8 @@ use crate::error::Error;
 /// The prefixes by which licence files in a crate are found, in lower case.
 const BEGINNINGS: [&str; 5] = ["license", "licence", "copying", "copyright", "notice"];
 
-/// The licence of Rust's standard library, which is part of every binary.
+/// The licences of code that is no crate: Rust's standard library, which is part of every binary, and MinGW's runtime
+/// libraries, which are part of those for Windows.
 const STANDARD_LIBRARY: &str = "The Rust standard library: MIT OR Apache-2.0, Copyright (c) The Rust Project Contributors.\n\
     DLLs and programs for Windows: start-up code and import libraries of mingw-w64, mostly in the public domain, and libgcc, \
     GPL-3.0-or-later WITH GCC-exception-3.1, which lets programs of any licence use it.\n";
@@ -22,7 +23,8 @@ const FONT: &str = include_str!("../../../tool/font/LICENSE.txt");
 /// The licence of the library that draws curves in the tool's page.
 const PLOT_LIBRARY: &str = include_str!("../../../tool/web/vendor/uPlot-LICENSE.txt");
 
-/// The text of the file: first each crate with its licence, then each licence text once with the crates that contain it.
+/// The text of `THIRD-PARTY-LICENSES.txt`: first each crate with its licence, then each licence text once with the crates
+/// that contain it.
 pub fn text(crates: &[Crate]) -> Result<String, Error> {
     let foreign: Vec<&Crate> = crates.iter().filter(|known| known.checksum.is_some()).collect();
     let mut text = String::from("Parts of ecmsk by others, and their licences.\n\n");
@@ -86,7 +88,8 @@ mod tests {
         }
     }
 
-    /// A licence text that several crates contain is printed once with all their names. Crates of this project are left out.
+    /// A licence text that several crates contain is in the file once, with all their names. Crates of this project are
+    /// left out, since the file is about those of others.
     #[test]
     fn texts_stand_there_once() {
         let folder = tempfile::tempdir().unwrap();

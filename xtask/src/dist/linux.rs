@@ -15,11 +15,12 @@ use crate::project::{Project, cargo_home};
 use crate::system::set_mode;
 use crate::{command, debian_rust, stage};
 
-/// The profile of cargo, which is also the name of its folder.
+/// The profile of cargo with which packages are built, which is also the name of its folder below the target folder.
 const PROFILE: &str = "release";
 
-/// Builds for a machine, and installs into `prefix` as `cargo xtask stage` does. `tool`: a tool that runs on this machine, which
-/// writes its manual pages and completions; `None`: the one that is built.
+/// Builds the library and the tool for a machine, and installs them into `prefix` as `cargo xtask stage` does. The tool
+/// writes its own manual pages and completions. `tool` is one that runs on this machine and writes them for a foreign
+/// machine; `None`: the tool that was built.
 pub fn build_into(
     project: &Project,
     release: &Release,
@@ -29,7 +30,8 @@ pub fn build_into(
 ) -> Result<(), Error> {
     let target = super::folder(project).join("build");
     let wrapper = write_wrapper(project, machine, &target)?;
-    // Built together, the library is compiled once, but has features in one file that only the other needs.
+    // If both packages are built together, the library crate is compiled only once, which is quicker. NEXTWUSBLib then also
+    // contains the features that only the tool needs, so a release builds them one after the other.
     let together = if project.quick { stage::PACKAGES.len() } else { 1 };
     for packages in stage::PACKAGES.chunks(together) {
         println!("building {} for Linux on {}", packages.join(" and "), machine.debian());
@@ -43,8 +45,9 @@ pub fn build_into(
         // Debug information would be removed anyway. The linker already removes symbols, because the build id is computed
         // from its output.
         cargo.env("CARGO_PROFILE_RELEASE_DEBUG", "false").env("CARGO_PROFILE_RELEASE_STRIP", "symbols");
-        // With several codegen units in a crate, link-time optimisation generates names of symbols that depend on the
-        // folder, and an archive keeps them.
+        // With several codegen units in a crate, link-time optimisation generates names of symbols that depend on the folder of
+        // the build, and the static library keeps them. So a release, which must be reproducible, is built with one unit; a
+        // quick build for tests is not.
         let (units, level) = if project.quick { ("16", "1") } else { ("1", "3") };
         cargo.env("CARGO_PROFILE_RELEASE_CODEGEN_UNITS", units).env("CARGO_PROFILE_RELEASE_OPT_LEVEL", level);
         cargo.env(super::release::VARIABLE, release.epoch.to_string());
@@ -69,15 +72,16 @@ fn strip(machine: Machine, options: &[&str], file: &Path) -> Result<(), Error> {
     command::run(machine.gnu_program(STRIP.program).args(options).args(["--remove-section=.comment", "--"]).arg(file))
 }
 
-/// Whether a variable changes what is built.
+/// Whether an environment variable changes what cargo builds. Such variables of the user are removed, so that the build
+/// does not depend on them.
 fn is_a_setting(variable: &str) -> bool {
     ["CARGO_PROFILE_", "CARGO_BUILD_", "CARGO_TARGET_", "CARGO_ENCODED_", "RUSTFLAGS", "CFLAGS", "RUSTC"]
         .iter()
         .any(|begin| variable.starts_with(begin))
 }
 
-/// Writes a wrapper between cargo and rustc that replaces the folders of this machine in files. Flags of cargo with the
-/// same effect would change the names of the archive's members.
+/// Writes a wrapper between cargo and rustc that replaces the paths of this machine's folders in the built files by fixed
+/// names. Flags of cargo with the same effect would change the names of the archive's members.
 fn write_wrapper(project: &Project, machine: Machine, target: &Path) -> Result<PathBuf, Error> {
     let wrapper = super::folder(project).join(format!("rustc-{}", machine.debian()));
     fs::create_dir_all(super::folder(project)).map_err(Error::file("make", &wrapper))?;
@@ -86,7 +90,8 @@ fn write_wrapper(project: &Project, machine: Machine, target: &Path) -> Result<P
     Ok(wrapper)
 }
 
-/// The folders to replace and their replacements. If several match a path the last one applies.
+/// The folders whose paths are replaced in the built files, and their replacements. If several match a path the last one
+/// applies.
 fn names(project: &Project, machine: Machine, target: &Path) -> Result<Vec<(PathBuf, String)>, Error> {
     let ask = |arguments: &[&str]| -> Result<String, Error> {
         let own = env::var_os("RUSTC").filter(|_| !machine.is_foreign());
@@ -94,7 +99,8 @@ fn names(project: &Project, machine: Machine, target: &Path) -> Result<Vec<(Path
         let said = command::output(rustc.current_dir(&project.root).args(arguments))?;
         Ok(String::from_utf8_lossy(&said).trim().to_owned())
     };
-    // If the sources of the standard library are installed, rustc writes their path, otherwise this one.
+    // rustc writes paths to the sources of the standard library: their path on this machine if they are installed,
+    // otherwise `/rustc/COMMIT`. The first is replaced by the second.
     let sources = Path::new(&ask(&["--print", "sysroot"])?).join("lib/rustlib/src/rust");
     let version = ask(&["-vV"])?;
     let commit = version.lines().find_map(|line| line.strip_prefix("commit-hash: ")).unwrap_or("unknown");

@@ -16,10 +16,11 @@ pub enum Machine {
 
 impl Machine {
     pub const ALL: [Self; 3] = [Self::Amd64, Self::Arm64, Self::Armhf];
-    /// The machines for which `cargo xtask test --all` makes packages: the others take as long again.
+    /// The machines for which `cargo xtask test --all` makes packages. It leaves out the others, whose packages take as
+    /// long again.
     pub const QUICK: [Self; 1] = [Self::Amd64];
 
-    /// The machines for which packages are made.
+    /// The machines for which packages are made: only [`Self::QUICK`] in a quick build for tests, otherwise all.
     pub const fn made(project: &Project) -> &'static [Self] {
         if project.quick { &Self::QUICK } else { &Self::ALL }
     }
@@ -69,7 +70,8 @@ impl Machine {
         }
     }
 
-    /// The compiler whose standard library is in the programs for the machine.
+    /// The rustc whose standard library the programs for the machine contain: for foreign machines Debian's, because the
+    /// project's toolchain has no standard library for them.
     pub const fn rustc(self) -> &'static str {
         match self {
             Self::Amd64 => "rustc",

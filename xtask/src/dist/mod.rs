@@ -67,7 +67,7 @@ const CHECK_NEEDS: &[Need] = &[DEBOOTSTRAP, ROOT, QEMU_USER];
 pub const TEST_NEEDS: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN, DEBOOTSTRAP, ROOT];
 
-/// The file with the checksums of all other files.
+/// The file with the checksums of all other files of the release.
 const SUMS: &str = "SHA256SUMS";
 
 #[derive(clap::Args)]
@@ -98,7 +98,8 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// For `cargo xtask test`: makes the packages once, and installs them.
+/// Makes all packages once, checks them, and installs them in a Debian system or runs them in an emulator. For `cargo xtask
+/// test`.
 pub fn test(project: &Project) -> Result<(), Error> {
     let release = Release::find(project)?;
     let made = make(project, &release, &folder(project).join("packages"))?;
@@ -133,7 +134,7 @@ pub fn set_up_debian(project: &Project) -> Result<(), Error> {
     deb::install::set_up_debian(project).map(drop)
 }
 
-/// The packages and other files that [`make`] has made.
+/// What [`make`] has made: the packages of a release, its bill of materials and its checksums.
 struct Made {
     folder: PathBuf,
     /// The names of all files for a release, [`SUMS`] last.
@@ -144,7 +145,7 @@ struct Made {
 /// The packages for Linux on one machine.
 struct ForLinux {
     machine: Machine,
-    /// The name of the `.tar.gz`.
+    /// The file name of the `.tar.gz` package.
     tar: String,
     /// The paths of the Debian packages.
     debs: Vec<PathBuf>,
@@ -222,7 +223,8 @@ fn judge(project: &Project, release: &Release, made: &Made) -> Result<(), Error>
         Command::new("sha256sum").current_dir(&made.folder).args(["--check", "--strict", "--quiet", SUMS]),
     )?;
     contents::check(project, release, made)?;
-    // lintian reads the symbols of all objects in the archive, which takes minutes if they are little optimised.
+    // lintian reads the symbols of all objects in the static library, which takes minutes if they are little optimised. So
+    // a quick build leaves out the package that has it.
     let has_archive = |deb: &&PathBuf| deb.to_string_lossy().contains(deb::DEVELOPMENT);
     let debs = made.linux.iter().flat_map(|packages| &packages.debs);
     let (with, without): (Vec<&PathBuf>, Vec<&PathBuf>) = debs.partition(has_archive);
@@ -307,7 +309,7 @@ fn artefacts(project: &Project, known: &Known, linux: &[ForLinux], zip: &Tree) -
     Ok(found)
 }
 
-/// The second word of a program's `--version`.
+/// The version of a program: the second word that `--version` prints, as in `rustc 1.85.0`.
 fn version_of(program: &mut Command) -> Result<String, Error> {
     let said = command::output(program.arg("--version"))?;
     Ok(String::from_utf8_lossy(&said).split_whitespace().nth(1).unwrap_or_default().to_owned())

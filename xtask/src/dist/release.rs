@@ -12,7 +12,7 @@ pub const VARIABLE: &str = "SOURCE_DATE_EPOCH";
 /// The earliest time that a zip file can store: 1 January 1980, in seconds since 1970.
 const FIRST: u64 = 315_532_800;
 
-/// The version of a release, and its time.
+/// The version of a release, and the one time that all its files get.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Release {
     pub version: &'static str,
@@ -21,8 +21,8 @@ pub struct Release {
 }
 
 impl Release {
-    /// Finds the version and the time: from `SOURCE_DATE_EPOCH`, or else that of the last commit, or else the date of
-    /// the newest version in CHANGELOG. \[OURS]
+    /// Finds the version and the release time. The time is that of `SOURCE_DATE_EPOCH`, or else of the last commit, or else
+    /// the date of the newest version in CHANGELOG. \[OURS]
     pub fn find(project: &Project) -> Result<Self, Error> {
         let given = env::var(VARIABLE).ok();
         let from_git = || {
@@ -54,7 +54,8 @@ impl Release {
     }
 }
 
-/// The date in the first heading such as `## [0.1.0] - 2026-11-22`, in seconds since 1970.
+/// The date of the newest version in CHANGELOG, in seconds since 1970: from the first heading such as `## [0.1.0] -
+/// 2026-11-22`.
 fn date_in(changelog: &str) -> Option<String> {
     let day = changelog.lines().filter(|line| line.starts_with("## [")).find_map(|line| line.split_once("] - "))?.1;
     let mut date = Command::new("date");

@@ -16,7 +16,7 @@ use crate::windows::Width;
 
 /// A shipped library or program.
 pub struct Artefact {
-    /// Its package and path.
+    /// The name of the package that contains it, and its path in the package.
     pub name: String,
     /// Its type: `library` or `application`.
     pub kind: &'static str,
@@ -41,7 +41,8 @@ impl Runtime {
         Self { name: "rust-std", version, licence: OWN_LICENCE }
     }
 
-    /// What the tool has that is no crate: the library that draws curves in its page.
+    /// The code in the tool that is no crate: the library that draws curves in its page. `None` for other programs, for
+    /// which `is_tool` is false.
     pub fn of_the_tool(is_tool: bool) -> Option<Self> {
         is_tool.then(|| Self { name: "uPlot", version: "1.6.32".to_owned(), licence: "MIT" })
     }

@@ -13,7 +13,8 @@ use crate::project::Project;
 
 const DOCUMENTS: [&str; 3] = ["CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"];
 
-/// Copies the files of the package from a stage folder into the tree. `others` is the text with the licences of other projects.
+/// Copies the files of the `.tar.gz` package from a stage folder into the tree. `others` is the text with the licences of
+/// crates and libraries of other projects.
 pub fn fill(
     project: &Project,
     release: &Release,

@@ -1,4 +1,5 @@
-//! A folder that is packed. The modes and times of its files are set here, so that they do not depend on this machine.
+//! A folder that is packed into an archive or a Debian package. Its files get fixed modes and times, so that the package
+//! does not depend on this machine.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -18,7 +19,7 @@ pub const DATA: u32 = 0o644;
 pub const PROGRAM: u32 = 0o755;
 
 impl Tree {
-    /// Makes a new tree at `root`; an existing one is removed.
+    /// Makes an empty tree at `root`, which is a folder for build results; an older tree there is removed.
     pub fn new(root: PathBuf) -> Result<Self, Error> {
         if root.exists() {
             fs::remove_dir_all(&root).map_err(Error::file("remove", &root))?;
@@ -66,7 +67,7 @@ impl Tree {
         symlink(target, &link).map_err(Error::file("make the link", &link))
     }
 
-    /// Gives every file the same time.
+    /// Gives all files the modification time `epoch`, in seconds since 1970.
     pub fn set_time(&self, epoch: u64) -> Result<(), Error> {
         let time = UNIX_EPOCH + Duration::from_secs(epoch);
         for file in self.files()?.iter().map(|file| self.root.join(file)).filter(|file| !file.is_symlink()) {

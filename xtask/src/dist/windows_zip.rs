@@ -11,8 +11,8 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::windows::{DLL, MINGW, MSVC, Width};
 
-/// The files for each width from the stage folder of `cargo xtask windows`: the name there, and the folder in the package,
-/// where `@` stands for the width.
+/// The files that exist for each width (x86, x64): the file name in the stage folder of `cargo xtask windows`, and the
+/// folder in the package, where `@` stands for the width.
 const OF_A_WIDTH: [(&str, &str); 3] = [(DLL, "@"), (MSVC, "lib/@"), (MINGW, "lib/@")];
 
 /// The programs in the stage folder, with the same paths in the package.
@@ -27,7 +27,7 @@ const TEXTS: [(&str, &str); 5] = [
     ("LICENSE-APACHE", "LICENSE-APACHE.txt"),
 ];
 
-/// The file with the licences of other projects.
+/// The file in the package with the licences of other projects.
 pub const OTHERS: &str = "THIRD-PARTY-LICENSES.txt";
 
 /// Fills the tree from the stage folder of `cargo xtask windows` and the assemblies of `cargo xtask dotnet`.
@@ -49,8 +49,8 @@ pub fn fill(
         tree.copy(&stage.join(program), program, PROGRAM)?;
     }
     tree.copy_all(&stage.join("include"), "include", &[".h"])?;
-    // The assemblies are beside the DLL of each width, as in the vendor's package, and once more with their documentation in
-    // `dotnet`, for programs of any width.
+    // Each width's folder has the assemblies beside the DLL, as in the vendor's package. The folder `dotnet` has them again
+    // with their documentation, for programs that run with any width.
     for (from, to, ends) in [
         (&assemblies.assemblies, Width::X86.name(), &[".dll"][..]),
         (&assemblies.assemblies_x64, Width::X64.name(), &[".dll"][..]),

@@ -11,7 +11,7 @@ use crate::error::Error;
 /// The file that runs the tests of tests/engine once more, and (next constant) its test that runs them behind a chip.
 pub const OVER: &str = "tests/engine/over.rs";
 const RUN: &str = "all_that_a_program_sees_is_the_same_behind_an_ecm_xf";
-/// The folder of the tests that are run once more.
+/// The folder of the tests that [`OVER`] runs once more, unchanged, with their slaves behind the model of a chip.
 const ENGINE: &str = "tests/engine/";
 /// Files and folders whose tests always use a board over a chip, without being run once more.
 const ALWAYS: [&str; 8] = [
@@ -28,20 +28,22 @@ const ALWAYS: [&str; 8] = [
 /// The tables of tests/engine/over.rs. Their entries are the names of tests (`module::test`) or modules (`module::`).
 #[derive(Debug, Default)]
 pub struct BehindChip {
-    /// Tests that count cycles. They are run once more without additional cycles, selected by their full names.
+    /// Tests that count cycles. A chip answers some cycles late, so after the cycles that another test runs as many more pass
+    /// as the answers are late; a test that counts cycles would count these too. It is left out of the run of all tests, and
+    /// has a run of its own without additional cycles, in which it is selected by its full name.
     by_cycles: Vec<String>,
     /// Tests that are left out because they cannot pass behind a chip: every test whose name contains one of these texts.
     cannot: Vec<String>,
-    /// Tests that are left out because all their boards have a bus of their own: every test whose name contains one of
-    /// these texts.
+    /// Tests that are left out because each of their boards has a simulated bus that the test makes itself, which would not
+    /// be behind the chip: every test whose name contains one of these texts.
     own_bus: Vec<String>,
-    /// Tests that are run there although their slaves are not behind the chip: they have buses of their own or boot boards
-    /// themselves.
+    /// Tests that are part of the run behind a chip although their slaves are not behind it, since they have buses of their own
+    /// or boot boards themselves.
     not_behind: Vec<String>,
 }
 
 impl BehindChip {
-    /// Reads the tables in the checkout at `root`.
+    /// Reads the tables of tests/engine/over.rs in the checkout at `root`.
     ///
     /// # Errors
     /// The file is missing, or its tables do not have the expected form.
@@ -87,7 +89,8 @@ impl BehindChip {
         !left_out.any(|entry| name.contains(entry.as_str())) && !self.not_behind.iter().any(stands)
     }
 
-    /// Whether a test is in the table of those that cannot pass behind a chip.
+    /// Whether a test cannot pass behind a chip, according to the tables of tests/engine/over.rs. For a rule that only such
+    /// tests name, the report says so, instead of that no test names it.
     pub fn cannot(&self, test: &str) -> bool {
         engine_name(test).is_some_and(|name| self.cannot.iter().any(|entry| name.contains(entry.as_str())))
     }
@@ -149,7 +152,7 @@ fn all_that_a_program_sees_is_the_same_behind_an_ecm_xf() {}
             ("tests/engine/a.rs::by_cycles", true, false),
             ("tests/engine/a.rs::jumps", false, true),
             ("tests/engine/a.rs::each_cycle", false, true),
-            // `--skip` matches a part of the name.
+            // As with `--skip` of test programs, an entry also leaves out tests whose names contain it.
             ("tests/engine/a.rs::full_and_more", false, true),
             ("tests/engine/b.rs::no_row", true, false),
             ("tests/engine/c.rs::places", true, false),
@@ -174,7 +177,7 @@ fn all_that_a_program_sees_is_the_same_behind_an_ecm_xf() {}
         }
     }
 
-    /// The tables exist in over.rs, and each entry of [`ALWAYS`] exists and contains tests that name a rule.
+    /// Each table in over.rs has entries, and each file or folder of [`ALWAYS`] contains tests with a chip.
     #[test]
     fn the_project_has_them() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

@@ -7,11 +7,11 @@ pub struct Comment {
     pub text: String,
 }
 
-/// A token of a source. Only what is needed to find functions is told apart.
+/// A token of a C or C++ source. Only as many kinds of tokens are distinguished as finding functions needs.
 enum Piece<'a> {
     Comment(&'a str),
     Word(&'a str),
-    /// Any other character of code except blanks.
+    /// A character of code that is neither a blank nor part of a comment or word.
     Sign(char),
     /// A blank line, which separates a comment from the function below it.
     Gap,
@@ -20,7 +20,7 @@ enum Piece<'a> {
 /// All comments of a source, in their order.
 pub fn comments(text: &str) -> Vec<Comment> {
     let mut found = Vec::new();
-    // The index of the first comment above the function that may begin next.
+    // The index in `found` of the first comment that stands directly above the next function, if a function follows.
     let mut above = 0;
     let mut function: Option<(String, usize)> = None;
     let mut depth = 0;
@@ -68,7 +68,7 @@ pub fn comments(text: &str) -> Vec<Comment> {
 #[derive(Default)]
 struct Head<'a> {
     last_word: Option<&'a str>,
-    /// The word before the first `(`, which is the name if this is a function.
+    /// The word before the first `(`. It is the name of the function, if the tokens are the head of a function.
     called: Option<&'a str>,
     assigned: bool,
     parentheses: usize,

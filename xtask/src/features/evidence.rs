@@ -9,7 +9,7 @@ use super::id::{RuleId, ids_in};
 use super::{c, rust, text_of};
 use crate::error::Error;
 
-/// Folders whose sources may hold tests.
+/// The folders whose sources are searched for tests that name rules.
 const FOLDERS: [&str; 6] = ["src", "capi", "tests", "tool", "examples", "xtask"];
 
 /// For each rule the tests that name it, as `file::function`. A C file that names a rule in its head is listed as `file`.
@@ -50,7 +50,8 @@ impl Evidence {
         for test in &source.tests {
             self.add(&test.comments, || format!("{file}::{}", test.name));
         }
-        // The strings of all files below a folder `tests` are searched for names of C programs, because helpers name them too.
+        // A C program counts as a test only if a string in a folder `tests` names it. All files there are searched, because
+        // helpers name such programs, too.
         if file.split('/').any(|folder| folder == "tests") {
             named.extend(source.strings.iter().cloned());
         }

@@ -41,11 +41,11 @@ pub struct Arguments {
 }
 
 const DOCS: &str = "docs";
-/// The page in `docs` that links all pages of rules.
+/// The page in `docs` that has a link to each page with rules.
 const INDEX: &str = "RULES.md";
 /// The folder in `docs` with the pages of rules.
 const PAGES: &str = "rules";
-/// The pages that this chore writes.
+/// The pages that `cargo xtask features` writes.
 pub const FILES: [&str; 2] = ["FEATURES.md", "FEATURES-XF.md"];
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
@@ -93,7 +93,7 @@ pub fn check(project: &Project) -> Result<(), Error> {
     if problems.is_empty() { Ok(()) } else { Err(Error::Features(problems.join("\n"))) }
 }
 
-/// Writes [`FILES`] for a release.
+/// Writes [`FILES`] into `folder`, which is that of a release's packages, instead of docs/.
 pub fn write_into(project: &Project, folder: &Path) -> Result<(), Error> {
     Read::of(&project.root)?.write(folder)
 }
@@ -121,7 +121,8 @@ fn print(project: &Project, ids: &[String]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Reads the rules of all pages that the index links. A page in the folder that it does not link is an error.
+/// Reads the rules of all pages that the index links. A page in the folder of the rules that the index does not link is an
+/// error.
 fn read_rules(root: &Path) -> Result<Rules, Error> {
     let docs = root.join(DOCS);
     let text = |file: &str| fs::read_to_string(docs.join(file)).map_err(Error::file("read", &docs.join(file)));
@@ -156,7 +157,7 @@ fn text_of(path: &Path) -> io::Result<String> {
 mod tests {
     use super::*;
 
-    /// README lists exactly the kinds of links that exist as working.
+    /// README lists as working exactly the link schemes that the library has.
     #[test]
     fn readme_claims_the_links_that_there_are() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

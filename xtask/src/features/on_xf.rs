@@ -15,7 +15,7 @@ use crate::error::Error;
 
 /// The page with the table of differences between the board and an ECM-XF.
 const MIGRATION: &str = "docs/MIGRATION.md";
-/// The heading above that table.
+/// The heading above the table of differences in [`MIGRATION`].
 const DIFFERENCES: &str = "## What differs";
 /// The prefix of the ids of the board's rules.
 const BOARD: &str = "SK-";
@@ -42,13 +42,14 @@ pub enum State {
     Same(Vec<String>),
     /// It differs: these rows of the table in docs/MIGRATION.md name the rule.
     Differs(Vec<String>),
-    /// The rule concerns neither the bus nor the slaves, for this reason.
+    /// The rule concerns neither the bus nor the slaves, so it has no counterpart on an ECM-XF. The text says why.
     Apart(String),
     /// Nothing shows whether it holds. `cannot`: a test of the rule is in a table of those that cannot pass behind a chip.
     NotShown { cannot: bool },
 }
 
-/// The states of all board rules with status `now`, and contradictions between tests, table and pages.
+/// The states of all board rules with status `now`, and contradictions between the tests, the table of docs/MIGRATION.md
+/// and the pages of rules.
 #[derive(Debug, Default)]
 pub struct OnXf {
     states: BTreeMap<RuleId, State>,
@@ -107,7 +108,7 @@ impl OnXf {
         found
     }
 
-    /// The contradictions, and the rules without a state, each with the next step.
+    /// The contradictions, and the rules without a state. Each text ends with what the developer can do about it.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = self.problems.clone();
         for (id, state) in &self.states {
@@ -127,13 +128,15 @@ impl OnXf {
         problems
     }
 
-    /// The counts of a section as text, `20 same, 2 differ, 5 apart`; `None` if the section has no rules of the board.
+    /// How many rules of a section have which state, as text: `20 same, 2 differ, 5 apart`. `None` if the section has no
+    /// rules of the board.
     pub fn count(&self, section: &Section) -> Option<String> {
         let states = section.rules.iter().filter_map(|rule| self.states.get(&rule.id));
         count(states)
     }
 
-    /// The state of one rule in words; `None` if it is no rule of the board with status `now`.
+    /// The state of one rule on an ECM-XF, with its tests, rows or reason, as text; `None` if it is no rule of the board
+    /// with status `now`.
     pub fn answer(&self, id: &RuleId) -> Option<String> {
         let state = self.states.get(id)?;
         Some(match state {
@@ -272,7 +275,8 @@ mod tests {
         assert!(!page.contains("SK-1.5") && !page.contains("LIB-1"), "{page}");
     }
 
-    /// If the only test of a rule is in a table of tests that cannot pass behind a chip, the rule is not shown any more.
+    /// If the only test of a rule is in a table of tests that cannot pass behind a chip, no test shows the rule on an
+    /// ECM-XF.
     #[test]
     fn a_rule_whose_tests_are_left_out_is_not_shown() {
         for (test, what) in [("a.rs::each_cycle", "its tests stand in tables"), ("honest.rs::any", "no test of it")] {

@@ -24,7 +24,8 @@ const HEADS: &str = "| subject | what works | rules | tests |\n| --- | --- | ---
 const HEADS_OF_BOARD: &str = "| subject | what works | rules | tests | [on an ECM-XF](FEATURES-XF.md) |\n\
                               | --- | --- | --- | --- | --- |\n";
 
-/// The text of docs/FEATURES.md.
+/// The text of docs/FEATURES.md: for each section of the pages of rules what works, the number of rules and the number of
+/// tests.
 pub fn page(rules: &Rules, evidence: &Evidence, on_xf: &OnXf) -> String {
     let findings = Findings::of(rules, evidence);
     let mut text = format!("{HEAD}\n{}.\n", findings.summary());
@@ -102,7 +103,7 @@ pub fn answer(rules: &Rules, evidence: &Evidence, on_xf: &OnXf, name: &str) -> O
     (!text.is_empty()).then_some(text)
 }
 
-/// The result of comparing rules and tests.
+/// The result of comparing the rules with the tests that name them: counts, rules without a test, and ids without a rule.
 pub struct Findings<'a> {
     total: usize,
     works: usize,
@@ -147,7 +148,7 @@ impl<'a> Findings<'a> {
         line
     }
 
-    /// The problems that make the check fail, each with the next step.
+    /// The problems that make the check fail. Each text ends with what the developer can do about it.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = Vec::new();
         if !self.untested.is_empty() {
@@ -165,7 +166,7 @@ impl<'a> Findings<'a> {
         problems
     }
 
-    /// Hints, which do not make the check fail.
+    /// Rules that could be claimed already, because a test shows them. They do not make the check fail.
     pub fn hints(&self) -> Vec<String> {
         let hint = |rule: &&Rule| format!("{} has a test: its status could be `now`", rule.id);
         self.early.iter().map(hint).collect()

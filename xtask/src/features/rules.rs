@@ -5,11 +5,11 @@ use std::collections::BTreeSet;
 
 use super::id::{PREFIXES, RuleId, id_of, ids_in};
 
-/// The heading above the list of retired ids in docs/RULES.md.
+/// The heading above the list in docs/RULES.md of ids of former rules, which must not be used again.
 const RETIRED: &str = "## Ids that are no longer in use";
 
-/// The beginning of a paragraph that names rules of a section which concern neither the bus nor the slaves. The reason follows,
-/// then a colon and the rule ids.
+/// The beginning of a paragraph that names the rules of a section which concern neither the bus nor the slaves. No test has
+/// to show such a rule on an ECM-XF. The reason follows, then a colon and the rule ids.
 const APART: &str = "Apart on an ECM-XF, since it is ";
 
 /// Whether a rule is claimed to hold already.
@@ -36,7 +36,7 @@ pub struct Rule {
 #[derive(Debug)]
 pub struct Section {
     pub title: String,
-    /// The paragraph below the heading, which tells users what works.
+    /// The paragraph below the heading, which tells users what of the section's subject works.
     pub summary: String,
     pub rules: Vec<Rule>,
     /// The rules that concern neither the bus nor the slaves of an ECM-XF, each with the reason, see [`APART`].
@@ -54,7 +54,7 @@ pub struct Page {
     pub sections: Vec<Section>,
 }
 
-/// An error in a page of rules: the line, and what is wrong with it.
+/// An error in a page of rules: the file, the line, and what is wrong with it.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Wrong {
     pub file: String,

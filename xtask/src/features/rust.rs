@@ -41,7 +41,8 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Reads a stream of tokens that begins after byte `before`.
+    /// Reads a stream of tokens that begins after byte `before` of the text. A comment directly above the first token is
+    /// searched for from there on.
     fn walk(&mut self, stream: TokenStream, before: usize) {
         let trees: Vec<TokenTree> = stream.into_iter().collect();
         let mut attributes_end = 0;

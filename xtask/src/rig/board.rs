@@ -9,11 +9,11 @@ use crate::command;
 use crate::error::Error;
 use crate::project::Project;
 
-/// The module's source, and the file that the kernel's build system reads.
+/// The source of the kernel module that behaves as a board on SPI, and the file that the kernel's build system reads.
 const SOURCES: [&str; 2] = ["ecm_board.c", "Kbuild"];
 const MODULE: &str = "ecm_board.ko";
 
-/// Builds the module; returns its path.
+/// Builds the kernel module; returns its path.
 pub fn build(project: &Project, packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
     // The kernel's build system writes its results into the folder of the source, so the source is copied.
     let built = folder.join("board");
@@ -23,8 +23,8 @@ pub fn build(project: &Project, packages: &Packages, folder: &Path) -> Result<Pa
         fs::copy(&from, built.join(source)).map_err(Error::file("copy", &from))?;
     }
     let mut make = Command::new("make");
-    // The Makefile of the headers package includes the one of the common headers by its installed path, which does not exist
-    // here, so that one is named directly.
+    // The Makefile of the headers package includes that of the common headers by its installed path. That path does not
+    // exist on this machine, so the Makefile of the common headers is given to make by its path in the unpacked package.
     make.arg("-C").arg(packages.headers()).arg("-f").arg(packages.common_headers().join("Makefile"));
     make.arg(format!("M={}", built.display()));
     // BTF type information is switched off, because making it needs the kernel's uncompressed image, which is in no package.

@@ -7,10 +7,11 @@ use std::path::Path;
 use super::packages;
 use crate::error::Error;
 
-/// The first word of a console line with bytes of a file. The file's name and its next bytes in hexadecimal digits follow.
+/// The first word of a line that a test in the guest prints on the console to hand over bytes of a file. The name of the
+/// file and the bytes in hexadecimal digits follow; a file may take several lines, in order.
 pub const MARK: &str = "FILE ";
 
-/// Writes the files in these console lines into `folder`, whose old content is removed.
+/// Writes the files that these console lines contain into `folder`. What earlier runs have left in the folder is removed.
 pub fn keep(lines: &[String], folder: &Path) -> Result<(), Error> {
     packages::empty(folder)?;
     for (name, content) in files(lines) {

@@ -45,7 +45,8 @@ printf "\\x$(printf %02x $code)" | dd of=/dev/port bs=1 seek=244 count=1 2>/dev/
 poweroff -f
 "#;
 
-/// Packs the guest's root. `board` is the kernel module that behaves as a board on SPI, `command` the program to run.
+/// Packs the guest's root into an archive for the kernel (initrd); returns its path. `board` is the kernel module that
+/// behaves as a board on SPI, `command` the program to run.
 pub fn pack(
     packages: &Packages,
     board: &Path,
@@ -63,7 +64,8 @@ pub fn pack(
 
     let modules = packages.root.join("lib/modules").join(&packages.release);
     let mut order = modules::in_order(&modules, &MODULES)?;
-    // The board's module depends on no other module, so it can come last.
+    // The guest loads the modules in the order of this list. The board's module depends on no other module, so it can come
+    // last.
     order.push(board.to_owned());
     let names = pack_modules(&mut archive, &order)?;
     let mut gadget = modules::in_order(&modules, &GADGET_MODULES)?;
@@ -91,7 +93,7 @@ pub fn pack(
         archive.copy(library.to_string_lossy().trim_start_matches('/'), &library)?;
     }
 
-    // The stripped programs are in the archive now.
+    // The archive contains the stripped programs, so their folder is not needed any more.
     fs::remove_dir_all(&stripped).map_err(Error::file("remove", &stripped))?;
 
     let initrd = folder.join("initrd");

@@ -94,7 +94,8 @@ mod tests {
         let at = |what: &str| text.find(what).unwrap_or_else(|| panic!("{what} is missing in {text}"));
         assert!(at("a\0") < at("a/b\0") && at("a/b\0") < at("a/b/c\0") && at("a/b/d\0") < at("TRAILER!!!"));
         assert_eq!(text.matches("070701").count(), 5, "each folder once");
-        // An entry: magic, 13 fields of 8 digits, the name with its terminating 0 padded to a multiple of 4, the content.
+        // An entry of a cpio archive in the format newc: a magic number of 6 digits and 13 fields of 8 digits (110 bytes),
+        // the name with its terminating 0 padded to a multiple of 4, the content.
         let entry = at("a/b/c\0") - 110;
         assert_eq!(entry % 4, 0);
         assert_eq!(&text[entry + 6 + 8..entry + 6 + 16], "000081ED");

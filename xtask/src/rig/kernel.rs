@@ -12,7 +12,7 @@ use crate::error::Error;
 const XZ_MAGIC: &[u8] = b"\xFD7zXZ\0";
 const ELF_MAGIC: &[u8] = b"\x7FELF";
 
-/// Writes the unpacked kernel as `vmlinux`; returns its path.
+/// Writes the unpacked kernel as `vmlinux-RELEASE` into `folder`, if it is not there yet; returns its path.
 pub fn unpack(packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
     let vmlinux = folder.join(format!("vmlinux-{}", packages.release));
     if vmlinux.is_file() {
@@ -56,7 +56,7 @@ fn unxz(bytes: &[u8]) -> Result<Vec<u8>, Error> {
 mod tests {
     use super::*;
 
-    /// The output of `printf hello | xz`.
+    /// The output of `printf hello | xz`, as a small stream to unpack.
     const HELLO: [u8; 64] = [
         0xFD, 0x37, 0x7A, 0x58, 0x5A, 0x00, 0x00, 0x04, 0xE6, 0xD6, 0xB4, 0x46, 0x02, 0x00, 0x21, 0x01, 0x16, 0x00,
         0x00, 0x00, 0x74, 0x2F, 0xE5, 0xA3, 0x01, 0x00, 0x04, 0x68, 0x65, 0x6C, 0x6C, 0x6F, 0x00, 0x00, 0x00, 0x00,

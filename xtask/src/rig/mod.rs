@@ -33,7 +33,7 @@ use packages::Packages;
 use programs::Programs;
 use qemu::Machine;
 
-/// The command that the guest runs for the wire tests, and (next constant) for their bench.
+/// The command that the guest runs for the wire tests, and (next constant) for the bench of the wires.
 const TESTS: &str = "/rig/tests --test-threads=1";
 const BENCH: &str = "/rig/bench";
 
@@ -59,7 +59,7 @@ pub fn run(project: &Project, names: &[String]) -> Result<(), Error> {
     files::keep(&said, &folder.join("files"))
 }
 
-/// Runs the bench of the wires in the guest; returns its lines of output.
+/// Runs the bench of the wires in the guest; returns the lines that it prints.
 pub fn bench(project: &Project) -> Result<Vec<String>, Error> {
     let packages = packages::fetch(&project.target.join("xtask/rig"))?;
     let programs = programs::bench(project)?;
@@ -83,12 +83,14 @@ impl Booted {
         Ok(Self { kernel, initrd, folder })
     }
 
-    /// Runs a guest with these arguments; returns its output, which also goes to the file `log`.
+    /// Runs a guest; `words` are further arguments of the command that it runs. Returns its output, which also goes to the
+    /// file `log`.
     fn run(&self, log: &str, words: &[String], is_shown: fn(&str) -> bool) -> Result<Vec<String>, Error> {
         qemu::boot(&self.machine(), words, &self.folder.join(log), is_shown)
     }
 
-    /// Runs two guests at the same time, each with one of these sets of arguments; returns the output of both.
+    /// Runs two guests at the same time, each with one set of further arguments for the command that it runs; returns the
+    /// output of both.
     fn run_two(&self, words: [&[&str]; 2]) -> Result<Vec<String>, Error> {
         qemu::boot_two(&self.machine(), words, &self.folder, qemu::is_result)
     }

@@ -9,8 +9,8 @@ use crate::error::Error;
 
 /// The package that depends on the newest kernel of this Debian release. The other flavour, "cloud", has no USB.
 const KERNEL: &str = "linux-image-amd64";
-/// Further packages. busybox provides the guest's commands, usbip attaches a board, the link `usb:` loads libusb and libudev,
-/// and the programs of linux-kbuild load libelf1.
+/// The packages of the guest besides the kernel's. busybox provides the guest's commands, usbip attaches boards that are
+/// served over USB/IP, the link `usb:` loads libusb and libudev, and the programs of linux-kbuild load libelf1.
 const OTHERS: [&str; 5] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1", "libelf1"];
 /// The folders of kernel modules that are kept: those for the devices of the guests. All others, most of the package, are
 /// removed.
@@ -25,12 +25,12 @@ const KEPT: [&str; 9] = [
     "fs/overlayfs",
     "net/9p",
 ];
-/// The file in the root that lists its packages, so that a root of other packages is made anew.
+/// The file in the folder of unpacked packages that lists them. If the list differs, the folder is made anew.
 const MADE_OF: &str = "made-of";
 
 /// The packages, unpacked into one folder.
 pub struct Packages {
-    /// The folder into which they are unpacked, as if it were `/`.
+    /// The folder into which the packages are unpacked, as if it were `/`.
     pub root: PathBuf,
     /// The kernel's release, such as `6.1.0-40-amd64`.
     pub release: String,
@@ -80,7 +80,8 @@ impl Packages {
         self.root.join("usr/src").join(common_headers(&self.release))
     }
 
-    /// The libraries with these file names: for each its path in the guest and its path on this machine.
+    /// The libraries with these file names: for each its path in the guest and its path on this machine. A name without a
+    /// library is left out.
     pub fn libraries(&self, names: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
         let mut found = Vec::new();
         for folder in ["lib", "usr/lib"].map(|folder| self.root.join(folder)).iter().filter(|folder| folder.is_dir()) {

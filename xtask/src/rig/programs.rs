@@ -15,7 +15,8 @@ use crate::{command, stage};
 
 /// The group of tests that runs only in the guest.
 const TESTS: &str = "rig";
-/// The folders of example programs, which their Makefiles build.
+/// The folders of the example programs in C and C++, which their Makefiles build. The wire tests run them as programs of
+/// users.
 const EXAMPLES: [&str; 2] = ["examples/c", "examples/cpp"];
 /// The bench that runs only in the guest.
 const BENCH: &str = "rig";
@@ -46,7 +47,8 @@ pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Pr
     let mut programs = vec![
         ("tests".to_owned(), build_test(project, TESTS)?),
         ("ecmsk".to_owned(), prefix.join("bin/ecmsk")),
-        // The library of this project, and a library for comparison that reads and writes a hidraw device.
+        // The library of this project, and a library with the same functions that only reads and writes a hidraw device.
+        // Tests compare what programs do with either.
         (format!("ours/{LIBRARY}"), prefix.join("lib").join(LIBRARY)),
         (format!("hidraw/{LIBRARY}"), build_hidraw_library(project, &built)?),
         ("cancelled".to_owned(), build_cancelled(project, &prefix, &built)?),
@@ -93,7 +95,7 @@ fn build_examples(project: &Project, prefix: &Path, to: &Path) -> Result<Vec<Pat
     Ok(programs)
 }
 
-/// Builds a test program that cancels threads (`pthread_cancel`) during calls of the library.
+/// Builds a test program that cancels threads (`pthread_cancel`) during calls of the library, as a user's program may do.
 fn build_cancelled(project: &Project, prefix: &Path, built: &Path) -> Result<PathBuf, Error> {
     let program = built.join("cancelled");
     let mut gcc = Command::new("gcc");
@@ -127,7 +129,7 @@ pub fn stripped(program: &Path, to: &Path) -> Result<(), Error> {
 pub fn libraries(program: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut ldd = Command::new("ldd");
     let said = command::output(ldd.arg(program))?;
-    // NEXTWUSBLib itself is left out, because the guest gets it separately.
+    // NEXTWUSBLib itself is left out, because the guest has it in folders of its own (`ours/`, `hidraw/`).
     let libraries = String::from_utf8_lossy(&said).lines().filter_map(library).map(PathBuf::from).collect::<Vec<_>>();
     Ok(libraries.into_iter().filter(|path| path.file_name() != Some(OsStr::new(LIBRARY))).collect())
 }

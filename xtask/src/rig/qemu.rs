@@ -12,16 +12,17 @@ use super::files;
 use crate::command;
 use crate::error::Error;
 
-/// The time limit of a run. It is long enough for a busy machine.
+/// The time limit for a guest, from its start to its end. It is long enough for a busy machine.
 const LIMIT: Duration = Duration::from_secs(2400);
-/// QEMU's exit code if the guest succeeded: twice the guest's exit code, 0, plus 1.
+/// QEMU's exit code if the guest succeeded. The guest writes its own exit code to the device isa-debug-exit, which ends QEMU
+/// with twice that code plus 1; the guest's code for success is 0.
 const GUEST_SUCCEEDED: i32 = 1;
-/// The last line that the guest's init prints if all succeeded.
+/// The last line that the guest's init prints if the program that it runs has succeeded.
 const END: &str = "GUEST-END rc=0";
 /// The number of last lines that are shown if the guest failed.
 const LAST_LINES: usize = 80;
 
-/// The command line of the guest's kernel. The arguments of init follow it.
+/// The command line of the guest's kernel. The arguments of its first program (init) follow.
 const KERNEL_OPTIONS: &str = "console=ttyS0 quiet loglevel=3 panic=-1 oops=panic --";
 
 /// The machine that QEMU emulates.
@@ -34,8 +35,9 @@ pub struct Machine<'a> {
     pub folders: &'a [(&'a str, &'a Path)],
 }
 
-/// Boots the guest with these arguments and returns the lines of its output. The output also goes to the file `log`,
-/// and lines for which `is_shown` is true to standard output at once.
+/// Boots the guest and returns the lines of its output. `words` are the arguments of its first program (init). The output
+/// also goes to the file `log`, and lines for which `is_shown` is true, such as results of tests, to standard output at
+/// once.
 pub fn boot(
     machine: &Machine<'_>,
     words: &[String],
@@ -84,8 +86,8 @@ pub fn boot(
     Err(Error::Guest { why, log: log.to_owned() })
 }
 
-/// Boots two guests at the same time, each with one of these sets of arguments and its own log in the folder, because a guest
-/// has one processor. Returns the lines of both.
+/// Boots two guests at the same time, each with one set of arguments and its own log in the folder: a guest uses only one
+/// processor, and so two are used. Returns the lines of both.
 pub fn boot_two(
     machine: &Machine<'_>,
     words: [&[&str]; 2],
@@ -104,8 +106,8 @@ pub fn boot_two(
 /// The command line of QEMU. KVM is not used, because it may hang on a machine that is a guest itself.
 fn command_line(machine: &Machine<'_>, words: &[String]) -> Command {
     let mut qemu = Command::new("qemu-system-x86_64");
-    // 64-bit Wine returns to itself by iretq, to which this QEMU wrongly applies SMAP, so that the guest's kernel
-    // would panic.
+    // 64-bit Wine uses the instruction iretq to go on in its own user-mode code. This QEMU wrongly applies SMAP (the
+    // protection of user memory from the kernel) to it, so that the guest's kernel would panic.
     qemu.args(["-M", "pc", "-accel", "tcg", "-cpu", "max,-smap", "-smp", "1", "-m", &machine.memory_mb.to_string()]);
     // The guest's time is the number of executed instructions, 1 ns each, so that no test is late on a busy machine.
     // While the guest is idle its time jumps to the next event, unless it waits for a file of this machine, which

@@ -12,7 +12,7 @@ use crate::project::Project;
 use crate::system::stay_on_one_processor;
 
 const SOURCE: &str = "benches/windows";
-/// The folder for the bench in Wine's folder for programs.
+/// The name of the folder for the bench, in the folder from which Wine runs programs.
 const PLACE: &str = "bench-load";
 const LINK: &str = "sim:";
 

@@ -20,12 +20,12 @@ pub const MODULE: &str = "dotnet::";
 /// The file name of the program that runs .NET Core programs.
 const PROGRAM: &str = "dotnet.exe";
 
-/// Whether `name` (the beginning of a test's name) selects .NET tests of this width.
+/// Whether `name` selects .NET tests of this width. It is a filter: the name of a test, or its beginning.
 pub fn takes(width: Width, name: &str) -> bool {
     width.has(name) && is_of_it(name)
 }
 
-/// Whether `name` (the beginning of a test's name) selects .NET tests.
+/// Whether `name` selects .NET tests: it begins with their module. It is a filter: the name of a test, or its beginning.
 pub fn is_of_it(name: &str) -> bool {
     name.starts_with(MODULE)
 }
@@ -56,12 +56,14 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     wine.clear()
 }
 
-/// The path of `dotnet.exe`, as Wine sees it.
+/// The path of `dotnet.exe`, as Wine sees it. 64-bit Wine sees the folders of this system, 32-bit Wine those of its Debian
+/// system.
 fn runtime(project: &Project, width: Width, wine: &Wine) -> Result<PathBuf, Error> {
     if width == Width::X64 {
         return Ok(DOTNET_X64.folder(project).join(PROGRAM));
     }
-    // 32-bit Wine runs in another root, so .NET Core has to be inside that root. Its files are only read.
+    // 32-bit Wine runs in another root, so .NET Core has to be inside that root. Its files are only read there, so they are
+    // hard links and take no space.
     let from = DOTNET_X86.folder(project);
     let name = from.file_name().unwrap_or_default();
     let copy = wine.root().join(name);

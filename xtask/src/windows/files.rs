@@ -16,14 +16,14 @@ pub const DLL: &str = "NEXTWUSBLib.dll";
 /// The file name of the tool.
 pub const TOOL: &str = "ecmsk.exe";
 
-/// A file that is built.
+/// A DLL or program for Windows that this module builds.
 pub struct Built {
     details: version::File,
-    /// The arguments of cargo.
+    /// The arguments of `cargo rustc` that select what is built.
     what: &'static [&'static str],
 }
 
-/// All files that are built.
+/// The library and the tool.
 pub const BUILT: [Built; 2] = [
     Built {
         details: version::File {
@@ -40,15 +40,15 @@ pub const BUILT: [Built; 2] = [
     },
 ];
 
-/// Cargo's profile for them, and the one for tests alone.
+/// The cargo profile with which the files are built, and (next constant) the one for tests alone.
 const PROFILE: &str = "windows";
 const QUICK_PROFILE: &str = "windows-quick";
-/// Objects with which MinGW's 32-bit programs and DLLs begin and end. They are made from the standard library's
-/// sources, whose build does not make them.
+/// Object files that MinGW's 32-bit programs and DLLs need as their first and last ones. They register the tables for
+/// unwinding. Rust's standard library has their sources, but its build does not make them.
 const START_AND_END: [&str; 2] = ["rsbegin", "rsend"];
 
 impl Built {
-    /// Builds the file for a width into `place`.
+    /// Builds the DLL or program for a width into the folder `place`.
     pub fn build(&self, project: &Project, width: Width, place: &Path) -> Result<(), Error> {
         let Self { details, what } = self;
         let target = folder(project).join("build");
@@ -57,7 +57,7 @@ impl Built {
         let profile = if project.quick { QUICK_PROFILE } else { PROFILE };
         cargo.arg("rustc").args(*what).args(["--profile", profile]);
         if project.quick {
-            // The library with all features serves both files, and is compiled once.
+            // Both the DLL and the tool use the library. With the features of both it is compiled only once.
             cargo.arg("-Zfeature-unification").env("CARGO_RESOLVER_FEATURE_UNIFICATION", "workspace");
         }
         // This leaves rustc's metadata of a crate in a file beside the library, and not a second time in it: 400 MB less.
@@ -101,13 +101,15 @@ fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Erro
     Ok(cargo)
 }
 
-/// A name of the folder that comes before `/usr` in the alphabet, wherever it is. GNU ld sorts imports by the paths
-/// of their archives; some are built here, and MinGW's are in `/usr`.
+/// Another path of the folder, which comes before `/usr` in the alphabet wherever the folder is. GNU ld sorts imports by
+/// the paths of their archives. Some archives are built in this folder and MinGW's are in `/usr`, so the order does not
+/// depend on the folder.
 fn in_order(folder: &Path) -> PathBuf {
     Path::new("/proc/self/root").join(folder.strip_prefix("/").unwrap_or(folder))
 }
 
-/// Compiles the functions for threads that the unwinder of 32-bit DLLs needs.
+/// Compiles the functions for threads (locks, thread-local values) that the unwinder of 32-bit DLLs calls, so that the DLL
+/// does not contain those of MinGW's winpthreads.
 fn unwinding(target: &Path) -> Result<PathBuf, Error> {
     let (source, object) = (target.join("unwinding.c"), target.join("unwinding.o"));
     fs::write(&source, include_str!("unwinding.c")).map_err(Error::file("write", &source))?;
@@ -139,7 +141,8 @@ fn start_and_end(target: &Path) -> Result<PathBuf, Error> {
 mod tests {
     use super::*;
 
-    /// Whatever folder the archives are built in, ld finds them before those of MinGW.
+    /// Whatever folder the archives of the DLL are built in, ld sorts them before those of MinGW, so that the DLL has the
+    /// same bytes.
     #[test]
     fn folders_come_in_one_order() {
         for folder in ["/work/a", "/home/a", "/tmp/a", "/var/a", "/usr/local/src/a"] {

@@ -24,7 +24,7 @@ pub const MINGW: &str = "libNEXTWUSBLib.dll.a";
 /// The list of exports, in the order of their ordinals.
 const EXPORTS: &str = include_str!("../../../capi/exports.txt");
 
-/// The names by which programs refer to a vendor's function.
+/// The names by which programs refer to one of the vendor's functions.
 struct Vendor {
     name: &'static str,
     /// The size of its arguments in bytes on x86, which is a part of its `__stdcall` name.
@@ -35,7 +35,7 @@ struct Vendor {
     itanium: &'static str,
 }
 
-/// The functions have the types `bool(void)`, `void(void)` and `bool(unsigned char *, unsigned long)`.
+/// The vendor's functions. Their types are `bool(void)`, `void(void)` and `bool(unsigned char *, unsigned long)`.
 const VENDOR: [Vendor; 4] = [
     Vendor { name: "OpenECMUSB", stdcall: 0, msvc: ["@@YG_NXZ", "@@YA_NXZ"], itanium: "_Z10OpenECMUSBv" },
     Vendor { name: "CloseECMUSB", stdcall: 0, msvc: ["@@YGXXZ", "@@YAXXZ"], itanium: "_Z11CloseECMUSBv" },
@@ -80,13 +80,14 @@ fn msvc(width: Width, path: &Path) -> Result<(), Error> {
         Width::X64 => MachineTypes::AMD64,
     };
     let export = |(symbol, name, ordinal): Entry| COFFShortExport {
-        // If the symbol differs from the export's name, the linker removes the decoration of the symbol to find the export.
+        // If the symbol differs from the export's name, the entry tells the linker to find the export by removing the
+        // decoration of the symbol.
         name: name.to_owned(),
         symbol_name: Some(symbol),
         ext_name: None,
         import_name: None,
         export_as: None,
-        // The hint: the index in the export table at which the loader looks first.
+        // The hint: the index in the export table at which the loader looks first. Ordinals count from 1, indexes from 0.
         ordinal: ordinal - 1,
         noname: false,
         data: false,

@@ -42,8 +42,8 @@ pub const NEEDS_X64: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X6
 /// The programs that the tests of 32-bit programs need.
 pub const NEEDS_X86: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, DEBOOTSTRAP, ROOT];
 
-/// The programs that the tests of 64-bit .NET programs need. VB.NET programs are tested on Linux too, so .NET Core for Linux is
-/// among them.
+/// The programs that the tests of 64-bit .NET programs need. VB.NET programs are tested on Linux, too, so .NET Core for
+/// Linux is one of them.
 pub const NEEDS_DOTNET_X64: &[Need] = &[
     RUSTC_DEBIAN,
     CARGO_DEBIAN,
@@ -127,7 +127,8 @@ impl Width {
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Folder for x86/ and x64/, each with the DLL and its import libraries, and include/
+    /// Folder for the results: x86/ and x64/, each with the DLL, the tool and its import libraries, and include/ with the C
+    /// headers [default: in the target folder]
     #[arg(long, value_name = "DIR")]
     prefix: Option<PathBuf>,
 }
@@ -154,7 +155,7 @@ pub fn build_into(project: &Project, prefix: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// The folder in which the tests have what [`build_into`] builds.
+/// The folder into which [`build_into`] builds for the tests.
 pub fn staged(project: &Project) -> PathBuf {
     folder(project).join("stage")
 }
@@ -191,7 +192,7 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
 }
 
 /// Runs the tests of a width whose names contain one of `names` and none of `but`. `tell` adds environment variables to the
-/// command.
+/// cargo command, by which the tests find Wine and the built files.
 fn run_tests(
     project: &Project,
     width: Width,

@@ -8,7 +8,7 @@ use object::pe::{IMAGE_DIRECTORY_ENTRY_BASERELOC, IMAGE_REL_BASED_ABSOLUTE, IMAG
 use object::read::pe::{ImageNtHeaders, ImageOptionalHeader as _, PeFile, PeFile32, PeFile64};
 use object::{FileKind, LittleEndian, Object as _, ReadRef};
 
-/// Disables the wrong relocations of a DLL in memory; returns their number.
+/// Disables the wrong relocations of a DLL in memory, by giving them a type that Windows ignores; returns their number.
 ///
 /// # Errors
 /// The file is no valid DLL; the error says why.
@@ -25,7 +25,8 @@ pub fn mend(dll: &mut [u8]) -> Result<usize, String> {
     Ok(wrong.len())
 }
 
-/// The file offsets of the 32-bit relocation entries whose target contains no address inside the image.
+/// The file offsets of the wrong relocation entries: 32-bit entries that refer to a place with a value that is no address
+/// inside the image.
 fn wrong<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Result<Vec<usize>, String> {
     let (data, sections) = (file.data(), file.section_table());
     let text = |error: object::Error| error.to_string();
@@ -37,7 +38,8 @@ fn wrong<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Result<Vec<usize>, String> 
     let mut blocks = file.data_directories().relocation_blocks(data, &sections).map_err(text)?.ok_or("none")?;
     let mut wrong = Vec::new();
     while let Some(block) = blocks.next().map_err(text)? {
-        // A block begins with two 32-bit words: the address of the page, and the length of the block.
+        // A block has the relocations of one page of memory (4 KiB). It begins with two 32-bit words: the address of the
+        // page, and the length of the block in bytes.
         place += 8;
         for entry in (place..place + block.size() - 8).step_by(2) {
             let word = u16::from_le_bytes(bytes(data, entry)?);

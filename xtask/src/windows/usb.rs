@@ -20,7 +20,7 @@ use crate::rig::qemu::{self, Machine};
 use crate::rig::{kernel, modules, packages};
 use crate::stage;
 
-/// The group of tests that runs in the guest.
+/// The group of tests of Windows programs on boards on USB, which runs in a guest system.
 const TESTS: &str = "windows_usb";
 /// The C programs that these tests run: one for these tests, one that runs on any link, and a bench.
 const PROGRAMS: [&str; 3] = ["tests/windows/usb/board.c", "tests/c/reset.c", "benches/windows/usb.c"];
@@ -39,8 +39,9 @@ const REGISTRY: &str = "REGEDIT4\n\n[HKEY_LOCAL_MACHINE\\System\\CurrentControlS
                         \"Enable SDL\"=dword:00000000\n\"DisableInput\"=dword:00000001\n\
                         \"DisableHidraw\"=dword:00000000\n";
 
-/// The guest's first program (init). `@MODULES@` is replaced by the kernel modules in the order of loading, `@PREFIX@` by
-/// Wine's folder. Wine learns from the udev daemon that a board comes or goes.
+/// The first program (init) of the guest in which Windows programs run. `@MODULES@` is replaced by the kernel modules in
+/// the order of loading, `@PREFIX@` by the folder of Wine's prefix. Wine learns from the udev daemon that a board comes or
+/// goes.
 const INIT: &str = r#"#!/bin/busybox sh
 /bin/busybox --install -s /bin
 export PATH=/bin
@@ -96,7 +97,7 @@ pub fn bench(project: &Project) -> Result<String, Error> {
     Ok(said.join("\n"))
 }
 
-/// The files from which a guest is booted, and the folders that it mounts.
+/// The files from which QEMU boots a guest, and the folders that the guest mounts.
 struct Guest {
     kernel: PathBuf,
     initrd: PathBuf,
@@ -119,12 +120,13 @@ impl Guest {
         Ok(Self { kernel, initrd, root, share, folder })
     }
 
-    /// Runs a guest with these arguments; returns its output.
+    /// Runs a guest with `words` as arguments of its test program; returns its output.
     fn run(&self, words: &[String], is_shown: fn(&str) -> bool) -> Result<Vec<String>, Error> {
         self.with_machine(|machine| qemu::boot(machine, words, &self.folder.join("console.log"), is_shown))
     }
 
-    /// Runs two guests at the same time; returns the output of both.
+    /// Runs two guests at the same time, each with one set of arguments of its test program, because a guest uses only one
+    /// processor. Returns the output of both.
     fn run_two(&self, words: [&[&str]; 2]) -> Result<Vec<String>, Error> {
         self.with_machine(|machine| qemu::boot_two(machine, words, &self.folder, qemu::is_result))
     }

@@ -9,7 +9,7 @@ use crate::command;
 use crate::error::Error;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// The version as four numbers, by which Windows compares files.
+/// The version as four numbers, by which Windows compares files: that of the crate, then 0.
 const NUMBERS: &str = concat!(
     env!("CARGO_PKG_VERSION_MAJOR"),
     ",",
@@ -33,7 +33,7 @@ pub enum Kind {
 }
 
 impl File {
-    /// Compiles the resource into an object file in `folder`, which the linker adds to the program or DLL.
+    /// Compiles the version resource into an object file in `folder`, which the linker adds to the program or DLL.
     pub fn object(&self, width: Width, folder: &Path) -> Result<PathBuf, Error> {
         fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
         let source = folder.join(self.name).with_extension("rc");

@@ -1,8 +1,8 @@
 //! Sets up Wine. 64-bit programs run on the host system's Wine. 32-bit programs run on Wine in a Debian system in a folder,
 //! because the host's package mirror may not have 32-bit packages of the versions installed here.
 //!
-//! Each of the two has a folder for programs, and a script that runs one of them: `SCRIPT FOLDER PROGRAM ARGUMENTS`. FOLDER is
-//! a sub-folder there and becomes the program's working directory.
+//! Each of these two installations of Wine has a folder for programs, and a script that runs one of them: `SCRIPT FOLDER
+//! PROGRAM ARGUMENTS`. FOLDER is a sub-folder there and becomes the program's working directory.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,25 +15,25 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::system::set_mode;
 
-/// The Debian system with Wine of both widths.
+/// The Debian system with Wine for 32-bit and for 64-bit programs.
 const SYSTEM: System = System {
     name: "debian",
     why: "32-bit Wine runs on a Debian of its own: fetching some 300 MB, which takes 800 MB and, on two free cores, two \
           minutes",
     also: Some("i386"),
-    // The last two are for boards on USB in the guest: Wine finds devices by libudev, in either width.
+    // The packages udev and libudev1 are for boards on USB in the guest: Wine finds devices by libudev, in either width.
     packages: &["wine", "wine64", "wine32:i386", "udev", "libudev1:i386"],
     // Documentation and translations are left out, because nobody reads them there.
     left_out: &["/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*"],
     // The DLLs are stripped now and not later, because Wine copies them into its prefix when it is set up.
     finish: |root| DLLS.iter().try_for_each(|(folder, _)| strip(&root.join(folder))),
 };
-/// The folder in that Debian system into which the programs to run are put.
+/// The folder in the Debian system [`SYSTEM`] into which the programs to run are put.
 const PROGRAMS: &str = "srv";
 /// The folder in that Debian system for Wine's prefix: its drive C and its registry.
 pub const PREFIX: &str = "wine";
 
-/// Wine of one width, ready to run programs.
+/// An installation of Wine for programs of one width. Its prefix exists and its server runs.
 pub struct Wine {
     /// The folder into which programs are put to be run.
     pub programs: PathBuf,
@@ -142,8 +142,8 @@ fn strip(folder: &Path) -> Result<(), Error> {
     command::run(&mut find)
 }
 
-/// Replaces the copies of DLLs in Wine's prefix by hard links to the originals, which saves disk space. Only this prefix uses
-/// the originals.
+/// Replaces the copies of DLLs in Wine's prefix by hard links to the originals, which saves disk space. A program that
+/// changes one of these DLLs changes the original, too; no other prefix uses the originals.
 fn share_dlls(root: &Path, prefix: &Path) -> Result<(), Error> {
     for (from, to) in DLLS.map(|(from, to)| (root.join(from), prefix.join("drive_c/windows").join(to))) {
         for entry in fs::read_dir(&from).map_err(Error::file("list", &from))?.flatten() {
@@ -176,8 +176,8 @@ fn on_this_system(programs: &Path, prefix: &Path) -> String {
     )
 }
 
-/// The script that runs a program of the Debian system in `root`. /proc is mounted in a mount namespace of its own, which ends
-/// with the program.
+/// The script that runs a program in the Debian system in `root` (chroot). Programs there need /proc. It is mounted in a
+/// mount namespace that ends with the program, so that nothing stays mounted.
 fn in_its_own(root: &Path) -> String {
     let inside = format!(
         "{}\nfolder=$1\nshift\n[ \"$folder\" = --server ] && exec wineserver \"$@\"\n\

@@ -17,7 +17,8 @@ use crate::xf::request::SlaveInfoItem;
 /// The timeout for an SDO of a configuration, ns. \[OURS]
 const SDO_NS: Ns = 1_000_000_000;
 
-/// Whether an error means that a slave has not answered at all.
+/// Whether an error means that the slave has not answered: the chip reports a timeout, or has not answered the command
+/// itself.
 fn is_silent(error: &HostError) -> bool {
     !matches!(error, HostError::Failed { .. }) || abort_code(error) == AbortCode::TIMEOUT
 }
@@ -70,8 +71,8 @@ impl<W: Wires> Steps<W> {
             }
         }
         if self.with(|bus| bus.runs && bus.network.in_op().is_empty()) {
-            // Waits until the last cycles were polled: laying out process data empties the chip's FIFO, from which nothing
-            // is sent any more.
+            // Waits until the engine has polled the last cycles in OP. Then the process data may be laid out, which
+            // empties the chip's FIFOs.
             self.wait_cycles(TOLD_LATE).await;
             self.with(ChipBus::leave_op);
         }
@@ -123,15 +124,15 @@ impl<W: Wires> Steps<W> {
         ProcessData::of(role, is_there).ok_or(Refusal { slave, ..pdo::NO_SUCH_MODE })
     }
 
-    /// Reads the objects of the mapping before any of them is written \[OURS]: one upload shows what would take one
-    /// download for each entry, and most slaves already have the mapping of the board, by default or from an earlier
-    /// configuration.
+    /// Reads the mapping and assignment objects before any of them is written \[OURS]. One upload with complete access
+    /// shows a whole object, but writing it takes a download for each entry. Most slaves already have the mapping of
+    /// the board, by default or from an earlier configuration.
     async fn look(&self, slave: u8, downloads: &Downloads) -> Result<Mapped, Refusal> {
         let mut mapped = Mapped::ALL;
         for image in downloads.mapping_images() {
             if !mapped.of(image.direction()).pdos {
-                // A PDO of this direction differs, so all objects of this direction are written: the others need not be
-                // compared.
+                // A PDO of this direction differs, so all objects of this direction are written, and comparing the
+                // others would be wasted.
                 continue;
             }
             match self.ask(Ask::Compare { slave, image, timeout_ns: SDO_NS }).await {
@@ -145,8 +146,9 @@ impl<W: Wires> Steps<W> {
         Ok(mapped)
     }
 
-    /// Whether the present process data of a slave are as long as the wanted ones, so that the chip's layout fits both. Most
-    /// drives have a PDO for each mode and assign the first one at power-on; the PDO for CSV is often as long as that for CSP.
+    /// Whether the present process data of a slave are as long as the wanted ones: then the layout that the chip makes
+    /// now also fits after the wanted mapping was written. Most drives have a PDO for each mode and assign the first
+    /// one at power-on; the PDO for CSV is often as long as that for CSP.
     async fn is_as_long(&self, slave: u8, data: &ProcessData, mapped: Mapped) -> Result<bool, Refusal> {
         for (direction, bytes) in
             [(MappedDirection::Outputs, data.output_bytes()), (MappedDirection::Inputs, data.input_bytes())]
@@ -218,8 +220,8 @@ impl<W: Wires> Steps<W> {
         if wrong.is_some() || !self.with(|bus| bus.network.laid_out) {
             self.lay_out_anew(config, is_ahead).await?;
         }
-        // If the packets cannot hold the process data, or the exchanges take longer than the cycle, the chip is set to a
-        // data segment size n that is sufficient.
+        // If the present packets cannot hold the process data, or their exchanges take longer than the cycle, the chip
+        // gets another data segment size.
         if let Some(size) = self.with(ChipBus::choose_size)? {
             self.with(|bus| {
                 bus.part = Part::LaysOut;
@@ -258,9 +260,9 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Checks the states of all slaves before the others leave OP. Process data are laid out with all slaves in PreOP, and
-    /// a slave that does not answer would make this fail after the others have left OP. Returns whether the others may stay
-    /// in their states.
+    /// Checks the states of all slaves before unselected slaves leave OP. Process data are laid out with all slaves in
+    /// PreOP, and a slave that does not answer would make this fail after the unselected slaves have left OP. Returns
+    /// whether the unselected slaves may stay in their states.
     fn check_before_leaving(&mut self, config: &BusConfig) -> Result<bool, Refusal> {
         let unused = self.network.unused();
         if !SlaveSet::first(self.network.found).difference(config.selected).is_empty() {
@@ -274,8 +276,8 @@ impl<W: Wires> ChipBus<W> {
             match self.state(slave) {
                 Some(AlState::PreOp) => {}
                 Some(AlState::SafeOp | AlState::Op) if !selected => {}
-                // An unused slave may still be in SafeOP: it went there with the others, and the change was cut short
-                // before it was sent back.
+                // An unused slave may still be in SafeOP: a change of state took it there together with others, and was
+                // cancelled before it had sent the slave back to PreOP.
                 Some(AlState::SafeOp) if unused.contains(slave) => {}
                 Some(_) if selected => return Err(Refusal::of(slave, AlStatus::INVALID_CHANGE)),
                 _ if !selected && keeps_layout => {}
@@ -285,10 +287,11 @@ impl<W: Wires> ChipBus<W> {
         Ok(keeps_layout)
     }
 
-    /// Whether the selected slaves fit into the chip's present layout, so that the others may stay in SafeOP and OP.
+    /// Whether the selected slaves fit into the chip's present layout, so that unselected slaves may stay in SafeOP and
+    /// OP.
     ///
-    /// \[OURS] The chip then configures a slave for that layout when the slave goes to SafeOP. If the slave does not fit,
-    /// it refuses SafeOP, or the working counter is wrong.
+    /// \[OURS] The chip then configures a slave for that layout when the slave goes to SafeOP. If the slave does not
+    /// fit, it refuses SafeOP, or the working counter is wrong.
     fn keeps_layout(&self, config: &BusConfig) -> bool {
         let network = &self.network;
         let others = network.at_least(AlState::SafeOp).difference(config.selected);
@@ -326,8 +329,8 @@ impl<W: Wires> ChipBus<W> {
         fifo_entries(self.network.rx_bytes + self.network.tx_bytes)
     }
 
-    /// The refusal for the first slave whose process data have other lengths in the chip's layout than in its mapping;
-    /// `None`: all lengths match.
+    /// The refusal for the first slave whose process data have other lengths in the chip's layout than in the mapping
+    /// that was written to the slave; `None`: all lengths match.
     fn wrong_layout(&self) -> Option<Refusal> {
         let is_wrong = |slave: &u8| {
             let n = usize::from(*slave) - 1;

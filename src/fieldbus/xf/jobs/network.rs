@@ -64,8 +64,9 @@ impl<W: Wires> Steps<W> {
         Ok(())
     }
 
-    /// Reads the states of all slaves. If one of them turns out to be lost, this is reported to the engine before the job
-    /// may bring the slave back, so that the commands that it has missed are counted.
+    /// Reads the states of all slaves. If one of them turns out to be lost, waits until the engine has polled this
+    /// loss. Only then may the job bring the slave back: otherwise the engine would not count the commands that the
+    /// slave has missed.
     pub(super) async fn read_states(&mut self) -> Result<(), Refusal> {
         self.with(ChipBus::begin_reading);
         let _ = self.ask(Ask::UpdateStates).await;
@@ -74,8 +75,8 @@ impl<W: Wires> Steps<W> {
             let state = state_of(self.ask(Ask::StateOf(slave)).await);
             self.with(|bus| bus.states[usize::from(slave) - 1] = state);
         }
-        // No slave has answered: the chip may have been reset. The driver does not notice a reset if it sets the check word at
-        // that moment, for example after a change of the packet size.
+        // No slave has answered: the chip may have been reset. The driver misses a reset that comes at the moment at
+        // which it sets the check word, for example after a change of the packet size.
         if found > 0
             && self.with(|bus| bus.states[..usize::from(found)].iter().all(Option::is_none))
             && matches!(self.ask(Ask::Count).await, Ok(0) | Err(HostError::Refused { .. }))
@@ -92,7 +93,8 @@ impl<W: Wires> Steps<W> {
 
 impl<W: Wires> ChipBus<W> {
     /// Evaluates the states of all slaves. Any slave may have left its state by itself, including those that the job is
-    /// about to move. Returns whether slaves were lost and the job has to wait until the engine has polled this.
+    /// about to move. Returns whether slaves were lost and the engine has not polled this loss yet, so that the job has
+    /// to wait.
     fn note_states(&mut self, tells_until: &mut Option<Ns>) -> bool {
         for slave in SlaveSet::first(self.network.found).iter() {
             self.note_state(slave, self.state(slave));

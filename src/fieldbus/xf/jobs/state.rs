@@ -16,10 +16,11 @@ const RETRY_NS: Ns = 10_000_000;
 struct Change {
     target: AlState,
     slaves: SlaveSet,
-    /// The state to which the chip was last told to bring all slaves together. Slaves that are behind afterwards are
-    /// moved one by one.
+    /// The state to which the chip was last commanded to bring all slaves together. Slaves that are behind afterwards
+    /// are moved one by one.
     all_tried: Option<AlState>,
-    /// Whether all slaves have left OP and the job has waited until the engine has polled the last cycles in OP.
+    /// Whether all slaves have left OP and the job has waited until the engine has polled the last cycles in OP, which
+    /// it would lose otherwise.
     has_told_op: bool,
     /// Unused slaves that the job has sent back to PreOP.
     brought_back: SlaveSet,
@@ -57,12 +58,12 @@ impl<W: Wires> Steps<W> {
         }
     }
 
-    /// Waits until the outputs accepted so far are known to be sent: a frame that requests a lower state may also switch
-    /// outputs off, and the board executes this first. If all slaves leave OP, the wait includes outputs that are accepted
-    /// during it, for the time of [`leaving_op_ns`] plus the time for answers, because the second step of SV_OFF, for
-    /// example, waits for an answer. Outputs that are accepted after the wait are still sent while the slaves are on their
-    /// way, since an axis may have to be stopped then. It is not known which of them reach the slaves, so they count as
-    /// lost for these slaves.
+    /// Waits until the outputs accepted so far are known to be sent. The frame that requests a lower state may also
+    /// switch outputs off, and the board executes that first. If all slaves leave OP, the bus also waits for outputs
+    /// that are accepted during the wait, for the time of [`leaving_op_ns`] and the time for answers: SV_OFF, for
+    /// example, has a second step, which follows the answer to the first. Outputs that are accepted after the wait are
+    /// still sent while the slaves are on their way, since an axis may have to be stopped then. It is not known which
+    /// of them reach the slaves, so they count as lost for these slaves.
     async fn send_first(&self, slaves: SlaveSet) {
         let (mut first, mut sends_until) = (None, 0);
         while let Some(next) = self.with(|bus| bus.sent_first(slaves, first, &mut sends_until)) {
@@ -118,8 +119,8 @@ impl<W: Wires> Steps<W> {
         Ok(false)
     }
 
-    /// Reports the refusal of a slave that has an AL status code. For a slave without one it waits [`RETRY_NS`], after
-    /// which the caller tries again.
+    /// Handles a slave that is not in the wanted state. If it has an AL status code, returns its refusal as the error.
+    /// Otherwise waits [`RETRY_NS`] and returns `Ok`: the caller tries again.
     async fn tell_refusal(&self, slave: u8) -> Result<(), Refusal> {
         match self.ask(Ask::Info(slave, SlaveInfoItem::AlStatus)).await {
             Ok(al_status) if al_status != 0 => Err(Refusal::of(slave, AlStatus(al_status as u16))),
@@ -130,12 +131,13 @@ impl<W: Wires> Steps<W> {
         }
     }
 
-    /// Brings the slaves that are behind to the state `to`. The chip can move one slave or all slaves; for all together it
-    /// takes no longer than for one.
+    /// Brings the slaves that are behind to the state `to`. The chip can move one slave or all slaves at once, which
+    /// takes no longer than moving one. Slaves are moved one by one only if not all may move, or if moving all has
+    /// failed.
     ///
-    /// \[OURS] Slaves that are declared as none (SK-4.57) go to SafeOP with the others and come back to PreOP at once: one
-    /// by one, 39 slaves that take 300 ms each would need more than the 10 s that SET_STATE has. They do not go on to OP,
-    /// because outputs act there.
+    /// \[OURS] Slaves that are declared as none (SK-4.57) go to SafeOP with the others and come back to PreOP at once:
+    /// one by one, 39 slaves that take 300 ms each would need more than the 10 s that SET_STATE has. They do not go on
+    /// to OP, because outputs act there.
     async fn enter(&self, change: &mut Change, to: AlState) -> Result<(), Refusal> {
         let behind = self.with(|bus| bus.behind(change, to));
         let Some(unused) = self.with(|bus| bus.unused_beside(change, behind, to)) else {
@@ -168,7 +170,8 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// The outputs that must be sent first; `None`: they were sent, or the wait for them is over.
+    /// The outputs that must be sent first; `None`: they were sent, or the wait for them is over. `sends_until`: how
+    /// long outputs that are accepted during the wait count as well; the first call sets it.
     fn sent_first(&self, slaves: SlaveSet, first: Option<SentFirst>, sends_until: &mut Ns) -> Option<SentFirst> {
         let (now, cycle_ns) = (self.wires.now(), self.network.cycle.ns());
         let until = now.saturating_add((u64::from(self.depth()) + 2 * TOLD_LATE) * cycle_ns);
@@ -184,14 +187,15 @@ impl<W: Wires> ChipBus<W> {
         (now < first.until && !is_sent && !self.is_clearing()).then_some(first)
     }
 
-    /// Records which slaves are in the target state. It is an error if one of the slaves is not configured.
+    /// Records which slaves are in the target state. If the target is above PreOP and one of the slaves is not
+    /// configured, returns a refusal.
     fn note_reached(&mut self, change: &Change) -> Result<(), Refusal> {
         let unconfigured = change.slaves.difference(self.network.with_process_data());
         if change.target > AlState::PreOp
             && let Some(slave) = unconfigured.iter().next()
         {
-            // The chip was reset since the configuration. The slave has to be configured again first, even if it is still
-            // in the state to which the chip brought it before the reset \[OURS].
+            // The chip was reset since the configuration. The slave counts as lost and has to be configured again
+            // first, even if it is still in the state to which the chip brought it before the reset \[OURS].
             self.network.lost = self.network.lost.union(unconfigured);
             return Err(Refusal::no_answer(slave));
         }
@@ -216,8 +220,8 @@ impl<W: Wires> ChipBus<W> {
         states.filter(|state| *state != change.target).min()
     }
 
-    /// If all slaves are to be moved together: the unused slaves that move with the others. `None`: the slaves that are
-    /// behind are moved one by one.
+    /// The unused slaves that move together with the slaves that are behind, because the chip moves all slaves at once.
+    /// `None`: the slaves that are behind are moved one by one.
     fn unused_beside(&self, change: &Change, behind: SlaveSet, to: AlState) -> Option<SlaveSet> {
         let goes_along = |slave: &u8| to == AlState::SafeOp && self.state(*slave) == Some(AlState::PreOp);
         let unused: SlaveSet = self.network.unused().difference(behind).iter().filter(goes_along).collect();
@@ -235,16 +239,18 @@ impl<W: Wires> ChipBus<W> {
         change.slaves.iter().filter(moves).collect()
     }
 
-    /// If `to` is at most the state `most`, records it as commanded for slaves that are about to enter it: a slave that
-    /// leaves OP in this way is not lost.
+    /// Records `to` as the commanded state of slaves that are about to enter it, unless it is above the state `most`.
+    /// So a slave that leaves OP in this way is not lost, and a higher state is recorded only when the slaves have
+    /// entered it.
     fn note_commanded(&mut self, slaves: SlaveSet, to: AlState, most: AlState) {
         if to <= most {
             slaves.iter().for_each(|slave| self.network.commanded[usize::from(slave) - 1] = to);
         }
     }
 
-    /// Called for a slave that has refused to go down: its present state becomes its commanded state, so that it is not lost.
-    /// This does not apply to slaves above PreOP whose process data the chip has lost in a reset.
+    /// Called for a slave that has refused to go down: its present state becomes its commanded state again, since the
+    /// slave is still used in that state. This does not apply to slaves above PreOP whose process data the chip has
+    /// lost in a reset.
     fn stay_up(&mut self, slave: u8) {
         let Some(state) = self.state(slave) else { return };
         if state <= AlState::PreOp || self.network.with_process_data().contains(slave) {

@@ -21,7 +21,8 @@ pub struct LibusbMissing {
     message: String,
 }
 
-/// A structure that libusb's header declares without a definition. `Kind` distinguishes the types.
+/// The type of a structure of libusb that is used only behind pointers, because its header does not define it. `Kind`
+/// is a different empty type for each structure, so that their pointers cannot be mixed up.
 #[repr(C)]
 pub(super) struct Opaque<Kind> {
     nothing: [u8; 0],
@@ -181,7 +182,7 @@ macro_rules! functions {
         }
 
         impl Api {
-            /// Looks up all functions in the library.
+            /// Looks up all functions in the library. Fails if the library lacks one of them.
             ///
             /// # Safety
             /// The library is libusb 1.0, and stays loaded as long as one of its functions may be called.
@@ -231,7 +232,8 @@ pub(super) fn load() -> Result<&'static Api, LibusbMissing> {
         let loaded = open().map_err(|error| LibusbMissing { message: with_sources(&error) })?;
         LOADED.get_or_init(|| loaded);
     }
-    // A failure is not stored: the next call tries again, because the library may be installed meanwhile.
+    // `LOADED` is set here, so the empty error below is never returned. A failure of `open` is not stored: the next
+    // call tries again, because the library may be installed meanwhile.
     LOADED.get().map(|(api, _)| api).ok_or_else(|| LibusbMissing { message: String::new() })
 }
 

@@ -1,4 +1,4 @@
-//! The backend over libusb: a claimed interface with its transfers.
+//! Implements [`Backend`] over libusb: one claimed interface of a device, with the transfers of its two endpoints.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,7 +18,8 @@ struct LibusbBackend {
 }
 
 impl Device {
-    /// Opens the device and claims its interface, which detaches the kernel's driver until it is released.
+    /// Opens the device and claims its interface. The kernel's driver is detached from the interface until the backend
+    /// releases it.
     pub(in crate::io::hid) fn open_backend(
         &self,
         interface: ReportInterface,
@@ -27,7 +28,8 @@ impl Device {
     ) -> Result<Arc<dyn Backend>, UsbError> {
         let handle = Arc::new(self.open()?);
         match handle.detach_driver_by_itself() {
-            // A system without this function has no kernel driver to detach.
+            // libusb cannot detach drivers on this system: here no kernel driver keeps a program from claiming the
+            // interface.
             Ok(()) | Err(UsbError::NotSupported) => {}
             Err(error) => return Err(error),
         }
@@ -49,7 +51,7 @@ impl Backend for LibusbBackend {
         self.inputs.get(number).ok_or(UsbError::Invalid)?.submit()
     }
 
-    // The kernel keeps no queue of reports: a report that comes while no transfer is submitted is lost.
+    // libusb has no queue of reports in the system: a report that comes while no transfer is submitted is lost.
     fn set_system_queue(&self, _reports: Option<usize>) -> bool {
         false
     }

@@ -1,4 +1,4 @@
-//! libusb's objects as Rust types with their lifetimes: the context, a device, an open handle.
+//! Rust types that own libusb's objects and free them on drop: the context, a device, an open handle.
 
 use std::ffi::c_int;
 use std::io;
@@ -40,19 +40,19 @@ unsafe impl Send for Bus {}
 unsafe impl Sync for Bus {}
 
 impl Bus {
-    /// Loads libusb and creates a context.
+    /// Loads libusb and creates a context of it.
     ///
     /// # Errors
-    /// [`UsbBusError`], if libusb is missing or refuses.
+    /// [`UsbBusError`] if libusb is not installed, or if it cannot access USB.
     pub fn open() -> Result<Arc<Self>, UsbBusError> {
         Ok(Self::over(api::load()?)?)
     }
 
-    /// Creates a context that calls these functions, which in tests are those of a simulated libusb.
+    /// Creates a context through the functions in `api`: those of the real libusb, or in tests of a simulated one.
     pub(super) fn over(api: &'static Api) -> Result<Arc<Self>, UsbError> {
         let mut raw = ptr::null_mut();
-        // SAFETY: `raw` receives the new context. libusb starts a thread of its own here, which must receive no signals of the
-        // program either.
+        // SAFETY: `raw` receives the new context. libusb starts a thread here that handles hotplug events. Signals are
+        // blocked in it, so that the program's signal handlers run in the program's own threads only.
         let code = threads::with_signals_blocked(|| unsafe { (api.init)(&raw mut raw) })
             .map_err(|_| UsbError::NotSupported)?;
         UsbError::check(code)?;
@@ -106,7 +106,7 @@ impl Drop for Bus {
     }
 }
 
-/// A device on the USB.
+/// A device that is connected to USB; any device, not only a board.
 pub(in crate::io::hid) struct Device {
     bus: Arc<Bus>,
     raw: NonNull<RawDevice>,
@@ -117,7 +117,7 @@ unsafe impl Send for Device {}
 // SAFETY: libusb's devices may be used by any threads at once.
 unsafe impl Sync for Device {}
 
-/// An interface of a device, with the endpoints of its alternate setting 0.
+/// An interface of a device. The endpoints are those of its alternate setting 0, which is active after it is claimed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct UsbInterface {
     pub number: u8,
@@ -125,7 +125,7 @@ pub(super) struct UsbInterface {
     pub endpoints: Vec<Endpoint>,
 }
 
-/// The fields of an endpoint descriptor.
+/// What is used of an endpoint descriptor: bEndpointAddress, bmAttributes and wMaxPacketSize.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Endpoint {
     pub address: u8,
@@ -175,7 +175,8 @@ impl Device {
         Ok(interfaces)
     }
 
-    /// Opens the device.
+    /// Opens the device for transfers. Fails with [`UsbError::Access`] if this user has no permission, and with
+    /// [`UsbError::NoDevice`] if the device was unplugged.
     pub(super) fn open(&self) -> Result<Handle, UsbError> {
         let mut raw = ptr::null_mut();
         // SAFETY: the device is valid until `drop`; `raw` receives the handle.
@@ -187,7 +188,7 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        // SAFETY: `Bus::devices` has kept this reference.
+        // SAFETY: the reference to the device was kept when `Bus::devices` freed the list, and is dropped here only.
         unsafe { (self.bus.api.unref_device)(self.raw.as_ptr()) };
     }
 }
@@ -209,8 +210,8 @@ struct Descriptors {
 }
 
 impl Descriptors {
-    /// The maximum number of descriptors: libusb has one for itself, one for its timer and one for each open device.
-    /// \[OURS]
+    /// The maximum number of descriptors: libusb has one for itself, one for its timer and one for each device that is
+    /// open in its context, which is one device here. With more of them, threads wait inside libusb. \[OURS]
     const MAX: usize = 8;
 
     fn of(bus: &Bus) -> Self {
@@ -237,7 +238,8 @@ impl Descriptors {
         found
     }
 
-    /// Waits for an event for at most `limit`; returns whether there may be one.
+    /// Waits for an event for at most `limit`. Returns `true` if a descriptor is readable: libusb then has to look for
+    /// events.
     fn wait(&self, limit: Duration) -> Result<bool, UsbError> {
         let mut all = self.all;
         let limit_ms = c_int::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(c_int::MAX);
@@ -292,8 +294,8 @@ impl Handle {
         UsbError::check(unsafe { (self.bus.api.release)(self.raw(), interface.into()) }).map(drop)
     }
 
-    /// Sends bytes to an endpoint of that kind, bulk or interrupt, and waits for at most `limit`. Returns libusb's code
-    /// and the number of bytes sent.
+    /// Sends bytes to an endpoint and waits for at most `limit`. `kind` is the transfer type of the endpoint, [`BULK`]
+    /// or interrupt. Returns libusb's return code and the number of bytes sent.
     pub fn send(&self, endpoint: u8, kind: u8, bytes: &[u8], limit: Duration) -> (c_int, usize) {
         // SAFETY: libusb only reads what is to be sent.
         unsafe { self.transfer(endpoint, kind, bytes.as_ptr().cast_mut(), bytes.len(), limit) }
@@ -305,7 +307,7 @@ impl Handle {
         unsafe { self.transfer(endpoint, kind, bytes.as_mut_ptr(), bytes.len(), limit) }
     }
 
-    /// Transfers bytes to or from an endpoint and waits.
+    /// Transfers bytes to or from an endpoint and waits for at most `limit`.
     ///
     /// # Safety
     /// `bytes` points to `len` bytes, which libusb writes to if the endpoint sends to the host.
@@ -315,13 +317,13 @@ impl Handle {
         let mut moved = 0;
         // libusb treats a timeout of 0 as "no limit", so the minimum is 1 ms.
         let limit_ms = limit.as_millis().clamp(1, u32::MAX.into()) as u32;
-        // SAFETY: the handle is open until `drop`; the rest by the caller's promise. libusb returns when it has ended the
-        // transfer.
+        // SAFETY: the handle is open until `drop`. By the caller's promise `bytes` points to `len` bytes. libusb does
+        // not use them any more when it returns.
         let code = unsafe { transfer(self.raw(), endpoint, bytes, len as c_int, &raw mut moved, limit_ms) };
         (code, usize::try_from(moved).unwrap_or(0).min(len))
     }
 
-    /// Clears the halt of an endpoint without a submitted transfer.
+    /// Clears the halt of a stalled endpoint. No transfer on that endpoint may be submitted meanwhile.
     pub fn clear_halt(&self, endpoint: u8) -> Result<(), UsbError> {
         // SAFETY: the handle is open until `drop`.
         UsbError::check(unsafe { (self.bus.api.clear_halt)(self.raw(), endpoint) }).map(drop)

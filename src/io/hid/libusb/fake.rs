@@ -29,7 +29,7 @@ pub enum ReportReaction {
     All,
     /// The device does not accept the report. `moved` bytes have been transferred when the host cancels the transfer.
     None { moved: usize },
-    /// The device's endpoint stalls until the halt is cleared.
+    /// The endpoint stalls and does not accept the report. It stays halted until the host clears the halt.
     Nothing,
 }
 
@@ -45,7 +45,7 @@ struct Ending {
 unsafe impl Send for Inside {}
 
 struct Inside {
-    /// The submitted transfers, the oldest first.
+    /// The submitted transfers that have not ended, the oldest first.
     pending: Vec<*mut RawTransfer>,
     endings: VecDeque<Ending>,
     to_send: VecDeque<(c_int, Vec<u8>)>,
@@ -71,7 +71,8 @@ struct Inside {
     pulled_at: usize,
     /// Return codes to use instead of the real ones, each with the name of its function.
     answers: Vec<(&'static str, c_int)>,
-    /// Number of existing contexts, devices, handles, claims and transfers.
+    /// How many contexts, devices, handles, claims and transfers exist, in this order. What still exists at the end of
+    /// a test has leaked.
     leaked: [isize; 5],
     /// An action during the next submission of a transfer; see [`FakeUsb::at_next_submit`].
     hook: Option<Box<dyn FnOnce() + Send>>,
@@ -155,7 +156,7 @@ impl FakeUsb {
         done
     }
 
-    /// Makes the device send `bytes`; the transfer that receives them ends with `status`.
+    /// Makes the device send `bytes`. The transfer that receives them ends with libusb's status `status`.
     pub fn send(&self, status: c_int, bytes: &[u8]) {
         self.with(|inside| {
             inside.to_send.push_back((status, bytes.to_vec()));
@@ -167,7 +168,8 @@ impl FakeUsb {
         self.with(|inside| inside.reaction = reaction);
     }
 
-    /// Unplugs the device.
+    /// Unplugs the device: all submitted transfers end with libusb's status for a missing device, and so do later
+    /// calls.
     pub fn pull(&self) {
         self.with(Inside::pull);
     }
@@ -213,7 +215,7 @@ impl FakeUsb {
         self.with(|inside| inside.hook = Some(Box::new(work)));
     }
 
-    /// Waits until the pipe has cancelled a transfer, for at most `limit`.
+    /// Waits until a transfer was cancelled, for at most `limit`. Returns without an error if none was.
     pub fn wait_for_a_cancel(&self, limit: Duration) {
         let mut inside = self.inside.lock();
         if inside.cancels == 0 {
@@ -221,7 +223,7 @@ impl FakeUsb {
         }
     }
 
-    /// Waits until `count` transfers are submitted.
+    /// Waits until exactly `count` transfers are submitted. Panics after 20 s.
     #[track_caller]
     pub fn until_pending(&self, count: usize) {
         let mut inside = self.inside.lock();
@@ -243,7 +245,7 @@ impl FakeUsb {
         self.inside.lock().halts_cleared.clone()
     }
 
-    /// The number of existing contexts, devices, handles, claims and transfers.
+    /// How many contexts, devices, handles, claims and transfers exist, in this order; all 0 if nothing has leaked.
     pub fn leaked(&self) -> [isize; 5] {
         self.inside.lock().leaked
     }

@@ -19,8 +19,8 @@ pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice
 }
 
 impl FoundDevice {
-    /// The product name and the serial number, as the system has read them. Nothing is sent to the device; `may_ask`
-    /// has an effect on Windows only.
+    /// The product name and the serial number, as the kernel has read them from the device. Nothing is sent to the
+    /// device. `_may_ask` matters on Windows only: there it allows requests to the device.
     pub fn texts(&self, system: &Sysfs, _may_ask: bool) -> (Option<String>, Option<String>) {
         (system.name(&self.path), system.serial(&self.path))
     }
@@ -78,7 +78,8 @@ mod tests {
         UsbInterface { number: 1, class: HID, endpoints: endpoints.to_vec() }
     }
 
-    /// SK-9.2, SK-9.3 A board is recognised by the class of its interface and by its endpoints, at any position.
+    /// SK-9.2, SK-9.3 A board is recognised by the class of an interface and the endpoints of that interface. Interface
+    /// and endpoints may be at any position in the descriptors.
     #[test]
     fn a_board_is_known_by_its_reports() {
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));

@@ -16,7 +16,7 @@ const PACKET_LIMIT: Duration = Duration::from_secs(1);
 /// The bits of an endpoint's bmAttributes that give its transfer type (USB 2.0 table 9-13).
 const KIND: u8 = 3;
 
-/// A device by its USB ids, and its two endpoints for packets.
+/// A device by its USB ids, and the numbers of its two endpoints for packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacketPlace {
     /// USB vendor id, idVendor.
@@ -29,18 +29,19 @@ pub struct PacketPlace {
     pub input: u8,
 }
 
-/// Packets to and from one device, with a clock; only the owner of this value uses it.
+/// Exchanges packets with one device, and has a clock. The value has the device for itself.
 pub trait PacketWires: Send {
     /// The time in nanoseconds; its zero point is arbitrary.
     fn now_ns(&self) -> u64;
 
-    /// Waits for a duration.
+    /// Waits for the duration `time`.
     fn sleep(&mut self, time: Duration);
 
-    /// Sends `tx` and receives the same number of bytes into `rx`.
+    /// Sends the packet `tx` and receives an answer of the length of `rx`.
     ///
     /// # Errors
-    /// [`UsbPacketError`]; it is then unknown whether the device has accepted the packet.
+    /// [`UsbPacketError`] if one of the two transfers fails, is not complete within 1 s, or has another length. It is
+    /// then unknown whether the device has accepted the packet.
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), UsbPacketError>;
 }
 
@@ -57,16 +58,17 @@ pub enum UsbPacketError {
     /// Several devices have these ids.
     #[error("{count} devices have the ids {vendor:04x}:{product:04x}")]
     Several { vendor: u16, product: u16, count: usize },
-    /// No interface of the device has both endpoints.
+    /// No interface of the device has endpoints with both numbers. `there`: the bulk and interrupt endpoints that it
+    /// has.
     #[error("no interface of the device has bulk or interrupt endpoints {output} out and {input} in; it has {there}")]
     NoEndpoints { output: u8, input: u8, there: String },
     /// The device cannot be opened or used.
     #[error("{0}")]
     Usb(#[from] UsbError),
-    /// The device has not accepted a packet in time, or has not sent one.
+    /// The device has not accepted a packet, or has not sent one, within the time limit.
     #[error("the device {what} within {limit:?}")]
     Late { what: &'static str, limit: Duration },
-    /// The device has accepted or sent another number of bytes than wanted.
+    /// The device has accepted or sent another number of bytes than a packet has.
     #[error("the device {what} {found} bytes and not {wanted}")]
     Length { what: &'static str, found: usize, wanted: usize },
 }
@@ -90,7 +92,8 @@ impl PacketDevice {
     /// Opens the device, and detaches the kernel's driver from its interface until this value is dropped.
     ///
     /// # Errors
-    /// [`UsbPacketError`], which says why the device cannot be used.
+    /// [`UsbPacketError`] if no device or several devices have the ids, if no interface has the endpoints, or if the
+    /// system refuses to open the device or to claim the interface.
     pub fn open(bus: &Arc<Bus>, place: PacketPlace) -> Result<Self, UsbPacketError> {
         let PacketPlace { vendor, product, .. } = place;
         let mut found = bus.devices()?;
@@ -106,7 +109,8 @@ impl PacketDevice {
         let (number, output, input) = endpoints(&interfaces, place)?;
         let handle = Arc::new(device.open()?);
         match handle.detach_driver_by_itself() {
-            // A system without this function has no kernel driver to detach.
+            // libusb cannot detach drivers on this system: here no kernel driver keeps a program from claiming the
+            // interface.
             Ok(()) | Err(UsbError::NotSupported) => {}
             Err(error) => return Err(error.into()),
         }
@@ -150,7 +154,8 @@ fn check(code: i32, found: usize, wanted: usize, [nothing, some]: [&'static str;
     if found == wanted { Ok(()) } else { Err(UsbPacketError::Length { what: some, found, wanted }) }
 }
 
-/// The interface that has both endpoints, and these endpoints.
+/// The number of the interface that has the two endpoints of `place`, its endpoint to the device, and its endpoint to
+/// the host.
 fn endpoints(interfaces: &[UsbInterface], place: PacketPlace) -> Result<(u8, Endpoint, Endpoint), UsbPacketError> {
     let carries_packets = |attributes: u8| [BULK, INTERRUPT].contains(&(attributes & KIND));
     let find = |interface: &UsbInterface, address: u8| {
@@ -186,8 +191,8 @@ mod tests {
         PacketDevice::open(&usb.bus().expect("it opens"), place)
     }
 
-    /// XF-16.10 A packet is sent through one endpoint and the answer received through the other, complete and without
-    /// remainders.
+    /// XF-16.10 A packet is sent through one endpoint and the answer received through the other. Both have their full
+    /// length, and no bytes are left for the next exchange.
     #[test]
     fn packets_go_both_ways() {
         let usb = FakeUsb::new();

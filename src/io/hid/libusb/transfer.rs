@@ -1,4 +1,5 @@
-//! libusb's asynchronous transfers. No other file passes memory to libusb that it uses after the call.
+//! libusb's asynchronous transfers. This is the only file that gives libusb memory which libusb uses after the call has
+//! returned.
 
 use std::cell::UnsafeCell;
 use std::ffi::{c_int, c_void};
@@ -24,7 +25,7 @@ impl Outcome {
 
 /// A transfer of one report on an interrupt endpoint. While it is submitted, libusb owns its buffer.
 pub(super) struct UsbTransfer {
-    /// A leaked box: its address must not change, since libusb keeps it.
+    /// A leaked box: its address must not change, since libusb keeps the address as the user data of the transfer.
     inner: NonNull<Inner>,
 }
 
@@ -94,7 +95,7 @@ impl UsbTransfer {
         self.inner().submit()
     }
 
-    /// Cancels the transfer, which then ends soon. Has no effect if it is not submitted.
+    /// Cancels the transfer, which then ends soon. Has no effect if the transfer is not submitted.
     pub fn cancel(&self) {
         let inner = self.inner();
         // SAFETY: the transfer is valid until `drop`.

@@ -92,7 +92,7 @@ fn reports_are_taken_between_two_calls() {
     let pipe = open(world);
     let mut sent = 0;
     for _ in 0..20 {
-        // The call that waits ends by its timeout or by a report.
+        // The read either times out or gets a report: after both, the pipe's thread must handle events again.
         assert_eq!(read(&pipe, SOON), Err(PipeError::Timeout(SOON.unwrap())));
         world.send(status::COMPLETED, &[1; 512]);
         sent += 1;
@@ -114,8 +114,8 @@ fn waiting_reader(world: &FakeUsb, pipe: &Arc<Pipe>) -> thread::JoinHandle<Resul
     let state = || (pipe.shared.state.lock().thread_asleep, world.event_waits());
     for round in 0..400 {
         if round % 3 == 0 {
-            // This interrupts the thread that handles events. If it is the pipe's thread, which began before the read,
-            // the read takes over.
+            // Cancelling writes interrupts the thread that handles events. If that is the pipe's thread, which was
+            // there before the read, the reader handles events from then on.
             pipe.cancel_writes();
         }
         let before = state();
@@ -277,8 +277,8 @@ fn a_stall_of_a_write_is_an_error_of_that_write() {
     assert_eq!(world.taken(), [[2; REPORT_LEN]]);
 }
 
-/// A write that has timed out, was cancelled or closed reports whether nothing, a part or all of the report was
-/// transferred.
+/// A write that has timed out, that was cancelled, or whose pipe was closed reports whether nothing, a part or all of
+/// the report was transferred.
 #[test]
 fn a_write_that_is_given_up_says_what_has_moved() {
     let world = FakeUsb::new();
@@ -375,7 +375,8 @@ fn a_report_in_the_moment_of_closing_holds_nobody_up() {
             closer.close();
             let _ = closing.send(());
         });
-        // This leaves time for the cancellation before the transfer is submitted, in case the pipe allows that order.
+        // Waits here for a cancellation. If the pipe allows the transfer to be cancelled before it is submitted, this
+        // happens now.
         world.wait_for_a_cancel(Duration::from_millis(100));
     });
     world.send(status::COMPLETED, &[1; 512]);
@@ -460,7 +461,8 @@ mod ended_by_force {
     use super::super::super::calls::end_thread_in;
     use super::*;
 
-    /// Checks that the program can continue afterwards: reads and writes in other threads, closing, and opening again.
+    /// Checks that the program can continue after the loss of a thread: reads and writes in other threads, closing, and
+    /// opening again.
     fn goes_on(world: &'static FakeUsb, pipe: Arc<Pipe>) {
         world.set_reaction(ReportReaction::All);
         world.send(status::COMPLETED, &[5; 512]);

@@ -1,5 +1,5 @@
-//! The backend over Windows' HID driver, with overlapped reads and writes. No other file passes memory to Windows that
-//! it uses after the call.
+//! The backend over Windows' HID driver, with overlapped reads and writes. This is the only file that gives Windows
+//! memory which Windows uses after the call has returned.
 
 use std::cell::UnsafeCell;
 use std::ptr::{self, NonNull};
@@ -33,7 +33,7 @@ struct OverlappedBackend {
 }
 
 impl Device {
-    /// Opens the device in shared mode; every handle gets every report.
+    /// Opens the device in shared mode: other programs may open it too, and every handle gets every report.
     pub fn open_backend(
         &self,
         _interface: ReportInterface,
@@ -133,8 +133,8 @@ impl OverlappedBackend {
         self.submitted(done)
     }
 
-    /// Waits for the end of a transfer for at most `limit_ms` and calls the listener. Returns `false` if none has
-    /// ended.
+    /// Waits for the end of a transfer to the host for at most `limit_ms` and calls the listener. Returns `false` if
+    /// none has ended.
     fn next_event(&self, limit_ms: u32) -> Result<bool, UsbError> {
         let (mut moved, mut key, mut overlapped) = (0, 0, ptr::null_mut());
         let next = self.handle.bus().api().next_completion;
@@ -150,7 +150,8 @@ impl OverlappedBackend {
     }
 
     fn cancel(&self, transfer: &Transfer) {
-        // SAFETY: handle and transfer are valid until `drop`. A transfer that is not under way is not found.
+        // SAFETY: handle and transfer are valid until `drop`. Windows ignores the call if the transfer is not under
+        // way.
         unsafe { (self.handle.bus().api().cancel)(self.handle.raw(), transfer.overlapped()) };
     }
 
@@ -196,7 +197,7 @@ impl Backend for OverlappedBackend {
 
     fn is_there(&self) -> bool {
         let (api, mut preparsed) = (self.handle.bus().api(), ptr::null_mut());
-        // SAFETY: the handle is open until `drop`; what it gives is freed once.
+        // SAFETY: the handle is open until `drop`; the preparsed data that Windows allocates are freed once.
         unsafe {
             let there = (api.preparsed)(self.handle.raw(), &raw mut preparsed) != 0;
             if there {

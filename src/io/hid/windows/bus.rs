@@ -28,7 +28,7 @@ impl Bus {
         Ok(Arc::new(Self { api: Api::WINDOWS }))
     }
 
-    /// Creates the access to a simulated driver with these functions.
+    /// Creates the access to a simulated driver through the functions in `api`.
     #[cfg(test)]
     pub(super) fn over(api: Api) -> Arc<Self> {
         Arc::new(Self { api })

@@ -48,7 +48,7 @@ pub const BOARD: Listed = Listed {
     reports: [NUMBERED_LEN as u16; 2],
 };
 
-/// A pending transfer.
+/// A submitted read or write of a report that has not ended.
 struct Pending {
     overlapped: *mut Overlapped,
     buffer: *mut u8,
@@ -87,7 +87,7 @@ struct Inside {
     held: bool,
 }
 
-/// The simulated Windows with its devices, one of which is opened.
+/// The simulated Windows with its devices. Only one of them, the board, is opened for reports.
 #[repr(align(8))] // The lowest bits of its address tell its handles apart.
 pub struct FakeWindows {
     inside: Mutex<Inside>,

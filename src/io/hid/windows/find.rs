@@ -23,8 +23,8 @@ const TEXT_LEN: usize = 128;
 /// several interfaces.
 const PARENTS_MAX: usize = 2;
 
-/// Proof that a device's reports have the wanted size in both directions. Only the driver knows interface and
-/// endpoints.
+/// Proof that a device's reports have the wanted size in both directions. It contains no interface and no endpoints,
+/// because Windows' HID driver does not tell them and needs only the device path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReportInterface(());
 

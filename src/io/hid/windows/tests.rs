@@ -280,8 +280,8 @@ fn a_silent_board_ends_a_pause() {
     assert_eq!(in_time(move || read(&reads, None)).map(|(fill, _)| fill), Ok(99));
 }
 
-/// WIN-67 If the board is closed during a pause, everything ends. If it is unplugged during a pause, the next write,
-/// read or check reports the loss.
+/// WIN-67 If the board is closed during a pause, all transfers end and all handles are freed. If it is unplugged during
+/// a pause, the next write, read or check reports the loss.
 #[test]
 fn a_board_that_goes_while_its_reports_pause() {
     let (world, pipe) = with_paused_input();

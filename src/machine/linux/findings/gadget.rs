@@ -1,11 +1,12 @@
-//! Judges whether this machine can be the board at a USB device port.
+//! Judges whether this machine can act as a board at its USB device port.
 
 use super::{Finding, Machine};
 use crate::machine::Access;
 use crate::machine::gadget::{DeviceController, FunctionFs, GadgetFolder, GadgetOnController};
 
 impl Machine {
-    /// What `ecmsk serve gadget` needs: a device controller that is free, configfs with gadgets, FunctionFS, and the rights.
+    /// The checks of what `ecmsk serve gadget` needs: a device controller that is free, configfs with gadgets,
+    /// FunctionFS, and permissions.
     pub fn gadget_findings(&self) -> Vec<Finding> {
         let controllers = self.device_controllers();
         let mut all = vec![controller(&controllers)];

@@ -67,7 +67,7 @@ fn spi_permission(device: &SpiDevice, matters: bool) -> Finding {
     finding.of(&device.file)
 }
 
-/// How users get access to SPI and GPIO.
+/// The next step for a user without permission for SPI and GPIO.
 const GROUPS: &str = "sudo ecmsk doctor --write-udev-rule; then sudo usermod -aG spi,gpio $USER (a group that does not exist: \
                       sudo groupadd -r spi), and log in again";
 

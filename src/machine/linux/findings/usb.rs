@@ -94,7 +94,7 @@ impl Machine {
         }
     }
 
-    /// Whether libusb is installed, which the link `usb:` needs.
+    /// The finding on libusb, which the link `usb:` loads: whether it is installed, and where.
     fn libusb(&self, wanted: bool) -> Finding {
         const CHECK: &str = "libusb";
         match self.library(LIBUSB) {

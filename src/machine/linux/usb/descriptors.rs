@@ -125,7 +125,7 @@ mod tests {
     const INTERFACE_OF_BOARD: ReportInterface = ReportInterface { number: 0, input: 0x81, output: 0x02 };
 
     /// SK-9.2 A HID interface with interrupt endpoints of 512 bytes in both directions is a board, also if the device
-    /// is not configured. An interface with less is no board.
+    /// is not configured. An interface without one of the endpoints, or with endpoints of fewer bytes, is no board.
     #[test]
     fn a_board_is_told_from_other_devices() {
         assert_eq!(

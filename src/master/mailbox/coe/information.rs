@@ -10,7 +10,7 @@ use crate::ethercat::sii::MailboxProtocols;
 use crate::master::bus::Bus;
 use crate::master::mailbox::{FIRST_OBJECT, MailboxError, Peer};
 
-/// Reads a list of objects.
+/// Reads a list of the slave's objects, for example of all objects. Returns their indices.
 pub(super) async fn list(bus: Bus, peer: Peer, list: ObjectListType) -> Result<Vec<u16>, SdoError> {
     let question = list.code().to_le_bytes();
     let answer = ask(bus, peer, InformationKind::ListRequest, &question, InformationKind::ListResponse).await?;
@@ -67,7 +67,7 @@ async fn ask(
             }
             return Err(MailboxError::WrongAnswer.into());
         }
-        // Each fragment gives the number of those that are left: it counts down.
+        // Each fragment states how many fragments are left, so this number must count down.
         if expected.is_some_and(|expected| expected != fragment.left) {
             return Err(MailboxError::WrongAnswer.into());
         }

@@ -14,7 +14,7 @@ use crate::master::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
 /// \[OURS] The longest value that an upload accepts, bytes.
 pub const VALUE_BYTES_MAX: usize = 0x10_0000;
 
-/// The most bytes of a value that is transferred as a number.
+/// The most bytes of a value for which [`NumberTransfer`] needs no allocation: the value is then kept as a number.
 const NUMBER_BYTES: usize = 4;
 
 /// The least bytes of data in a segment other than the last one (ETG.1000.6 5.6.2).
@@ -26,7 +26,7 @@ pub enum SdoError {
     /// The slave or the master has aborted the transfer.
     #[error("aborted with {0}")]
     Abort(AbortCode),
-    /// The slave has not answered.
+    /// The slave has not answered, or the request could not be sent; the mailbox error says why.
     #[error(transparent)]
     Mailbox(#[from] MailboxError),
 }
@@ -214,7 +214,7 @@ impl NumberTransfer {
     }
 }
 
-/// Uploads an object.
+/// Uploads an object. A value whose size is above [`VALUE_BYTES_MAX`], or of which not all bytes come, is an error.
 pub(super) async fn upload<V: Value>(
     bus: Bus,
     peer: Peer,
@@ -275,7 +275,7 @@ pub(super) async fn upload<V: Value>(
     Ok(value)
 }
 
-/// Downloads an object.
+/// Downloads a value of any length to an object: expedited, or in as many segments as the mailbox requires.
 pub(super) async fn download(
     bus: Bus,
     peer: Peer,

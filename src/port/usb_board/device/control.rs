@@ -8,9 +8,9 @@ use crate::sk::FRAME_LEN;
 
 /// The answer to GET_STATUS of a halted endpoint.
 const HALTED: u8 = 1;
-/// The only alternate setting of the interface.
+/// bAlternateSetting of the only setting of the interface, which GET_INTERFACE returns.
 const ALTERNATE: u8 = 0;
-/// The report id of reports without one (SK-9).
+/// The report id in requests about reports, which must be 0: the board's reports are not numbered (SK-9).
 const NO_ID: u8 = 0;
 
 impl<E: Ends> Device<E> {
@@ -28,7 +28,7 @@ impl<E: Ends> Device<E> {
                 Some(descriptor) => answer(&mut self.ends, transfer, room, descriptor),
                 None => self.refuse(transfer),
             },
-            // Not self-powered, no remote wake-up.
+            // The status word 0: the device is not self-powered and has no remote wake-up.
             Request::GetStatus => answer(&mut self.ends, transfer, room, &[0, 0]),
             Request::GetEndpointStatus(endpoint) => match self.halt_of(endpoint) {
                 Some(halted) => {
@@ -44,7 +44,8 @@ impl<E: Ends> Device<E> {
                 }
                 None => self.refuse(transfer),
             },
-            // The host's controller, or this machine's, has assigned the address, so this one has no effect.
+            // The address was assigned before: by the host's controller (USB/IP), or by this machine's device
+            // controller. This request changes nothing.
             Request::SetAddress => self.done(transfer),
             Request::GetConfiguration => {
                 let value = if self.configured { CONFIGURATION_VALUE } else { 0 };

@@ -11,7 +11,8 @@ pub(super) struct Pending {
     pub sequence: u32,
     /// How many bytes the host accepts of an IN transfer.
     pub length: usize,
-    /// The bytes to the host so far, or all from it.
+    /// For an IN transfer, the bytes for the host that have come from the board so far; for an OUT transfer, all bytes
+    /// from the host.
     pub bytes: Vec<u8>,
     /// How many bytes of an OUT transfer the board has taken.
     pub moved: usize,

@@ -15,7 +15,8 @@ pub type Socket = std::os::unix::net::UnixStream;
 /// of the port.
 ///
 /// # Errors
-/// [`AttachError`].
+/// [`AttachError`]: there is no virtual host controller, no port of it is free, the user has no right, or the kernel
+/// refuses the device.
 pub fn attach(vhci: &Path, device_id: u32) -> Result<(Socket, u32), AttachError> {
     let status = vhci.join("status");
     let status =

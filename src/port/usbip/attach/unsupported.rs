@@ -4,13 +4,14 @@ use std::path::Path;
 
 use super::AttachError;
 
-/// A placeholder: no value of this type is ever made.
+/// The type of a connection to the kernel, which other files need for compiling. No value is ever made on these
+/// systems.
 pub type Socket = std::net::TcpStream;
 
 /// Always fails.
 ///
 /// # Errors
-/// [`AttachError::NoKernel`].
+/// [`AttachError::NoKernel`]: only Linux has a virtual host controller.
 pub fn attach(_vhci: &Path, _device_id: u32) -> Result<(Socket, u32), AttachError> {
     Err(AttachError::NoKernel)
 }

@@ -9,7 +9,7 @@ use super::header::BYTES_MAX;
 
 /// The level of compression: the fastest one. \[OURS] The next ones need several times as long for a tenth less.
 const LEVEL: i32 = 1;
-/// A window without the header and the checksum of zlib.
+/// The window size of deflate, 15 bits (32 KiB). The minus sign leaves out the header and the checksum of zlib.
 const RAW: i32 = -15;
 
 /// Compresses blocks, with the same memory for each.
@@ -20,7 +20,8 @@ impl Compressor {
         Self(Box::new(CompressorOxide::new(create_comp_flags_from_zip_params(LEVEL, RAW, 0))))
     }
 
-    /// Stores the compressed bytes in `out`. Returns false if they are not shorter; `out` is of no use then.
+    /// Stores the compressed bytes in `out`. Returns false if they are not shorter than `bytes`; `out` must then be
+    /// ignored.
     pub fn compress(&mut self, bytes: &[u8], out: &mut Vec<u8>) -> bool {
         self.0.reset();
         out.clear();
@@ -31,7 +32,8 @@ impl Compressor {
     }
 }
 
-/// The uncompressed bytes; `None` if they are not `len`, or the compressed ones are damaged.
+/// Decompresses the bytes of a block; `None` if the compressed bytes are damaged, or the result does not have `len`
+/// bytes.
 pub(crate) fn decompress(bytes: &[u8], len: usize) -> Option<Vec<u8>> {
     decompress_to_vec_with_limit(bytes, len.min(BYTES_MAX) + 1).ok().filter(|found| found.len() == len)
 }

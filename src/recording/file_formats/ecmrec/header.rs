@@ -1,60 +1,66 @@
-//! What stands before the bytes of a block, and behind them.
+//! The header and the trailer of a block. Between them are the contents of the block, which depend on its [`Kind`].
 //!
 //! | bytes | meaning |
 //! | --- | --- |
 //! | 0..8 | [`MAGIC`] |
-//! | 8 | version of the block's bytes; the header is the same in all versions |
+//! | 8 | version of the contents; the header is the same in all versions |
 //! | 9 | [`Kind`] |
-//! | 10 | 1: the bytes are compressed |
+//! | 10 | 1: the contents are compressed |
 //! | 11 | bit 0: [`Header::has_orders`]; bits 1, 2: [`What`] |
-//! | 12..16 | number of the block of packets, from 1 |
-//! | 16..20, 20..24 | length of the bytes in the file, and uncompressed |
-//! | 24..28 | packets |
-//! | 28..32 | number of a piece in its block |
-//! | 32..40, 40..48 | earliest and latest time, ns |
-//! | 48..56 | distance to an earlier block, which the kind says, bytes |
-//! | 56..60, 60..64 | CRC-32 of the bytes in the file, and of the header before this field |
+//! | 12..16 | [`Header::number`]: blocks of packets count from 1 |
+//! | 16..20 | length of the contents in the file, bytes |
+//! | 20..24 | length of the contents when they are uncompressed, bytes |
+//! | 24..28 | number of packets in the block |
+//! | 28..32 | [`Header::piece`] |
+//! | 32..40 | earliest time of the packets, ns |
+//! | 40..48 | latest time of the packets, ns |
+//! | 48..56 | [`Header::back`], bytes |
+//! | 56..60 | CRC-32 of the contents as they are in the file |
+//! | 60..64 | CRC-32 of bytes 0..60 of the header |
 //!
-//! Behind the bytes stands the length of the whole block, 32 bits, so that a file can be read from its end. Numbers are
-//! little endian.
+//! The trailer is the length of the whole block, 32 bits, so that a file can be read from its end. Numbers are little
+//! endian.
 
 use bytemuck::{Pod, Zeroable};
 use pcap_file::DataLink;
 
 use crate::recording::file_formats::exchange;
 
-/// The first bytes of each block. No text has the first one, and a transfer as text damages the last one.
+/// The first bytes of each block. No text file begins with the byte 0x89, and a transfer that converts line ends
+/// damages the last byte.
 pub(crate) const MAGIC: [u8; 8] = *b"\x89ECMREC\n";
 /// The version of blocks that this crate writes, and the newest that it reads.
 pub(crate) const VERSION: u8 = 1;
 /// The length of a header, bytes.
 pub(crate) const HEADER_LEN: usize = size_of::<RawHeader>();
-/// The bytes of a block beside its own: the header, and the length behind.
+/// The length of header and trailer together, bytes.
 pub(crate) const AROUND: usize = HEADER_LEN + size_of::<u32>();
-/// The most bytes of a block, in the file and uncompressed. \[OURS] Blocks that this crate writes have a tenth of it.
+/// The most bytes that the contents of a block may have, in the file and uncompressed; a header with more is invalid.
+/// \[OURS] Blocks that this crate writes have at most about a tenth of this.
 pub(crate) const BYTES_MAX: usize = 16 << 20;
 
-/// What a block has.
+/// The kind of a block: what its contents are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// The beginning of a recording: what was recorded.
+    /// The beginning of a recording: the metadata of the recording.
     #[default]
     Section,
-    /// Packets.
+    /// Packets of one block, readable without any other block.
     Packets,
-    /// The latest packets, which a block of packets replaces once there are enough. The first piece of a block can be
-    /// read alone, each other one behind those before it.
+    /// The newest packets of a recording, written at once. When there are enough of them, one block of packets replaces
+    /// all pieces. Piece 0 can be read alone; each further piece only after all earlier pieces of the same block.
     Piece,
-    /// Where blocks of packets are. The distance is that to the index before it; 0: there is none.
+    /// A list of blocks of packets: offsets and times. [`Header::back`] leads to the previous index; 0: this is the
+    /// first one.
     Index,
-    /// The end of a recording. The distance is that to the last index; 0: there is none.
+    /// The end of a recording: counts of packets. [`Header::back`] leads to the last index; 0: there is none.
     End,
 }
 
-/// The kinds by their code.
+/// The kinds of blocks. The index is the code in the header.
 const KINDS: [Kind; 5] = [Kind::Section, Kind::Packets, Kind::Piece, Kind::Index, Kind::End];
 
-/// What was recorded.
+/// The kind of traffic that was recorded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum What {
     /// Frames of an ECM-SK.
@@ -67,7 +73,7 @@ pub(crate) enum What {
 }
 
 impl What {
-    /// The link type of these packets in pcapng.
+    /// The link type that these packets have in pcapng, and in which the reader returns them.
     pub const fn link_type(self) -> DataLink {
         match self {
             Self::Board => DataLink::USB_LINUX_MMAPPED,
@@ -77,30 +83,32 @@ impl What {
     }
 }
 
-/// What stands before the bytes of a block.
+/// The decoded header of a block.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Header {
-    /// What the block has; `None` if a newer version wrote it.
+    /// The kind of the block; `None` if a newer version of the format wrote it.
     pub kind: Option<Kind>,
     pub is_compressed: bool,
     pub what: What,
-    /// Whether a packet to the board has a command for the board itself that is more than a query.
+    /// Whether the block has a frame whose slot 0 is a command other than GET_STATUS. Such commands configure the
+    /// board, so later frames can be understood only with them.
     pub has_orders: bool,
-    /// The number of the block of packets, or of the one that this piece becomes a part of. Of other kinds that of the
-    /// block of packets before.
+    /// For a block of packets, its number in the recording, from 1. For a piece, the number that the block of packets
+    /// will have that replaces it. For other kinds, the number of the last block of packets before it.
     pub number: u32,
-    /// The number of the piece in its block, from 0.
+    /// The number of the piece among those of the same block, from 0.
     pub piece: u32,
-    /// The length of the bytes in the file.
+    /// The length of the contents in the file, bytes.
     pub length: u32,
-    /// Their length when they are uncompressed.
+    /// The length of the contents when they are uncompressed, bytes.
     pub unpacked: u32,
     pub packets: u32,
     /// The earliest and the latest time of the packets, ns.
     pub times_ns: (u64, u64),
-    /// The distance to an earlier block, from here back, bytes.
+    /// The distance from the beginning of this block back to the beginning of an index, bytes, see [`Kind::Index`] and
+    /// [`Kind::End`].
     pub back: u64,
-    /// The CRC of the bytes in the file.
+    /// The CRC-32 of the contents as they are in the file.
     pub crc: u32,
 }
 
@@ -136,7 +144,7 @@ impl Header {
         AROUND + self.length as usize
     }
 
-    /// Reads the header at the beginning of `bytes`; `None` if none stands there, or a damaged one.
+    /// Decodes the header at the beginning of `bytes`; `None` if there is none, or it is damaged.
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let raw: &RawHeader = bytemuck::from_bytes(bytes.get(..HEADER_LEN)?);
         if raw.magic != MAGIC || crc32fast::hash(&bytes[..CRC_AT]) != u32::from_le_bytes(raw.header_crc) {
@@ -165,7 +173,7 @@ impl Header {
         (header.length.max(header.unpacked) as usize <= BYTES_MAX).then_some(header)
     }
 
-    /// Appends the block with these bytes to `out`. Length and CRC are those of the bytes.
+    /// Appends to `out` the block with `bytes` as its contents. Sets length and CRC from them.
     pub fn write(mut self, bytes: &[u8], out: &mut Vec<u8>) {
         self.length = bytes.len() as u32;
         self.crc = crc32fast::hash(bytes);

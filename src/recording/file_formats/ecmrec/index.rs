@@ -1,9 +1,9 @@
-//! Where the blocks of packets are.
+//! The index of a recording in blocks: where its blocks of packets are.
 //!
-//! A block of the kind [`Kind::Index`] has a list of those before it, 32 bytes each: the distance from the index back to
-//! the block, its earliest and latest time in ns, the number of its packets, and 1 if it has orders
-//! ([`Header::has_orders`]). Distances stay right if files are joined. A recording that was not ended has no index for
-//! its last part; then the headers of all blocks are read.
+//! A block of the kind [`Kind::Index`] lists the blocks of packets since the previous index, 32 bytes each: the
+//! distance from the beginning of the index back to the block, its earliest and latest time in ns, the number of its
+//! packets, and 1 if it has orders ([`Header::has_orders`]). Distances stay right if files are joined. A recording that
+//! was not ended has no index for its last part; then the headers of all blocks are read.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -14,25 +14,27 @@ use super::section::End;
 
 /// The number of blocks of packets after which the writer adds an index. \[OURS]
 pub(crate) const ENTRIES: usize = 32;
-/// The bytes of an entry.
+/// The length of an entry of an index, bytes.
 const ENTRY: usize = 32;
-/// The number of bytes in which the next block is searched at once. \[OURS]
+/// The number of bytes that are read at once while the next block is searched. \[OURS]
 const CHUNK: u64 = 64 * 1024;
 
-/// A block of packets in a file.
+/// A block of packets, or a piece, in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct BlockAt {
-    /// The offset in the file, or, for the writer, in the recording.
+    /// The offset of the block, bytes: for the reader in the file, for the writer in its recording. A file may have
+    /// several recordings, one after the other.
     pub at: u64,
     pub packets: u32,
     pub has_orders: bool,
-    /// Whether it is a piece, which needs those before it.
+    /// Whether the block is a piece, which can be read only after the earlier pieces of the same block.
     pub is_piece: bool,
-    /// The earliest and the latest time, ns.
+    /// The earliest and the latest time of the packets, ns.
     pub times_ns: (u64, u64),
 }
 
-/// The bytes of the index of these blocks, which will stand at `index_at`.
+/// Encodes the index of these blocks. `index_at` is the offset at which the index will be written, counted like
+/// [`BlockAt::at`].
 pub(crate) fn bytes(blocks: &[BlockAt], index_at: u64) -> Vec<u8> {
     let entry = |block: &BlockAt| {
         let mut entry = [0; ENTRY];
@@ -60,16 +62,16 @@ fn parse(bytes: &[u8], index_at: u64) -> Option<Vec<BlockAt>> {
     bytes.chunks_exact(ENTRY).map(block).collect()
 }
 
-/// The blocks of a file.
+/// Where the blocks of a file are, and of which kinds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Index {
-    /// The beginnings of recordings: offset, and length of the block.
+    /// The blocks that begin recordings: offset and length, bytes.
     pub sections: Vec<(u64, u64)>,
     /// The blocks of packets, and pieces, in the order of the file.
     pub blocks: Vec<BlockAt>,
-    /// The ends of recordings: offset, and length of the block.
+    /// The blocks that end recordings: offset and length, bytes.
     pub ends: Vec<(u64, u64)>,
-    /// Whether all of it was in the file's own index, and no header had to be searched.
+    /// Whether everything comes from indexes in the file. If not, the headers of all blocks were read.
     pub is_whole: bool,
 }
 
@@ -101,10 +103,10 @@ impl Index {
         })
     }
 
-    /// The file's own index; `None` if it has none for all of it.
+    /// Reads the indexes of the file; `None` if any part of the file has no index.
     fn from_end(file: &mut (impl Read + Seek), len: u64) -> io::Result<Option<Self>> {
         let mut index = Self { is_whole: true, ..Self::default() };
-        // From the end back: each section with its indexes, the last one first.
+        // Reads the file from its end: the last recording first, and in each recording the last index first.
         let (mut end_at, mut blocks) = (len, Vec::new());
         while end_at > 0 {
             let Some((at, header, bytes)) = block_before(file, end_at)? else { return Ok(None) };
@@ -140,7 +142,8 @@ impl Index {
         Ok(Some(index))
     }
 
-    /// The index made from the headers of all blocks.
+    /// Makes the index from the headers of all blocks, for a file without complete indexes. Only the headers are read,
+    /// but the whole file is searched behind a damaged one.
     fn from_headers(file: &mut (impl Read + Seek), len: u64) -> io::Result<Self> {
         let mut index = Self::default();
         let (mut at, mut number) = (0, 0);
@@ -180,7 +183,8 @@ impl Index {
     }
 }
 
-/// The block that ends before `end_at`, with its offset and its bytes; `None` if there is none that is whole.
+/// The block that ends at the offset `end_at`, with its own offset and its contents; `None` if no undamaged block ends
+/// there.
 pub(crate) fn block_before(file: &mut (impl Read + Seek), end_at: u64) -> io::Result<Option<(u64, Header, Vec<u8>)>> {
     let Some(length_at) = end_at.checked_sub(size_of::<u32>() as u64) else { return Ok(None) };
     let mut length = [0; size_of::<u32>()];
@@ -191,7 +195,7 @@ pub(crate) fn block_before(file: &mut (impl Read + Seek), end_at: u64) -> io::Re
     Ok(block.filter(|(header, _)| at + header.block_len() as u64 == end_at).map(|(header, bytes)| (at, header, bytes)))
 }
 
-/// The block at an offset, and its bytes; `None` if there is none that is whole.
+/// The block at an offset, and its contents; `None` if no undamaged block begins there.
 fn block_at(file: &mut (impl Read + Seek), at: u64) -> io::Result<Option<(Header, Vec<u8>)>> {
     let Some(header) = header_at(file, at)? else { return Ok(None) };
     let mut bytes = Vec::new();

@@ -1,11 +1,11 @@
-//! Recordings of weeks, `FILE.ecmrec`: blocks of packed and compressed packets, each readable without the others
-//! (why: docs/decisions/recordings-of-weeks-are-blocks.md).
+//! Recordings of weeks, `FILE.ecmrec`: blocks of packed and compressed packets, each readable without the others (why:
+//! docs/decisions/recordings-of-weeks-are-blocks.md).
 //!
-//! - `header.rs`: what stands before the bytes of each block
+//! - `header.rs`: the header and the trailer of each block
 //! - `packing.rs`: packets as differences from those before them
-//! - `compress.rs`: the bytes of a block, compressed
+//! - `compress.rs`: compression of the contents of a block
 //! - `section.rs`: the block that begins a recording, and the one that ends it
-//! - `reader.rs`: a file block by block, also if it is cut or damaged
+//! - `reader.rs`: reads a file block by block, also if it is cut or damaged
 //! - `index.rs`: where the blocks are, and which of them are needed for a stretch of time
 //!
 //! The writer is `src/link/record/blocks.rs`.

@@ -1,24 +1,27 @@
-//! Packets as differences from those before them.
+//! Packets stored as differences from the previous packet in the same direction.
 //!
-//! From one cycle to the next few bytes of a frame change, and these by nearly the same: counters, targets, positions.
-//! So each 32-bit word of a packet is stored as its difference from that of the packet before in the same direction. The
-//! differences of one word in all packets stand together: a word that does not change takes no byte, and one that
-//! changes evenly becomes a run of equal bytes, which compression makes short.
+//! From one cycle to the next few bytes of a frame change, and these by nearly the same amount: counters, targets,
+//! positions. So each 32-bit word of a packet is stored as its difference from the same word in the previous packet of
+//! this direction. The differences of one word in all packets are stored together: a word that never changes takes no
+//! byte, and one that changes evenly becomes a run of equal bytes, which compress well.
 //!
-//! The bytes of a block, with numbers in LEB128, signed ones zigzag:
+//! The contents of a block, with numbers in LEB128, and signed numbers in zigzag encoding:
 //!
-//! 1. the number of packets, and the number of words of the longest one
-//! 2. a byte for each packet: bit 0 its direction (1: from the board), bit 1: its length is another one than that of the
-//!    packet before in its direction
-//! 3. the lengths that are other ones
-//! 4. for each packet the time since the one before in its direction, less the same time of that one, ns
-//! 5. for each direction a bit for each word, whether it changes, and behind it the differences of each word that does
+//! 1. the number of packets, and the number of words of the longest packet
+//! 2. a byte for each packet: bit 0 is its direction (1: from the board); bit 1 is set if its length differs from that
+//!    of the previous packet in this direction
+//! 3. the lengths of the packets whose bit 1 is set, bytes
+//! 4. for each packet, ns: the time since the previous packet in this direction, minus the same time of that previous
+//!    packet
+//! 5. for each direction: a bit for each word that says whether it changes in any packet, and then, for each word that
+//!    does, its differences in all packets
 
 use crate::sk::Dir;
 
 use super::header::BYTES_MAX;
 
-/// The most packets of a block. \[OURS] Blocks that this crate writes have a fortieth of it.
+/// The most packets of a block that are read; more are an error. \[OURS] Blocks that this crate writes have a fortieth
+/// of this.
 const PACKETS_MAX: usize = 1 << 16;
 /// Bytes of a word.
 const WORD: usize = size_of::<u32>();
@@ -29,19 +32,19 @@ const OTHER_LENGTH: u8 = 2;
 /// A packet to pack.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Packet<'a> {
-    /// The time in the file, ns.
+    /// The time of the packet as the file has it, ns.
     pub at_ns: u64,
     pub dir: Dir,
     pub bytes: &'a [u8],
 }
 
-/// The latest packet of a direction.
+/// The previous packet of one direction, from which the next one is stored as a difference.
 #[derive(Clone, Debug, Default)]
 struct Before {
     words: Vec<u32>,
     len: usize,
     at_ns: u64,
-    /// The time between it and the packet before it, ns.
+    /// The time between the previous packet and the one before that, ns.
     since_ns: u64,
 }
 
@@ -58,25 +61,26 @@ impl Before {
     }
 }
 
-/// Packs packets. The memory is that of the longest block so far.
+/// Packs packets. Its buffers grow to the size of the longest block and are reused.
 #[derive(Debug, Default)]
 pub(crate) struct Packer {
     before: [Before; 2],
-    /// The differences of all words of all packets, a packet after the other.
+    /// The differences of all words, packet by packet.
     differences: Vec<u32>,
-    /// The packets of a direction by their numbers.
+    /// For each direction, the indices of its packets in the block, from 0.
     of_dir: [Vec<usize>; 2],
-    /// For each direction and word, the bits that ever differ.
+    /// For each direction and word, all differences of the block combined by OR; 0: the word never changes.
     changed: [Vec<u32>; 2],
 }
 
 impl Packer {
-    /// Forgets all packets: the next ones can be read alone. `at_ns`: the earliest time of the block, as its header has it.
+    /// Begins a block that can be read without earlier ones: the words of the previous packets count as 0, and their
+    /// times as `at_ns`. `at_ns` is the earliest time of the block, which the reader finds in the header.
     pub fn begin(&mut self, at_ns: u64) {
         self.before.iter_mut().for_each(|before| before.begin(at_ns));
     }
 
-    /// Appends packets to `out`.
+    /// Appends the packed packets to `out`.
     pub fn pack<'a>(&mut self, packets: impl Iterator<Item = Packet<'a>> + Clone, out: &mut Vec<u8>) {
         let (mut count, mut words) = (0, 0);
         for packet in packets.clone() {
@@ -113,7 +117,8 @@ impl Packer {
         self.of_dir.iter_mut().for_each(Vec::clear);
     }
 
-    /// Appends the byte of each packet, takes the differences, and returns the lengths that are other ones.
+    /// Appends the byte of each packet (direction, and whether its length differs) to `out`, and calculates the
+    /// differences of the words. Returns the encoded lengths of those packets whose length differs.
     fn packets<'a>(&mut self, packets: impl Iterator<Item = Packet<'a>>, words: usize, out: &mut Vec<u8>) -> Vec<u8> {
         let mut lengths = Vec::new();
         for (number, packet) in packets.enumerate() {
@@ -155,29 +160,29 @@ impl Packer {
 #[derive(Debug, Default)]
 pub(crate) struct Unpacker {
     before: [Before; 2],
-    /// Direction, length and time of each packet.
+    /// Direction, length in bytes and time in ns of each packet.
     packets: Vec<(Dir, usize, u64)>,
     differences: Vec<u32>,
     words: usize,
     next: usize,
 }
 
-/// The bytes are not those of packed packets.
+/// The error of contents that are not packed packets.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct NotPacked;
 
 impl Unpacker {
-    /// Forgets all packets before a block that can be read alone; see [`Packer::begin`].
+    /// Begins a block that can be read without earlier ones, with the same `at_ns` as in [`Packer::begin`].
     pub fn begin(&mut self, at_ns: u64) {
         self.before.iter_mut().for_each(|before| before.begin(at_ns));
         self.packets.clear();
         self.next = 0;
     }
 
-    /// Takes the bytes of a block. [`Self::next`] then has its packets.
+    /// Decodes the uncompressed contents of a block or piece. [`Self::next`] then returns its packets.
     ///
     /// # Errors
-    /// The bytes are damaged. No packet is left then.
+    /// The contents are damaged; there are no packets then.
     pub fn take(&mut self, bytes: &[u8]) -> Result<(), NotPacked> {
         self.packets.clear();
         self.next = 0;
@@ -233,12 +238,13 @@ impl Unpacker {
         Some(())
     }
 
-    /// The number of packets that are left.
+    /// The number of packets that [`Self::next`] has not returned yet.
     pub const fn left(&self) -> usize {
         self.packets.len() - self.next
     }
 
-    /// Stores the bytes of the next packet behind what `out` has; returns its direction and time. `None`: no more.
+    /// Appends the bytes of the next packet to `out`. Returns its direction and its time in ns; `None`: there are no
+    /// more packets.
     pub fn next(&mut self, out: &mut Vec<u8>) -> Option<(Dir, u64)> {
         let (dir, len, at_ns) = *self.packets.get(self.next)?;
         let differences = &self.differences[self.next * self.words..][..self.words];
@@ -261,7 +267,7 @@ const fn index(dir: Dir) -> usize {
     }
 }
 
-/// A word of a packet. Behind the end of the packet stand zeros.
+/// The next word of a packet, little endian. If the packet ends within the word, the missing bytes count as 0.
 fn word(bytes: &[u8]) -> u32 {
     match bytes.first_chunk() {
         Some(bytes) => u32::from_le_bytes(*bytes),
@@ -269,7 +275,7 @@ fn word(bytes: &[u8]) -> u32 {
     }
 }
 
-/// Small differences of either sign as small numbers.
+/// Zigzag encoding: small differences of either sign become small numbers, which take few bytes in LEB128.
 const fn zigzag(difference: u32) -> u64 {
     (difference << 1 ^ (difference as i32 >> 31) as u32) as u64
 }
@@ -330,7 +336,8 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
-        /// Any packets, of any lengths and times, in a block and in pieces that continue each other.
+        /// Packets of any lengths and times are unpacked as they were packed: in one block, and in pieces that continue
+        /// each other.
         #[test]
         fn packets_are_unpacked_as_they_were(pieces in prop::collection::vec(packets(), 1..4), begin in any::<u64>()) {
             let (mut packer, mut unpacker) = (Packer::default(), Unpacker::default());

@@ -1,4 +1,4 @@
-//! Reads a file block by block. What is damaged is skipped up to the next block that is whole.
+//! Reads a file block by block. After damaged bytes, reading goes on at the next block whose CRCs are right.
 
 use std::collections::VecDeque;
 use std::io::Read;
@@ -15,10 +15,10 @@ use crate::recording::lacks::Lost;
 use crate::recording::meta::{Clock, RecordMeta};
 use pcap_file::Endianness;
 
-/// The blocks of a file.
+/// Reads the blocks of a file, and returns their contents as items.
 #[derive(Default)]
 pub(in crate::recording::file_formats) struct Reader {
-    /// What comes before the packets of the present block.
+    /// Items to return before the packets of the present block.
     items: VecDeque<Item<'static>>,
     unpacker: Unpacker,
     what: What,
@@ -26,21 +26,23 @@ pub(in crate::recording::file_formats) struct Reader {
     block_at: u64,
     /// Whether a section has begun.
     in_section: bool,
-    /// The number of the last block of packets, and the piece that can be read next: its block, and its number there.
+    /// `number`: the number of the last block of packets that was read. `next_piece`: the piece that can be read next
+    /// although it needs earlier ones, by the number of its block and its number among the pieces of that block.
     number: u32,
     next_piece: (u32, u32),
     /// The time of the latest packet, ns.
     latest_ns: Option<u64>,
-    /// What could not be read just before the present block.
+    /// The unreadable bytes since the last block that was read.
     lost: Option<Lost>,
-    /// The number of packets read, which is their id.
+    /// The number of packets returned so far. It is the transfer id of the next packet.
     packets: u64,
-    /// The bytes of the present packet.
+    /// The present packet as the reader returns it: the header that it has in pcapng, and its bytes.
     packet: Vec<u8>,
 }
 
 impl Reader {
-    /// Whether there is the beginning of a block among the next bytes, as far as they were read.
+    /// Whether the bytes that are in the memory begin with the magic number of a block, or have a block with a valid
+    /// header further on.
     pub fn finds_block<R: Read>(input: &Input<R>) -> bool {
         let bytes = input.bytes();
         let begins = |at: &usize| Header::parse(&bytes[*at..]).is_some();
@@ -64,7 +66,7 @@ impl Reader {
 
     fn packet(&mut self) -> Option<Packet<'_>> {
         self.packet.clear();
-        // Room for the header that packets have in pcapng.
+        // Callers expect packets as in pcapng, so the header that they have there comes before their bytes.
         let before = match self.what {
             What::Board => usbmon::HEADER_LEN,
             What::Chip => 1,
@@ -83,7 +85,7 @@ impl Reader {
         Some(Packet { link_type, order, at_ns, offset, data: &self.packet })
     }
 
-    /// Reads the next block that is whole. Returns false at the end of the file.
+    /// Reads the next undamaged block. Returns false at the end of the file.
     fn block<R: Read>(&mut self, input: &mut Input<R>) -> Result<bool, RecordError> {
         loop {
             if !input.has(HEADER_LEN)? {
@@ -102,12 +104,13 @@ impl Reader {
                 return Ok(true);
             }
             self.lose(&header);
-            // Behind a block that was cut another recording may begin, within the length that the header names.
+            // A block that was cut off may be followed by another recording, within the length that its header gives.
+            // So only the header is skipped, and the search for a block goes on behind it.
             self.skip(input, if is_whole { header.block_len() } else { HEADER_LEN });
         }
     }
 
-    /// Notes the packets of a block that cannot be read.
+    /// Adds a block that cannot be read to `lost`: the number and the times of its packets, from its header.
     fn lose(&mut self, header: &Header) {
         let is_first = self.lost.is_none();
         let lost = self.lost();
@@ -133,16 +136,17 @@ impl Reader {
         }
     }
 
-    /// Skips bytes up to the next ones that may begin a block.
+    /// Skips bytes up to the next magic number of a block, or up to the end of the bytes in the memory.
     fn skip_to_block<R: Read>(&mut self, input: &mut Input<R>) {
         let found = places(&input.bytes()[1..]).next().map(|at| at + 1);
-        // Magic numbers may be cut by the end of what was read.
+        // The last bytes in the memory are kept: they may be the beginning of a magic number.
         let all = input.bytes().len();
         let skipped = found.unwrap_or_else(|| all.saturating_sub(MAGIC.len() - 1).max(1));
         self.skip(input, skipped);
     }
 
-    /// Adds what was lost to the items. `next_ns`: the time at which reading goes on.
+    /// Adds an item about the unreadable bytes, if there were any. `next_ns`: the time of the first packet after them,
+    /// if it is known.
     fn tell_lost(&mut self, next_ns: Option<u64>) {
         if let Some(mut lost) = self.lost.take() {
             lost.to_ns = lost.to_ns.or(next_ns);
@@ -150,7 +154,8 @@ impl Reader {
         }
     }
 
-    /// Takes a block that is whole. Returns false if it cannot be read all the same.
+    /// Processes a block whose CRCs are right. Returns false if its contents are invalid nevertheless, or need a piece
+    /// that was lost.
     fn take(&mut self, header: &Header, block: &[u8]) -> bool {
         let bytes = &block[HEADER_LEN..][..header.length as usize];
         let known = match header.kind {
@@ -161,7 +166,7 @@ impl Reader {
                 self.tell_lost(None);
                 self.items.push_back(Item::Counts { missing, why: why.filter(|_| missing > 0) });
             }),
-            // Nothing of the recording itself.
+            // An index only helps to find blocks. It has no packets.
             Some(Kind::Index) => Some(()),
             None => None,
         };
@@ -182,7 +187,8 @@ impl Reader {
         (self.what, self.in_section) = (what, true);
     }
 
-    /// The block that begins the recording was lost: what is known of it.
+    /// If the block that begins the recording was lost, begins a section without slot size and link. The kind of
+    /// traffic is in the header of every block.
     fn begin_unknown_section(&mut self, header: &Header) {
         if !self.in_section {
             let meta = RecordMeta { slot: None, clock: Clock::Real, base_ns: 0, opened_ns: None, link: String::new() };
@@ -203,7 +209,8 @@ impl Reader {
 
     fn piece(&mut self, header: &Header, bytes: &[u8]) -> Option<()> {
         if header.number <= self.number {
-            // What is left of the pieces that a block has replaced, if the recording ended at that moment.
+            // The rest of old pieces, which the block with the same packets has overwritten in part: the writer was
+            // killed before it could cut the rest off.
             return Some(());
         }
         if header.piece == 0 {
@@ -211,7 +218,7 @@ impl Reader {
         } else if (header.number, header.piece) != self.next_piece {
             return None;
         }
-        // If it cannot be read, neither can the next one.
+        // If this piece cannot be read, the next one cannot either, because it is stored as differences from this one.
         self.next_piece = (0, 0);
         self.unpacker.take(bytes).ok()?;
         self.begin_unknown_section(header);
@@ -221,12 +228,12 @@ impl Reader {
     }
 }
 
-/// Where the first byte of [`MAGIC`] and those behind it stand.
+/// The offsets at which [`MAGIC`] begins in `bytes`.
 fn places(bytes: &[u8]) -> impl Iterator<Item = usize> {
     bytes.windows(MAGIC.len()).enumerate().filter(|(_, bytes)| **bytes == MAGIC).map(|(at, _)| at)
 }
 
-/// Whether the bytes of the block and the length behind them are those that its header names.
+/// Whether the trailer and the CRC of the contents agree with the header of a block.
 fn is_whole(header: &Header, block: &[u8]) -> bool {
     let bytes = &block[HEADER_LEN..][..header.length as usize];
     let end = block[AROUND - size_of::<u32>() + bytes.len()..].first_chunk();

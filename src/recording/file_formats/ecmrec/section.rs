@@ -1,5 +1,5 @@
-//! The blocks at the beginning and at the end of a recording. Their bytes are lines of text, a word and its value each.
-//! Lines with other words are skipped, so that later versions can add some.
+//! The contents of the blocks that begin and end a recording. They are lines of text, each with a name, a space and a
+//! value. Lines with other names are skipped, so that later versions can add some.
 
 use crate::recording::meta::{APPLICATION, RecordMeta};
 
@@ -10,22 +10,22 @@ const MISSING: &str = "missing";
 const WHY: &str = "why";
 const LENGTH: &str = "length";
 
-/// What was recorded.
+/// The contents of the block that begins a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Section {
-    /// `None` for what another program has captured.
+    /// The metadata of the recording; `None` if the packets come from another program's capture.
     pub meta: Option<RecordMeta>,
 }
 
 impl Section {
-    /// The bytes of the block.
+    /// Encodes the contents of the block.
     pub fn to_text(&self) -> String {
         let application = concat!("ecmsk ", env!("CARGO_PKG_VERSION"));
         let meta = self.meta.as_ref().map(|meta| format!("{META} {}\n", one_line(&meta.to_string())));
         format!("{APPLICATION_LINE} {application}\n{}", meta.unwrap_or_default())
     }
 
-    /// `None` if the text is not that of such a block.
+    /// Decodes the contents of the block; `None` if they are not those of a block that begins a recording.
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let text = str::from_utf8(bytes).ok()?;
         value(text, APPLICATION_LINE).filter(|name| name.starts_with(APPLICATION))?;
@@ -33,27 +33,27 @@ impl Section {
     }
 }
 
-/// How a recording ended.
+/// The contents of the block that ends a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct End {
     /// The number of packets in the recording.
     pub packets: u64,
-    /// The number of packets that are missing, and why.
+    /// The number of packets that the recorder did not write, and why.
     pub missing: u64,
     pub why: Option<String>,
-    /// The distance from here back to the beginning of the recording, bytes.
+    /// The distance from the beginning of this block back to the beginning of the recording, bytes.
     pub length: u64,
 }
 
 impl End {
-    /// The bytes of the block.
+    /// Encodes the contents of the block.
     pub fn to_text(&self) -> String {
         let why = self.why.as_ref().map(|why| format!("{WHY} {}\n", one_line(why)));
         let Self { packets, missing, length, .. } = self;
         format!("{PACKETS} {packets}\n{MISSING} {missing}\n{LENGTH} {length}\n{}", why.unwrap_or_default())
     }
 
-    /// `None` if the text is not that of such a block.
+    /// Decodes the contents of the block; `None` if they are not those of a block that ends a recording.
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let text = str::from_utf8(bytes).ok()?;
         let number = |word| value(text, word)?.parse().ok();

@@ -1,4 +1,4 @@
-//! Reads and writes of the network in a slave controller, and their effects.
+//! Reads and writes of a slave controller's memory by the network, and their side effects.
 
 use super::Controller;
 use crate::ethercat::registers::{
@@ -15,7 +15,8 @@ use crate::slave::esc::sync_unit::SyncPulse;
 /// processor.
 const EEPROM_COMMANDS: std::ops::Range<usize> = registers::SII_CONTROL as usize..registers::MII as usize;
 
-/// Bit 0 of [`CYCLIC_UNIT_CONTROL`](registers::CYCLIC_UNIT_CONTROL): the SYNC unit belongs to the slave's processor.
+/// Bit 0 of [`CYCLIC_UNIT_CONTROL`](registers::CYCLIC_UNIT_CONTROL): the slave's processor controls the SYNC unit, so writes of
+/// the network to it have no effect.
 const SYNC_OWNED_BY_DEVICE: u8 = 1 << 0;
 
 /// Length in bytes of the registers with the latch times of all edges.
@@ -27,7 +28,6 @@ fn touches(address: usize, accessed: usize, at: u16, len: usize) -> bool {
     address < at + len && at < address + accessed
 }
 
-/// Accesses by the network.
 impl Controller {
     /// Reads memory for the network. Returns whether any byte was read; bytes of `data` without memory are left unchanged.
     pub(in crate::slave::esc) fn read(&mut self, address: usize, data: &mut [u8]) -> bool {
@@ -63,7 +63,8 @@ impl Controller {
         done
     }
 
-    /// Acknowledges the edges whose latch times were read.
+    /// Acknowledges each latch edge whose captured time the master has just read, if the master controls the input: its status
+    /// bit is cleared, and single-event mode can capture the next edge.
     fn acknowledge_latches(&mut self, address: usize, len: usize) {
         for input in 0..LATCHES {
             for edge in LatchEdge::ALL {
@@ -75,7 +76,8 @@ impl Controller {
         }
     }
 
-    /// Updates registers in the memory that have their values elsewhere, if they are about to be read.
+    /// If the network is about to read the event register, a sync manager status or a clock register, writes its present value
+    /// into the memory.
     fn refresh(&mut self, address: usize, len: usize) {
         if touches(address, len, ECAT_EVENT, 2) {
             let others = self.memory.u16(ECAT_EVENT) & 0x000F;
@@ -124,7 +126,7 @@ impl Controller {
         done
     }
 
-    /// Restarts the watchdog if outputs were written completely.
+    /// Restarts the process data watchdog if the outputs were written completely.
     fn note_outputs(&mut self) {
         let mut written = self.managers.events.written;
         while written != 0 {
@@ -166,7 +168,8 @@ impl Controller {
         done
     }
 
-    /// Whether a byte belongs to the SYNC unit or to a latch input that the slave's processor controls.
+    /// Whether a byte is a register of the SYNC unit or of a latch input that the slave's processor controls. The network
+    /// cannot change such a byte.
     fn is_devices_unit(&self, at: usize) -> bool {
         let Ok(at) = u16::try_from(at) else { return false };
         match at {
@@ -201,7 +204,7 @@ impl Controller {
     fn after_write(&mut self, address: usize, data: &[u8], eeprom_is_free: bool) {
         let hits = |at: u16, len: usize| touches(address, data.len(), at, len);
         self.is_set_anew = true;
-        // The checks follow the registers in ascending order.
+        // A datagram that writes several of these registers has their effects in the order of their addresses.
         if hits(registers::RESET_ECAT, 1) {
             self.reset_byte(self.memory.u8(registers::RESET_ECAT));
         }
@@ -225,7 +228,8 @@ impl Controller {
             self.eeprom.written_in_part(&mut self.memory);
         }
         if eeprom_is_free && hits(registers::SII_CONTROL + 1, 1) {
-            // The write-enable bit is valid only in the datagram with its command.
+            // The write-enable bit counts only if the same datagram has written it: a datagram that begins behind the lower
+            // byte of the control register clears the bit.
             let kept =
                 if address > usize::from(registers::SII_CONTROL) { SiiControl::WRITE_ENABLE } else { SiiControl::NONE };
             let written = SiiControl(self.memory.u16(registers::SII_CONTROL)).without(kept);
@@ -245,7 +249,7 @@ impl Controller {
         }
     }
 
-    /// Handles a byte written to the register that resets the controller after three matching bytes.
+    /// Handles a byte written to register 0x0040, which resets the controller after the bytes `R`, `E` and `S`.
     fn reset_byte(&mut self, byte: u8) {
         let expected = registers::RESET_SEQUENCE;
         self.reset_progress = match expected.get(self.reset_progress) {
@@ -295,7 +299,8 @@ impl Controller {
         }
     }
 
-    /// Handles a received system time if its lower 32 bits are complete. Returns whether there were any bytes.
+    /// Handles a system time that the master has written, if its lower 32 bits are complete. Returns whether any byte was
+    /// written, for the working counter.
     fn receive_system_time(&mut self, data: &[u8]) -> bool {
         if let Some(received) = data.first_chunk() {
             let depth = self.memory.u8(registers::TIME_DIFFERENCE_FILTER);
@@ -320,7 +325,7 @@ impl Controller {
         written.without(SyncActivation::DEBUG_PULSE)
     }
 
-    /// Extends a 32-bit start time to the 64-bit time that is nearest to the present time \[OURS].
+    /// Extends the 32-bit start time of SYNC0 to the 64-bit time that is nearest to the present time \[OURS].
     fn extend_start(&mut self) {
         let now = self.clock.system();
         let ahead = self.memory.u32(registers::SYNC0_START).wrapping_sub(now as u32).cast_signed();

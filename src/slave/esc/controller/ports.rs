@@ -8,7 +8,7 @@ use crate::ethercat::registers::{self, DL_CONTROL, DL_STATUS, DlControl, DlStatu
 const TEMPORARY_NS: Ns = 1_000_000_000;
 
 impl Controller {
-    /// Sets for each port whether it has a link.
+    /// Sets for each port whether it has a link, and counts lost links.
     pub fn set_links(&mut self, links: [bool; PORTS]) {
         for (port, link) in links.into_iter().enumerate() {
             if self.links[port] && !link {

@@ -7,7 +7,7 @@ use crate::ethercat::registers::{
 };
 use crate::slave::esc::memory::Memory;
 
-/// The active protections, and what the present frame has enabled.
+/// The active write protections, and whether the present frame has written the registers that enable writing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Protection {
     /// Whether the registers are protected (`registers`), and whether the whole memory is (`all`).
@@ -18,7 +18,7 @@ pub(super) struct Protection {
 }
 
 impl Protection {
-    /// Begins a frame: an enable is valid for one frame only.
+    /// Begins a frame. A write to an enable register allows writing for the rest of the same frame only.
     #[inline]
     pub(super) const fn begin_frame(&mut self) {
         if self.registers || self.all {
@@ -32,7 +32,7 @@ impl Protection {
         self.registers || self.all
     }
 
-    /// Whether all writes are blocked.
+    /// Whether all writes are blocked: the whole memory is protected, and this frame has not enabled writing.
     #[inline]
     pub(super) const fn blocks_all(self) -> bool {
         self.all && !self.may_write_all

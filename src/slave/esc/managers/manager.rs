@@ -1,8 +1,8 @@
-//! One sync manager: its registers, and which buffer each side uses.
+//! One sync manager: its registers, and which of its buffers the writer and the reader use.
 
 use crate::ethercat::registers::{BufferMode, RAM, SmDirection, SmPdiControl, SmStatus, SyncManager};
 
-/// The state of one sync manager.
+/// One sync manager: its registers, and which of its buffers are in use.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Manager {
     pub(super) registers: SyncManager,
@@ -12,8 +12,8 @@ pub(super) struct Manager {
     pub(super) writing: Option<u8>,
     /// The buffer that the reader has opened; `None` if there is none.
     pub(super) reading: Option<u8>,
-    /// The distance between the buffers, bytes: the length of one buffer, or 0 for a length of one byte, which has a single
-    /// buffer.
+    /// The distance between the three buffers, bytes: the length of one buffer; or 0 for a length of one byte, where all three
+    /// are the same byte.
     pub(super) distance: u16,
 }
 
@@ -49,7 +49,8 @@ impl Manager {
         usize::from(self.registers.start) + usize::from(buffer) * usize::from(self.distance)
     }
 
-    /// Opens a buffer for a side; `None` if the side has to wait.
+    /// Opens a buffer for the writer or the reader and returns its number: 0 in mailbox mode, 0 to 2 in buffered mode. `None`
+    /// if the writer finds the mailbox full, or the reader finds it empty.
     pub(super) fn open(&mut self, side: Side) -> Option<u8> {
         let is_full = self.registers.status.contains(SmStatus::FULL);
         let buffer = match (side, self.is_mailbox()) {
@@ -128,7 +129,8 @@ impl Manager {
         self.buffer_start(self.last.unwrap_or(0))
     }
 
-    /// Whether the network may now access the sync manager as this side.
+    /// Whether the network may access the sync manager as its writer or as its reader: the direction in the control byte gives
+    /// it that side, the mode is valid, and the slave has not deactivated the sync manager.
     pub(super) fn is_open_to(&self, side: Side) -> bool {
         let SyncManager { control, pdi, .. } = self.registers;
         let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };
@@ -137,7 +139,8 @@ impl Manager {
             && !pdi.contains(SmPdiControl::DEACTIVATE)
     }
 
-    /// The buffer for bytes of a side from `offset` on; `None` if access is not allowed.
+    /// The buffer that a side accesses at `offset` bytes from the start of the area; offset 0 opens a buffer. `None` if no
+    /// buffer is open or can be opened.
     pub(super) fn buffer(&mut self, side: Side, offset: usize) -> Option<u8> {
         if offset == 0 {
             return self.open(side);

@@ -24,8 +24,8 @@ impl EscSlave {
         self.end_cycle(now, self.state());
     }
 
-    /// The time by which the device has to advance to reach `now`. Without another trigger the next cycle follows in
-    /// `next_ns`.
+    /// Returns the time by which the device has to advance to reach `now`, ns, and counts it as passed. Schedules the next
+    /// cycle in `next_ns`, unless outputs or SYNC0 trigger one before.
     pub(super) fn pass_time(&mut self, now: Ns, next_ns: Ns) -> Ns {
         self.free_run = now + next_ns;
         let passed = now.saturating_sub(self.stepped);
@@ -57,7 +57,7 @@ impl EscSlave {
         }
     }
 
-    /// Passes the level changes that the device has caused at latch inputs to the controller.
+    /// Reports the level changes of the device's inputs to the latch inputs of the controller.
     fn pass_latch_changes(&mut self) {
         let Self { controller, device, stepped, .. } = self;
         device.tell_latch_changes(&mut |change| {
@@ -65,7 +65,7 @@ impl EscSlave {
         });
     }
 
-    /// Whether the device runs by SYNC0 and provides no inputs before its first pulse.
+    /// Whether the device still waits for the first SYNC0 pulse within its time limit. It provides no inputs before that pulse.
     fn waits_for_lock(&self) -> bool {
         let Application { is_synchronized, sync_came, .. } = self.application;
         is_synchronized && !sync_came && self.device.sync_lock_limit_ns().is_some()

@@ -1,5 +1,5 @@
-//! Handling of a frame by a slave: its datagrams, and the device's work on its outputs, which the chain does for several
-//! slaves side by side.
+//! Handling of a frame by a slave: its datagrams, and the cycle in which the device processes the outputs of the frame. The
+//! chain runs this cycle for several slaves together, because their motors are then computed with vector instructions.
 
 use super::EscSlave;
 use crate::ethercat::{DatagramHeader, Ns};
@@ -8,19 +8,20 @@ use crate::slave::esc::mailbox::{ANSWERS, REQUESTS};
 use crate::slave::esc::managers::ManagerEvents;
 use crate::slave::plant::Servo;
 
-/// The bits of both mailbox sync managers.
+/// The bits of both mailbox sync managers in the masks of [`ManagerEvents`].
 const MAILBOX: u16 = 1 << REQUESTS | 1 << ANSWERS;
 
-/// The progress of a device's work on the outputs of a frame.
+/// How far a device has processed the outputs of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Work {
-    /// There are no outputs to work on.
+    /// The frame has brought no outputs, or they are processed.
     None,
-    /// Outputs have come, and the work has not begun.
+    /// Outputs have come, and the device's cycle for them has not begun.
     Waiting,
-    /// The device is advancing by this time, ns; [`EscSlave::begin_work`] may have returned its motor to the caller.
+    /// The device's cycle has begun, and the device has to advance by this time, ns. If [`EscSlave::begin_work`] has returned
+    /// its motor, the caller has to run the motor for that time.
     Stepping(Ns),
-    /// The device has advanced.
+    /// The device has advanced to the present time; taking over outputs and providing inputs is left.
     Stepped,
 }
 
@@ -38,8 +39,8 @@ impl EscSlave {
         self.controller.pass(header, data)
     }
 
-    /// Ends the frame: the device handles what the frame has brought. [`Self::begin_work`] and [`Self::end_work`] must
-    /// follow.
+    /// Ends the frame: the device handles what the frame has brought. [`Self::begin_work`] and [`Self::end_work`] must follow;
+    /// without them the device does not process new outputs.
     #[inline]
     pub(in crate::slave::esc) fn end_frame(&mut self) {
         let mailbox = if self.application.has_mailbox { MAILBOX } else { 0 };
@@ -54,8 +55,9 @@ impl EscSlave {
         }
     }
 
-    /// Begins the work on the outputs of the frame, if there are any. May return the motor, which the caller runs together
-    /// with those of other slaves before [`Self::end_work`]. All run for `step_ns`, which the first slave sets.
+    /// Begins the device's cycle for the outputs of the frame, if there are any. May return the device's motor, which the
+    /// caller runs together with those of other slaves before [`Self::end_work`]. All these motors run for `step_ns`: the first
+    /// slave that finds it 0 sets it, and a slave that needs another time advances its motor alone.
     #[inline]
     pub(in crate::slave::esc) fn begin_work(&mut self, step_ns: &mut Ns) -> Option<&mut Servo> {
         if self.work == Work::None {
@@ -74,7 +76,7 @@ impl EscSlave {
         self.device.begin_step(passed)
     }
 
-    /// Completes the work on the outputs of the frame.
+    /// Completes the device's cycle: it takes over the outputs of the frame and provides new inputs.
     #[inline]
     pub(in crate::slave::esc) fn end_work(&mut self) {
         match std::mem::replace(&mut self.work, Work::None) {

@@ -8,11 +8,11 @@ use super::super::clamp_to;
 use super::Servo;
 use crate::ethercat::Ns;
 
-/// The number of motors computed together: enough to fill the pipeline of a processor with two numbers per vector register
-/// while it waits for the results of the first ones.
+/// The number of motors computed together. Their values take four vector registers of two numbers each: the processor works on
+/// the other registers while it waits for the result for the first one.
 pub const SIDE_BY_SIDE: usize = 8;
 
-/// Up to this number, computing the motors one by one is faster.
+/// Up to this number of motors, computing them one by one is faster.
 const FEW: usize = 2;
 
 /// One value for each motor.
@@ -39,7 +39,7 @@ struct Motors {
     asked: Each,
 }
 
-/// Runs these motors for `ns` with the setpoints of [`Servo::aim_at`].
+/// Runs these motors for `ns` with the setpoints of [`Servo::aim_at`]. An element that is `None` has no motor to run.
 pub fn follow_side_by_side(motors: &mut [Option<&mut Servo>; SIDE_BY_SIDE], ns: Ns) {
     if ns == 0 {
         return;
@@ -53,7 +53,7 @@ pub fn follow_side_by_side(motors: &mut [Option<&mut Servo>; SIDE_BY_SIDE], ns: 
         }
         return;
     }
-    // Places without a motor compute with zeros.
+    // For an element without a motor all values are 0.
     let mut of = Motors::default();
     let mut substeps = 0;
     for (n, motor) in motors.iter_mut().enumerate() {
@@ -90,8 +90,8 @@ pub fn follow_side_by_side(motors: &mut [Option<&mut Servo>; SIDE_BY_SIDE], ns: 
 }
 
 impl Motors {
-    /// The same calculation as `follow_position`, `change_for` and `substep` of [`Servo`]. A shaft held by friction is
-    /// computed too and keeps its zeros.
+    /// The same calculation as `follow_position`, `change_for` and `substep` of [`Servo`]. A shaft that friction holds is
+    /// computed too, and its speed stays 0.
     #[inline(always)]
     fn substep(&mut self) {
         for n in 0..SIDE_BY_SIDE {

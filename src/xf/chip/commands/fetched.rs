@@ -8,13 +8,13 @@ use crate::xf::request::{DirectAssign, Direction, MailboxPart, MailboxStatus, Sl
 use crate::xf::response::{Answer, EepromAnswer, RawAnswer};
 
 impl<N: SlaveNetwork> Chip<N> {
-    /// EEPROM_GET. `[OURS]` It is refused before an EEPROM was read or written.
+    /// EEPROM_GET: the result of the last EEPROM_REQ. `[OURS]` It is refused before an EEPROM was read or written.
     pub(super) fn eeprom_get(&self, data: &mut [u8]) -> CommandOutcome {
         let result = self.results.eeprom.as_ref();
         answered(result.map(|result| EepromAnswer { error: result.error, data: result.data() }), data)
     }
 
-    /// RAW_ECAT_FUNC_GET. `[OURS]` It is refused before a datagram was sent.
+    /// RAW_ECAT_FUNC_GET: the datagram of RAW_ECAT_FUNC_REQ as it came back. `[OURS]` It is refused before a datagram was sent.
     pub(super) fn raw_get(&self, data: &mut [u8]) -> CommandOutcome {
         let answer = self.results.datagram.as_ref().map(|job| RawAnswer {
             operation: job.operation.code(),
@@ -28,7 +28,7 @@ impl<N: SlaveNetwork> Chip<N> {
         answered(answer, data)
     }
 
-    /// DIRECT_ASSIGN. The lengths apply from the next layout of process data on, if the assignment is then switched on.
+    /// DIRECT_ASSIGN. The lengths apply from the next layout of process data on, if DIRECT_ASSIGN has switched them on by then.
     ///
     /// `[OURS]` A direction without an assigned length keeps the length of the mapping. A length that does not fit into
     /// the process image, and a slave that was not found, are refused. ECAT_INIT_OP resets the lengths.
@@ -55,8 +55,8 @@ impl<N: SlaveNetwork> Chip<N> {
         answered(mail.and_then(|mail| mail.get(start..start + len)), data)
     }
 
-    /// MBX_STAT. `[OURS]` It is refused without a network. Bits of slaves that were not found are left out; a slave
-    /// outside OP has no mail.
+    /// MBX_STAT: reads which slaves have mail, or sets or reads which mailboxes are polled. `[OURS]` It is refused without a
+    /// network. Bits of slaves that were not found are left out; a slave outside OP is shown without mail.
     pub(super) fn mailbox_status(&mut self, request: &MailboxStatus, data: &mut [u8]) -> CommandOutcome {
         if self.bus.count == 0 {
             return Err(CommandRefused);

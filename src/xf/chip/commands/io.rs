@@ -22,7 +22,8 @@ impl<N: SlaveNetwork> Chip<N> {
         if self.set_io(request) { Some(DONE) } else { self.use_io(request, data) }
     }
 
-    /// Runs a command of these units that cannot be refused; returns false for other commands.
+    /// Runs a command that only sets something in GPIO, encoder, DAC or ADC, and that cannot be refused; returns false for
+    /// other commands.
     fn set_io(&mut self, request: &Request<'_>) -> bool {
         let (now, gpio, encoder, analog) = (self.now, &mut self.gpio, &mut self.encoder, &mut self.analog);
         match *request {

@@ -29,8 +29,9 @@ impl<N: SlaveNetwork> Chip<N> {
         answered(state, data)
     }
 
-    /// ECAT_SLV_INFO_GET. `[OURS]` Items 10 and 13 have one byte, 11 and 12 four. Items above 13, which are in the
-    /// vendor's header up to 40 (OBS) without a description, are refused.
+    /// ECAT_SLV_INFO_GET. `[OURS]` The items about distributed clocks have one byte (10, has a clock; 13, clock is active) or
+    /// four (11, cycle time; 12, shift). Items above 13, which are in the vendor's header up to 40 (OBS) without a description,
+    /// are refused.
     pub(super) fn slave_info(&self, request: &SlaveInfoGet, data: &mut [u8]) -> CommandOutcome {
         let slave = request.slave.get();
         if !self.found(request.slave.into()) {
@@ -60,7 +61,7 @@ impl<N: SlaveNetwork> Chip<N> {
         Ok(item.encode(data)?)
     }
 
-    /// ENABLE_LRW. `[OURS]` Firmware before 0x22 does not support it.
+    /// ENABLE_LRW: selects LRW, or LRD and LWR, for process data. `[OURS]` Firmware before 0x22 refuses it.
     pub(super) fn enable_lrw(&mut self, lrw: bool) -> CommandOutcome {
         if self.profile.is_newer() {
             self.bus.lrw = lrw;

@@ -11,9 +11,9 @@ use crate::xf::response::Returned;
 impl<N: SlaveNetwork> Chip<N> {
     /// PDO_DATA_FIFO_OP: puts RxPDOs into the FIFO and takes TxPDOs out of it.
     ///
-    /// `[OURS]` Without configured process data, or if the length is not that of `par` RxPDOs, nothing is done: the
-    /// answer says "failed", and the command error is set. RxPDOs beyond the free entries are lost: the FIFO error is
-    /// set, and the answer says "failed" and not "written".
+    /// `[OURS]` Without configured process data, or if the data do not have the length of as many RxPDOs as the request says
+    /// (`count`), nothing is done: the answer says "failed", and the command error is set. RxPDOs beyond the free entries are
+    /// lost: the FIFO error is set, and the answer says "failed" and not "written".
     pub(super) fn pdo_data_fifo(&mut self, request: &PdoDataFifo<'_>, data: &mut [u8]) -> Returned {
         let (writes, reads) = (has(request.operation, PdoOperation::WRITE), has(request.operation, PdoOperation::READ));
         let (count, rx_bytes) = (usize::from(request.count), usize::from(self.bus.rx_bytes));
@@ -45,11 +45,11 @@ impl<N: SlaveNetwork> Chip<N> {
     /// PDO_DATA_OP: writes outputs and reads inputs without the FIFOs. The RxPDO is sent from the next cycle on; the
     /// TxPDO is the newest one.
     ///
-    /// Bit 2 of the operation is repeated in the return byte, because the vendor's driver accepts inputs only with it
-    /// (OBS).
+    /// Bit 2 of the operation, "bits are valid", says that its bits 0 and 1 select writing and reading. It is repeated in the
+    /// return byte, because the vendor's driver accepts inputs only with it (OBS).
     ///
-    /// `[OURS]` Without "bits are valid", a request without data does not write. A wrong length fails as in
-    /// [`Self::pdo_data_fifo`], without that bit.
+    /// `[OURS]` Without bit 2, a request with data writes, and every request reads. A wrong length fails as in
+    /// [`Self::pdo_data_fifo`], without bit 2 in the return byte.
     pub(super) fn pdo_data(&mut self, request: &PdoData<'_>, data: &mut [u8]) -> Returned {
         let is_chosen = has(request.operation, PdoOperation::VALID);
         let writes = if is_chosen { has(request.operation, PdoOperation::WRITE) } else { !request.data.is_empty() };

@@ -13,7 +13,7 @@ use crate::xf::request::{
     SdoOperation, SdoRequest, Slaves,
 };
 
-/// The shortest cycle that ECAT_INIT_OP accepts, in nanoseconds. `[OURS]`
+/// The shortest SYNC0 cycle that ECAT_INIT_OP accepts, in nanoseconds; 0, no SYNC0, is accepted too. `[OURS]`
 pub const SYNC0_MIN_NS: u32 = 50_000;
 
 impl<N: SlaveNetwork> Chip<N> {
@@ -23,14 +23,15 @@ impl<N: SlaveNetwork> Chip<N> {
         done_if(self.start_job(job))
     }
 
-    /// Starts the update of states that a header requests; returns false if a command is running. `[OURS]` The request
-    /// is control bit 1, as in the manuals, and not bit 0, as in the vendor's header. The update takes time in addition
-    /// to the packet's own command.
+    /// Starts the update of states that a header requests; returns false if a command is running. `[OURS]` The manuals request
+    /// the update by control bit 1, the vendor's header by bit 0; this is bit 1. The update takes time in addition to the
+    /// packet's own command.
     pub(in crate::xf::chip) fn start_update(&mut self) -> bool {
         self.start_job(Job::StateUpdate)
     }
 
-    /// The job for a command; `None` if an argument is invalid or the command is unknown.
+    /// The job for a command that takes time: the command with its checked arguments. `None` if an argument is invalid or the
+    /// command is unknown.
     ///
     /// `[OURS]` The number of a slave that was not found is an invalid argument.
     fn job_for(&self, request: &Request<'_>) -> Option<Job> {
@@ -128,8 +129,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }))
     }
 
-    /// The job for a file transfer. `[OURS]` The timeout applies to each packet. A file without a name, and a download
-    /// from beyond the flash memory, are invalid arguments.
+    /// The job for a file transfer. `[OURS]` The timeout of the request limits the wait for each packet of the slave, not the
+    /// whole transfer. A file without a name, and a download from beyond the flash memory, are invalid arguments.
     fn file_job(&self, file: &FoeFile<'_>, downloads: bool) -> Option<Job> {
         let is_in_memory = !downloads || Flash::has(file.start.get(), file.bytes as usize);
         (self.found(file.slave.into()) && is_in_memory && !file.name.is_empty()).then(|| {
@@ -145,7 +146,7 @@ impl<N: SlaveNetwork> Chip<N> {
         })
     }
 
-    /// The end of a timeout that begins now.
+    /// The end of a timeout that begins now, in the chip's time, ns.
     fn deadline(&self, timeout_us: u32) -> Ns {
         self.now.saturating_add(Ns::from(timeout_us) * 1_000)
     }

@@ -9,7 +9,8 @@ use crate::xf::response::{Answer, DriveStateByte, FirmwareVersion};
 use crate::xf::{DataSize, Errors};
 
 impl<N: SlaveNetwork> Chip<N> {
-    /// SPI_RECONFIG_OP: the new size applies to the next packet and to the answer to this one.
+    /// SPI_RECONFIG_OP sets the size of the data segment of packets. The new size applies to the next command packet and to the
+    /// answer to this one.
     pub(super) fn set_size(&mut self, size: DataSize) -> CommandOutcome {
         let is_allowed = !self.profile.size_is_fixed;
         if is_allowed {
@@ -23,13 +24,13 @@ impl<N: SlaveNetwork> Chip<N> {
         Ok(FirmwareVersion { version, identity }.encode(data)?)
     }
 
-    /// CRC_ERR_CNT_CLR. `[OURS]` The return byte is the count before it was cleared.
+    /// CRC_ERR_CNT_CLR: clears the number of damaged packets. `[OURS]` The return byte is that number before it was cleared.
     pub(super) fn clear_crc_errors(&mut self, data: &mut [u8]) -> CommandOutcome {
         Ok(std::mem::take(&mut self.crc_errors).encode(data)?)
     }
 
-    /// ASYNCCMD_RESET. `[OURS]` A command that is given up, by action 1 or 4, has no further effects; action 4 also
-    /// reports it as failed.
+    /// ASYNCCMD_RESET. `[OURS]` The running command is given up by the actions 1 (clear busy) and 4 (give up) and has no
+    /// further effects; action 4 also reports it as failed.
     pub(super) fn reset_job(&mut self, actions: AsyncResetActions) -> CommandOutcome {
         if actions.contains(AsyncResetActions::GIVE_UP) && self.job.is_some() {
             self.raise(Errors::NON_IMMEDIATE);
@@ -43,7 +44,7 @@ impl<N: SlaveNetwork> Chip<N> {
         DONE
     }
 
-    /// Makes the port ready now, so that an initialisation waiting for it continues.
+    /// Makes the network port ready now, so that an ECAT_INIT_OP that waits for the port continues.
     fn skip_port_wait(&mut self) {
         let skipped = self.port_ready_at.saturating_sub(self.now);
         self.port_ready_at -= skipped;

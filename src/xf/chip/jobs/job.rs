@@ -11,7 +11,7 @@ use crate::xf::request::{
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(in crate::xf::chip) enum Job {
     Init(EcatInit),
-    /// RECONFIG_OP and CONFIG_MAP: the layout of process data.
+    /// ECAT_RECONFIG_OP or CONFIG_MAP, which lay out the process data.
     Map,
     InitDc,
     DcSync(DcSync),
@@ -57,9 +57,9 @@ pub(in crate::xf::chip) struct StateJob {
     pub slaves: Slaves,
     /// The target state; `None` for Boot, which no simulated slave supports.
     pub target: Option<AlState>,
-    /// Whether all states are read at the end, as ECAT_STATE_CHECK does.
+    /// Whether all states are read at the end, which is so for ECAT_STATE_CHECK and not for ECAT_STATE_SET.
     pub updates: bool,
-    /// Whether a slave in the present step does not answer or cannot be set up.
+    /// Whether a slave does not answer or cannot be set up in the present step of the change of state.
     pub has_failed: bool,
 }
 
@@ -84,7 +84,8 @@ pub(in crate::xf::chip) struct EepromJob {
     pub deadline: Ns,
 }
 
-/// A datagram; after its return, as it came back.
+/// A datagram that the host sends by RAW_ECAT_FUNC_REQ. The copy for RAW_ECAT_FUNC_GET has the working counter and the data
+/// with which the datagram has come back.
 #[derive(Clone, Copy)]
 pub(in crate::xf::chip) struct DatagramJob {
     pub operation: RawOperation,
@@ -100,7 +101,7 @@ pub(in crate::xf::chip) struct DatagramJob {
 }
 
 impl Job {
-    /// The time at which the timeout in the host's command ends.
+    /// The time at which the timeout in the host's command ends; `None` for a command without a timeout.
     pub(super) const fn deadline(&self) -> Option<Ns> {
         match self {
             Self::Sdo(job) => Some(job.deadline),

@@ -12,7 +12,7 @@ use crate::xf::chip::network::{
 use crate::xf::request::{DcSync, EcatInit, ReferenceClock, Slaves};
 
 impl<N: SlaveNetwork> Chip<N> {
-    /// Begins ECAT_INIT_OP: forgets the previous network.
+    /// Begins ECAT_INIT_OP: forgets the previous network and scans the present one.
     pub(super) fn begin_init(&mut self, init: &EcatInit) -> PartStart {
         let old = std::mem::replace(&mut self.bus, KnownNetwork::new(self.timing.cycle_ns));
         (self.bus.lrw, self.bus.wkc_limit) = (old.lrw, old.wkc_limit);
@@ -25,8 +25,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ask_for(Operation::Scan)
     }
 
-    /// Ends ECAT_INIT_OP. `[OURS]` The slaves are then in Init; a network without slaves is an error. The chip's own
-    /// clock is the reference clock only with firmware that has the switch for it.
+    /// Ends ECAT_INIT_OP. `[OURS]` The slaves are then in Init; a network without slaves is an error. The chip's own clock is
+    /// the reference clock if the request says so; firmware before 0x22 always uses that of the first slave.
     pub(super) fn end_init(&mut self, init: &EcatInit, found: u8) -> Progress {
         self.bus.count = found;
         if found == 0 {
@@ -41,7 +41,7 @@ impl<N: SlaveNetwork> Chip<N> {
         if init.dc.sync0_ns > 0 {
             self.bus.cycle_ns = init.dc.sync0_ns.into();
         }
-        // The cycles of the new network begin now.
+        // The request may have changed the cycle time: the next cycle begins one new cycle time from now.
         self.next_cycle = self.now + self.bus.cycle_ns;
         for slave in self.bus.slaves() {
             self.bus.known[usize::from(slave)].dc = init.dc;
@@ -53,7 +53,7 @@ impl<N: SlaveNetwork> Chip<N> {
     /// Begins the layout of process data. It is possible in PreOP, where the slaves' mailboxes answer and the mapping
     /// may be changed.
     ///
-    /// `[OURS]` In another state the job fails. FIFOs that exceed their memory set the FIFO error, but the job
+    /// `[OURS]` If any slave is in another state the job fails. FIFOs that exceed their memory set the FIFO error, but the job
     /// succeeds.
     pub(super) fn begin_map(&mut self) -> PartStart {
         let is_preop = |slave| self.network.state(slave) == Some(AlState::PreOp);
@@ -81,8 +81,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ask_network(|requests| async move { JobResult::Lengths(pdos::lengths(&requests, &assigned).await) })
     }
 
-    /// Lays out process data; returns false if a slave's mapping could not be read, or if the data exceed the process
-    /// images.
+    /// Stores where each slave's outputs and inputs are in the process images, and allocates the FIFOs. Returns false if a
+    /// slave's mapping could not be read, or if the data exceed the process images.
     fn lay_out(&mut self, lengths: Result<Lengths, AbortCode>) -> bool {
         match lengths {
             Ok(lengths) => {
@@ -97,7 +97,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Ends ECAT_INIT_DC_OP: slaves with clocks use their times, if AssignActivate is not 0.
+    /// Ends ECAT_INIT_DC_OP: activates the clock of each slave that has one, with the times of ECAT_INIT_OP or ECAT_DCSYNC,
+    /// unless its AssignActivate is 0.
     pub(super) fn end_init_dc(&mut self) -> Progress {
         if !self.bus.initialised {
             return Progress::Failed;
@@ -119,7 +120,7 @@ impl<N: SlaveNetwork> Chip<N> {
         Progress::Done
     }
 
-    /// The slaves that a request names and that were found. All slaves are named by `Slaves::All`.
+    /// The slaves that a request names, as far as they were found.
     pub(in crate::xf::chip) fn chosen(&self, slaves: Slaves) -> std::ops::Range<u8> {
         match slaves {
             Slaves::All => self.bus.slaves(),
@@ -127,7 +128,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// The duration of the next step towards the target state.
+    /// The duration of the next step towards the target state. It depends on the state, the direction, and the number of slaves
+    /// that are not in the target state.
     pub(super) fn next_change_ns(&self, job: &StateJob) -> Ns {
         let slaves = self.chosen(job.slaves);
         match (job.target, self.next_state(job)) {
@@ -139,7 +141,7 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Whether any slave is below the target.
+    /// Whether any of the chosen slaves is below the target state.
     fn goes_up(&self, job: &StateJob, target: AlState) -> bool {
         self.chosen(job.slaves).filter_map(|slave| self.network.state(slave)).any(|state| state < target)
     }
@@ -189,16 +191,18 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ask_for(Operation::Enter(slaves))
     }
 
-    /// Ends the layout of process data on the way to SafeOP; the change of state continues at once.
+    /// Ends the layout of process data that a change to SafeOP needs first. The step of the change of state then begins again
+    /// at once, now with process data laid out.
     pub(super) fn end_layout(&mut self, lengths: Result<Lengths, AbortCode>) -> Progress {
         if self.lay_out(lengths) { Progress::Again(self.now) } else { Progress::Failed }
     }
 
-    /// Prepares a slave for a state; returns false, with AL status 0x17, if that is not possible.
+    /// Writes a slave's settings for SafeOP if it goes there; other states need none. Returns false, with the AL status code
+    /// 0x17 (invalid sync manager configuration), if the slave does not support them.
     fn set_up(&mut self, slave: u8, to: AlState) -> bool {
         let place = &mut self.bus.places[usize::from(slave)];
         if self.network.takes_time() {
-            // While the slave leaves its state, the working counter no longer includes it.
+            // While the slave leaves its state, the expected working counter does not include it.
             place.commanded = place.commanded.min(to);
         }
         if to != AlState::SafeOp || self.network.state(slave) != Some(AlState::PreOp) {
@@ -236,7 +240,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Records the end of a slave's change of state. `[OURS]` The chip's memory has the new state at once.
+    /// Records the result of a slave's change of state. `[OURS]` The state that ECAT_STATE_GET reports is updated too, without
+    /// ECAT_STATE_UPDATE.
     fn note_entered(&mut self, slave: u8, to: AlState, entered: Result<(), EnterError>) {
         match entered {
             Ok(()) => {
@@ -255,7 +260,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Records that the chip itself refuses a change of state for a slave.
+    /// Shows for a slave, by its AL status code and its error bit, that the chip itself refuses a change of state: to Boot, or
+    /// to SafeOP with settings that the slave does not support.
     fn refuse(&mut self, slave: u8, status: AlStatus) {
         self.bus.update(&self.network, slave);
         let known = &mut self.bus.known[usize::from(slave)];

@@ -1,4 +1,4 @@
-//! The PDOs of slaves, read, written and counted by means of their mapping objects.
+//! Reads and writes the PDO assignment and mapping of slaves by SDO, and adds up the lengths of their PDOs.
 
 use super::Lengths;
 use super::requests::Requests;
@@ -34,7 +34,7 @@ async fn read_entry(requests: &Requests, slave: u8, index: u16, sub: u8) -> Resu
     Ok(MappedObject::from_bytes(read_number(requests, slave, index, sub).await?.to_le_bytes()))
 }
 
-/// Reads the index of an assigned PDO, and its number of objects.
+/// Reads the index of the assigned PDO number `sub`, and the number of its objects.
 ///
 /// # Errors
 /// The abort code of the slave.
@@ -73,7 +73,8 @@ async fn mapped_bytes(requests: &Requests, slave: u8, assignment: PdoAssignment)
 /// slave's mapping objects.
 ///
 /// # Errors
-/// The abort code of a slave, or [`AbortCode::PDO_LENGTH`] if the sizes exceed the process images.
+/// The abort code of a slave, or [`AbortCode::PDO_LENGTH`] if the outputs or the inputs of all slaves together exceed the
+/// process images.
 pub(super) async fn lengths(requests: &Requests, assigned: &[[Option<u16>; 2]]) -> Result<Lengths, AbortCode> {
     let mut lengths = Lengths::empty([0; 2]);
     let mut totals = [0; 2];
@@ -114,8 +115,8 @@ pub(super) async fn set(requests: &Requests, config: &PdoConfig) -> Result<(), A
     write_number(requests, slave, assignment, 0, &[config.maps().len() as u8]).await
 }
 
-/// Reads PDO assignment and mapping. `[OURS]` If the answer has no room for all PDOs or objects, the result is the
-/// abort code 0x06040042.
+/// Reads PDO assignment and mapping. `[OURS]` If the answer has no room for all PDOs or objects, the result is the abort code
+/// 0x06040042 (PDO length exceeded).
 pub(super) async fn read(
     requests: &Requests,
     request: &PdoConfigRequest,

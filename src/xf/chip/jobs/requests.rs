@@ -1,7 +1,7 @@
-//! The requests of a procedure to the network: operations one after the other, written as an `async` sequence.
+//! The requests of a procedure to the network. A procedure is the sequence of requests of one part of a job.
 //!
-//! A procedure is an `async fn`, like the sequences of the master. The chip polls it, passes its requests to the
-//! network, and returns the answers to it.
+//! A procedure is an `async fn`, like the sequences of the master. The chip polls the procedure, passes its requests to the
+//! network one after the other, and returns the answers to the procedure.
 
 use std::future::poll_fn;
 use std::pin::{Pin, pin};
@@ -15,13 +15,13 @@ use crate::ethercat::Ns;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::xf::chip::network::{Operation, OperationAnswer, SdoData, SlaveNetwork};
 
-/// The state of a procedure's request.
+/// The state of the one request that a procedure makes at a time.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 #[derive(Debug, Default)]
 enum Slot {
     #[default]
     Empty,
-    /// The procedure requests this operation.
+    /// The procedure requests this operation, and the network has not begun it.
     Requested(Operation),
     /// The network is executing the operation.
     Running,
@@ -32,7 +32,7 @@ enum Slot {
 #[derive(Clone, Debug, Default)]
 pub(in crate::xf::chip) struct Requests(Arc<Mutex<Slot>>);
 
-/// A running procedure.
+/// A running procedure: the future that makes the requests of one part of a job.
 pub(in crate::xf::chip) struct Procedure {
     requests: Requests,
     task: Pin<Box<dyn Future<Output = JobResult> + Send>>,
@@ -46,7 +46,8 @@ impl Procedure {
 }
 
 impl Requests {
-    /// Starts a procedure. On a network that answers at once, the procedure ends at once and nothing is allocated.
+    /// Starts a procedure. On a network that answers at once, the procedure ends at once and nothing is allocated. On another
+    /// network it continues in [`Procedure::run`].
     pub(super) fn begin<F: Future<Output = JobResult> + Send + 'static>(
         &self,
         network: &mut impl SlaveNetwork,

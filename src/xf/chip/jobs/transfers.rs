@@ -1,4 +1,4 @@
-//! The ends of SDO transfers and of accesses to a slave's PDOs.
+//! Jobs that make SDO transfers: SDO_REQ, and the ends of PDO_CONFIG_SET and PDO_CONFIG_REQ.
 
 use super::{JobResult, PartStart, Progress, SdoJob};
 use crate::ethercat::coe::AbortCode;
@@ -21,10 +21,10 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ask_for(Operation::Read { slave, object, scope, room, timeout_ns })
     }
 
-    /// Ends SDO_REQ. If a slave does not answer within the timeout, the abort code is that of a timeout.
+    /// Ends SDO_REQ. If a slave does not answer within the timeout of SDO_REQ, the abort code is that of a timeout.
     ///
-    /// `[OURS]` The abort code is kept until the next transfer, and is 0 after a successful one. Of a value that is
-    /// longer than the requested number of bytes, that many are returned; 0 requests as many as a data segment holds.
+    /// `[OURS]` The abort code is kept until the next transfer, and is 0 after a successful one. A value that is longer than
+    /// the number of bytes in the request is cut to that number; a request of 0 bytes gets as many as a data segment holds.
     pub(super) fn end_sdo(&mut self, job: &SdoJob, result: JobResult) -> Progress {
         let result = match result {
             JobResult::Answer(OperationAnswer::Value(value)) => value.map(|(value, _)| {
@@ -40,13 +40,14 @@ impl<N: SlaveNetwork> Chip<N> {
             Ok(()) => AbortCode(0),
         };
         if result.is_err() && !job.writes {
-            // A failed read must not leave the data of an earlier one.
+            // After a failed read ECAT_SDO_GET returns no bytes, instead of those of an earlier read.
             self.sdo.len = Some(0);
         }
         if result.is_ok() { Progress::Done } else { Progress::Failed }
     }
 
-    /// Ends an access to a slave's PDOs. `[OURS]` If it fails, the abort code of its SDO is kept.
+    /// Ends PDO_CONFIG_SET or PDO_CONFIG_REQ. `[OURS]` If it fails, ECAT_SDO_ABORTCODE_GET returns the abort code of the SDO
+    /// transfer that failed.
     pub(super) fn end_pdo_transfer(&mut self, result: Result<(), AbortCode>) -> Progress {
         self.sdo.abort = result.err().unwrap_or(AbortCode(0));
         if result.is_ok() { Progress::Done } else { Progress::Failed }

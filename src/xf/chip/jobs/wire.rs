@@ -1,4 +1,4 @@
-//! Jobs that bypass the objects of slaves: sync managers, EEPROMs, datagrams, files, mailboxes.
+//! Jobs that do not use SDOs: sync managers, EEPROMs, datagrams, files, mailboxes.
 
 use super::{DatagramJob, EepromJob, FileJob, JobResult, PartStart, Progress, done_if};
 use crate::ethercat::coe::AbortCode;
@@ -16,7 +16,8 @@ const EEPROM_WORDS: usize = 4;
 /// The first sync manager for process data; lower ones are for the mailbox.
 const PROCESS_MANAGERS: u8 = 2;
 
-/// The error code in EEPROM_GET. `[OURS]` The manuals define only 0, and that by implication.
+/// The error code that EEPROM_GET returns for a failure of EEPROM_REQ. `[OURS]` The manuals define no codes but 0, which they
+/// only imply to be success.
 const fn eeprom_error(failure: EepromFailure) -> u8 {
     match failure {
         EepromFailure::NoAnswer => 1,
@@ -25,7 +26,7 @@ const fn eeprom_error(failure: EepromFailure) -> u8 {
     }
 }
 
-/// The error code in EEPROM_GET after a timeout of EEPROM_REQ. `[OURS]`
+/// The error code that EEPROM_GET returns after a timeout of EEPROM_REQ. `[OURS]`
 const EEPROM_TIMED_OUT: u8 = 2;
 
 impl<N: SlaveNetwork> Chip<N> {
@@ -62,8 +63,9 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ask_for(Operation::SetManager { slave: request.slave.get(), number: request.number, registers })
     }
 
-    /// Ends CONFIG_SM. `[OURS]` The sync manager is set at once, and again whenever the slave goes to PreOP or SafeOP.
-    /// From the next layout on, process data have its length, in the direction given by its control byte.
+    /// Ends CONFIG_SM. `[OURS]` The sync manager is set at once, and again whenever the slave goes to PreOP or SafeOP. A sync
+    /// manager for process data also sets a length: that of the slave's outputs or inputs, by the direction in its control
+    /// byte. The length applies from the next layout of process data on; it is 0 if the sync manager is off.
     pub(super) fn end_set_manager(&mut self, request: &ConfigSyncManager, is_set: bool) -> Progress {
         if is_set && request.number >= PROCESS_MANAGERS {
             let is_on = SmActivate(request.activate).contains(SmActivate::ENABLE);
@@ -110,7 +112,7 @@ impl<N: SlaveNetwork> Chip<N> {
     pub(super) fn begin_file(&mut self, job: &FileJob) -> PartStart {
         let (slave, name, password, timeout_ns) = (job.slave, job.name.clone(), job.password, job.timeout_ns);
         self.ask_for(if job.downloads {
-            // The slice is valid: a command that reaches beyond the memory was refused.
+            // The slice is valid: `file_job` refuses a download that reaches beyond the memory.
             let content = self.flash.memory()[job.start as usize..][..job.bytes as usize].to_vec();
             Operation::WriteFile { slave, name, password, content, timeout_ns }
         } else {
@@ -118,10 +120,10 @@ impl<N: SlaveNetwork> Chip<N> {
         })
     }
 
-    /// Ends a file transfer. `[OURS]` A file that is longer than FOE_FUNC_REQ says (0: any length), or that exceeds the
-    /// flash memory, fails with the FoE error "disk full" and leaves the memory unchanged. A shorter file leaves the
-    /// bytes after it unchanged. ECAT_SDO_ABORTCODE_GET then returns the FoE error code, a timeout if there was no
-    /// answer, or 0 after a success.
+    /// Ends a file transfer. `[OURS]` A file that is longer than FOE_FUNC_REQ says (0: any length), or that exceeds the flash
+    /// memory, fails with the FoE error "disk full" and leaves the memory unchanged. A shorter file leaves the bytes after it
+    /// unchanged. After the transfer ECAT_SDO_ABORTCODE_GET returns the FoE error code, the abort code of a timeout if the
+    /// slave did not answer, or 0 for success.
     pub(super) fn end_file(&mut self, job: &FileJob, result: Result<Vec<u8>, u32>) -> Progress {
         let result = result.and_then(|content| {
             let is_as_said = job.bytes == 0 || content.len() <= job.bytes as usize;

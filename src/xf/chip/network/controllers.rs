@@ -18,27 +18,27 @@ use crate::slave::Slave;
 use crate::slave::esc::{CabledChain, Chain, UndescribedError};
 use crate::slave::handle::SimHandle;
 
-/// The interval at which the chip works on a running operation. `[OURS]`
+/// The interval at which the chip polls its master while an operation is running. `[OURS]`
 const WORK_NS: Ns = 50_000;
 /// Timeout of a slave's change of state. `[OURS]`
 const STATE_MAX_NS: Ns = 10_000_000_000;
 
-/// After the host's last datagram to or from the mailbox of a slave, the chip leaves the messages in that mailbox to the
-/// host for this time. `[OURS]`
+/// After the host's last RAW_ECAT_FUNC_REQ to or from the mailbox of a slave, the chip leaves the messages in that mailbox for
+/// this time, so that the host can read the answer to its own request. `[OURS]`
 const HOST_MAIL_NS: Ns = 1_000_000_000;
 
 /// A running operation, which consists of jobs of the master.
 struct Pending {
     jobs: Vec<JobId>,
-    /// Makes the answer once all jobs have ended.
+    /// Makes the answer once all jobs have ended; returns `None` before.
     answer: Answering,
 }
 
 type Answering = Box<dyn FnMut(&mut Master) -> Option<OperationAnswer> + Send>;
 
 impl Pending {
-    /// An operation that consists of these jobs of the master. The answer is made from the result of the last job to
-    /// end.
+    /// An operation that consists of these jobs of the master. When all have ended, `answer` makes the answer from the result
+    /// of the last one and from the state of the master.
     fn new<T: Ending + 'static>(
         mut left: Vec<Job<T>>,
         answer: impl Fn(&Master, T) -> OperationAnswer + Send + 'static,
@@ -77,9 +77,9 @@ pub struct Controllers {
 /// The slaves whose messages stay in the mailbox for the host.
 #[derive(Default)]
 struct Mail {
-    /// The slaves that the host has selected.
+    /// The slaves whose messages the host fetches itself, since it has selected their mailboxes for polling by MBX_STAT.
     chosen: SlaveSet,
-    /// The slaves whose mailboxes the host accesses by datagrams, and the time at which that ends.
+    /// The slaves whose mailboxes the host itself accesses by RAW_ECAT_FUNC_REQ, and when the chip reads each mailbox again.
     by_datagrams: Vec<(u8, Ns)>,
 }
 
@@ -115,12 +115,12 @@ impl Controllers {
         self.handle.clone()
     }
 
-    /// The slaves behind their slave controllers.
+    /// The chain of slave controllers with the slaves behind them.
     pub const fn chain(&self) -> &Chain {
         self.wire.slaves.chain()
     }
 
-    /// The slaves behind their slave controllers, to cause faults in them.
+    /// The chain of slave controllers with the slaves behind them, to cause faults in it.
     pub const fn chain_mut(&mut self) -> &mut Chain {
         self.wire.slaves.chain_mut()
     }
@@ -208,7 +208,7 @@ impl Controllers {
                     self.answer = Some(OperationAnswer::ManagerSet(false));
                     return None;
                 }
-                // The controller accepts start and length only while the sync manager is off.
+                // The controller accepts start and length only while the sync manager is off, so it is switched off first.
                 let mut off = registers;
                 off.activate = SmActivate::NONE;
                 let mut write = |registers: SyncManager| {
@@ -234,7 +234,8 @@ impl Controllers {
         })
     }
 
-    /// Notes a datagram of the host. If it accesses the mailbox of a slave, the slave's answer is left for the host.
+    /// Notes a datagram of the host. If it accesses the mailbox of a slave, the chip leaves messages in that mailbox for the
+    /// host, for [`HOST_MAIL_NS`].
     fn note_host_mail(&mut self, command: Command, address: u32) {
         if !matches!(command, Command::Fprd | Command::Fpwr) {
             return;
@@ -293,7 +294,7 @@ fn request_states(master: &mut Master, slaves: &[(u8, AlState)]) -> Vec<Job<Resu
     groups.map(|(target, slaves)| master.request_state(slaves, target, STATE_MAX_NS)).collect()
 }
 
-/// The results for slaves that had to enter a state.
+/// The result for each slave that had to enter a state, from the AL status that the master has read.
 fn entered(master: &Master, slaves: &[(u8, AlState)]) -> Entered {
     let mut entered = Entered::empty((0, AlState::Init, Ok(())));
     slaves.iter().for_each(|(slave, state)| entered.push((*slave, *state, has_entered(master, *slave, *state))));
@@ -334,7 +335,7 @@ impl SlaveNetwork for Controllers {
         true
     }
 
-    /// Outputs count from SafeOP on, when sync manager 2 is enabled.
+    /// With sync manager 2 enabled, a slave controller adds to the working counter for outputs from SafeOP on.
     fn outputs_count_from(&self) -> AlState {
         AlState::SafeOp
     }

@@ -24,7 +24,7 @@ pub trait ImmediateNetwork: Send {
     /// Whether the slave has distributed clocks.
     fn has_dc(&self, slave: u8) -> bool;
 
-    /// The AL state; `None` if the slave does not answer.
+    /// The AL state of a slave; `None` if the slave does not answer.
     fn state(&self, slave: u8) -> Option<AlState>;
 
     /// Requests an AL state.
@@ -52,12 +52,13 @@ pub trait ImmediateNetwork: Send {
     /// As with [`Self::read`].
     fn write(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
 
-    /// The additional duration of SDO transfers with this slave.
+    /// The time by which a script or test makes SDO transfers with this slave longer.
     fn sdo_delay_ns(&self, _slave: u8) -> Ns {
         0
     }
 
-    /// The abort code with which a slave always aborts transfers of SDO_REQ for this object; `None` if it does not.
+    /// The abort code with which a script or test makes the slave abort every SDO_REQ for this object; `None` if the slave is
+    /// not to abort it.
     fn sdo_abort(&self, _slave: u8, _object: ObjectAddress) -> Option<AbortCode> {
         None
     }

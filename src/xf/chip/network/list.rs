@@ -15,7 +15,8 @@ impl<T: Copy, const N: usize> List<T, N> {
         Self { items: [fill; N], len: 0 }
     }
 
-    /// A list of the first items, as many as there is room for.
+    /// A list of the first items. Items for which there is no room are left out, such as the bytes of a value beyond a data
+    /// segment.
     pub fn of(fill: T, items: &[T]) -> Self {
         let mut list = Self::empty(fill);
         list.len = items.len().min(N);
@@ -23,7 +24,7 @@ impl<T: Copy, const N: usize> List<T, N> {
         list
     }
 
-    /// Adds an item, or drops it if the list is full.
+    /// Adds an item. If the list is full the item is dropped; lists of slaves have room for all slaves.
     pub fn push(&mut self, item: T) {
         if let Some(place) = self.items.get_mut(self.len) {
             *place = item;
@@ -31,8 +32,8 @@ impl<T: Copy, const N: usize> List<T, N> {
         }
     }
 
-    /// Lets `fill` write items into the first `room` entries. `fill` returns the number of items, which is limited to the
-    /// room.
+    /// Lets `fill` write new items into the first `room` entries, in place of the present ones. Returns the number that `fill`
+    /// returns, which may be larger than the room; the list has then `room` items.
     ///
     /// # Errors
     /// The error of `fill`.

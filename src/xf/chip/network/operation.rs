@@ -49,7 +49,7 @@ pub enum Operation {
         /// The timeout for each answer of the slave.
         timeout_ns: Ns,
     },
-    /// Sends a datagram.
+    /// Sends a datagram that the host has composed, and returns it as it comes back.
     Datagram {
         /// The datagram's EtherCAT command.
         command: Command,
@@ -133,12 +133,12 @@ pub enum OperationAnswer {
     Written(Result<(), AbortCode>),
     /// [`Operation::Datagram`]: data and working counter; `None` if the datagram did not come back.
     Datagram(Option<(Vec<u8>, u16)>),
-    /// [`Operation::ReadEeprom`] and [`Operation::WriteEeprom`]: the words that were read.
+    /// [`Operation::ReadEeprom`]: the words that were read; [`Operation::WriteEeprom`]: no words.
     Eeprom(Result<Vec<u16>, EepromFailure>),
     /// [`Operation::SetManager`]: whether the slave has accepted the registers.
     ManagerSet(bool),
-    /// [`Operation::ReadFile`] and [`Operation::WriteFile`]: the content that was read; or the FoE error code,
-    /// [`AbortCode::TIMEOUT`] if the slave does not answer.
+    /// [`Operation::ReadFile`]: the content that was read; [`Operation::WriteFile`]: no content. Or the FoE error code;
+    /// [`AbortCode::TIMEOUT`], which is no FoE error code, if the slave does not answer.
     File(Result<Vec<u8>, u32>),
     /// [`Operation::ReceiveMail`]: the message from the mailbox; `None` if there is none, or if the slave does not
     /// answer.
@@ -152,7 +152,7 @@ pub enum OperationAnswer {
 pub enum EepromFailure {
     /// The slave does not answer.
     NoAnswer,
-    /// The EEPROM was busy for too long, or in use by something else.
+    /// The EEPROM was busy for too long, or the slave is changing its state or in another access to its EEPROM.
     Busy,
     /// The EEPROM refuses the command.
     CommandRefused,

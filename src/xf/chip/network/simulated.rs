@@ -43,7 +43,7 @@ impl SimulatedNetwork {
     }
 }
 
-/// Calls an expression on the network of either kind.
+/// Evaluates a method call on the network, of whichever kind it is: `either!(self, network => network.method())`.
 macro_rules! either {
     ($self:expr, $network:ident => $call:expr) => {
         match $self {

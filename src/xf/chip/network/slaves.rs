@@ -12,11 +12,11 @@ struct Station {
     identity: SlaveIdentity,
 }
 
-/// Slave models in the order of the cable, and the faults along it.
+/// Slave models in the order of the cable, with a handle by which scripts and tests cause faults such as a cut cable.
 pub struct SlaveModels {
     stations: Vec<Station>,
     handle: SimHandle,
-    /// The time that has passed in the slaves.
+    /// The time that has passed in the slaves since the network was made, ns.
     clock: Ns,
 }
 
@@ -27,13 +27,14 @@ impl SlaveModels {
         Self { stations: slaves.into_iter().map(station).collect(), handle: SimHandle::default(), clock: 0 }
     }
 
-    /// The same network, controlled by a handle that others share.
+    /// The same network, controlled by `handle` instead of its own one: a script, for example, has a copy of that handle
+    /// already.
     pub fn reached_by(self, handle: SimHandle) -> Self {
         Self { handle, ..self }
     }
 
-    /// The handle with which scripts and tests control the network while it runs. It counts slaves from 1. Of slaves
-    /// beyond the 40th it knows only whether a cut is before them.
+    /// The handle with which scripts and tests control the network while it runs. It counts slaves from 1. It can cause faults
+    /// in the first 40 slaves, the maximum of a board; a cut affects those behind them too.
     pub fn handle(&self) -> SimHandle {
         self.handle.clone()
     }
@@ -101,9 +102,10 @@ impl SlaveModels {
     }
 }
 
-/// Reads a slave's identity by SDO, in place of the EEPROM, which models do not have.
+/// Reads a slave's identity by SDO, in PreOP, in place of the EEPROM, which models do not have. The slave is in Init
+/// afterwards.
 fn identity(slave: &mut dyn Slave) -> SlaveIdentity {
-    // Every slave can go to PreOP and back to Init; a slave that does not has no identity.
+    // The result is ignored: if a slave refuses PreOP and therefore aborts the SDOs, its numbers are 0 and its name is empty.
     let _ = slave.enter(AlState::PreOp);
     let mut number = |sub| slave.upload(ObjectAddress::new(0x1018, sub)).map_or(0, |value| value.bits);
     let (vendor, product, revision) = (number(1), number(2), number(3));

@@ -6,14 +6,15 @@ use crate::ethercat::Ns;
 use crate::master::{FrameBuffer, Wire, WireDown};
 use crate::slave::esc::{CabledChain, FrameFate};
 
-/// Slave controllers on a wire. `[OURS]` A frame is back at the moment in which it was sent; the slaves process it at
-/// the time at which it passes them, some microseconds later.
+/// Slave controllers on a wire. `[OURS]` A frame makes its whole way when the master sends it. Each slave processes the frame
+/// with the simulated time at which a real frame would pass it, but for the master the round trip takes no time: it can receive
+/// the frame at once.
 pub(super) struct ChainWire {
     pub(super) slaves: CabledChain,
     pub(super) now: Ns,
-    /// Frames that are on their way back to the master.
+    /// Frames that have come back and that the master has not received yet.
     back: VecDeque<Vec<u8>>,
-    /// Free buffers, for reuse.
+    /// Free frame buffers, kept for reuse so that sending does not allocate.
     spare: Vec<Vec<u8>>,
 }
 

@@ -8,7 +8,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 const LINE_BYTES_MAX: usize = 256;
 const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 
-/// The line that is being typed.
+/// Reads one line from the terminal without blocking; [`Self::take`] polls for it.
 pub struct TypedLine;
 
 impl TypedLine {

@@ -5,7 +5,7 @@ use ecmsk::machine::findings::Finding;
 use super::contents::{Contents, Entry, LIBRARY, Library, stem, whose};
 use crate::image::{Image, Managed};
 
-/// The name of this check in the output of `doctor`.
+/// The name of the check of programs in the output of `doctor`.
 pub const CHECK: &str = "program";
 /// The text that every program that uses the library contains: the beginning of the library's name and of its assemblies'
 /// names.

@@ -9,24 +9,24 @@ use ecmsk::machine::udev::{PLACE, RELOAD, RULE, by_hand};
 
 use crate::{CliError, output};
 
-/// Why the rule was not written.
+/// Why the udev rule was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum RuleError {
-    /// This user may not write the file.
+    /// This user may not write the file of the udev rule.
     #[error("{PLACE} was not written: {0}; type the lines above")]
     Refused(io::Error),
     /// The file of the rule exists, but with other content.
     #[error("{PLACE} exists with another content and was not changed; check it, sudo rm {PLACE}, then try again")]
     Different,
-    /// The file cannot be written.
+    /// The file of the udev rule cannot be written for another reason than missing rights.
     #[error("{PLACE} was not written: {0}; does this machine have udev, and room on its disk?")]
     Failed(io::Error),
 }
 
-/// Writes the udev rule, unless its file exists already.
+/// Writes the udev rule, unless its file exists already with the same content.
 ///
 /// # Errors
-/// [`RuleError`], and an error of standard output.
+/// [`RuleError`] if the file has other content or cannot be written; an error of standard output.
 pub fn write(machine: &Machine) -> Result<(), CliError> {
     let file = machine.file(PLACE);
     if let Ok(there) = std::fs::read(&file) {
@@ -45,7 +45,7 @@ pub fn write(machine: &Machine) -> Result<(), CliError> {
     }
 }
 
-/// Writes the rule completely; if that fails, no file is left.
+/// Writes the udev rule completely to this file, which must not exist; if that fails, no file is left.
 fn put(file: &Path) -> io::Result<()> {
     let mut opened = OpenOptions::new().write(true).create_new(true).open(file)?;
     opened.write_all(RULE.as_bytes()).inspect_err(|_| {

@@ -18,7 +18,7 @@ use crate::dump::packet::{self, Decoded, Packet};
 use crate::dump::pieces::Pieces;
 use crate::dump::slot_json::SlotJson;
 
-/// The JSON output.
+/// The output as JSON.
 pub struct Json;
 
 impl Format for Json {

@@ -13,7 +13,7 @@ use crate::dump::packet::{self, Decoded, Packet};
 use crate::dump::pieces::Pieces;
 use crate::dump::place::Place;
 
-/// The text output.
+/// The output as text.
 pub struct Text {
     /// Whether the bytes of packets are shown, too.
     pub with_bytes: bool,
@@ -51,7 +51,7 @@ impl Format for Text {
     }
 
     fn lacks(&self, _: &mut dyn Write, _: &Lacks) -> io::Result<()> {
-        // Only JSON has an object for it: in text mode a note on standard error says what the recording lacks.
+        // What a recording lacks is an object of its own only in JSON; in text mode a note on standard error says it.
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! The WebSocket of a page: sends what its queue has, and ignores what the page sends.
+//! The WebSocket of a page: sends the messages of the page's queue, and ignores what the page sends.
 
 use std::io::{self, Write};
 use std::net::TcpStream;
@@ -12,19 +12,21 @@ use tungstenite::{Error, Message, WebSocket};
 
 use super::hub::Out;
 
-/// How long a page may take nothing before its connection ends. \[OURS]
+/// How long sending may block because the page reads nothing, before the connection is closed. \[OURS]
 const STALLED_MAX: Duration = Duration::from_secs(10);
-/// How long the queue is waited for before the connection is looked at. \[OURS]
+/// The longest wait for the next message to send. After it the connection is read, and a request to stop is seen. \[OURS]
 const QUEUE_WAIT_MAX: Duration = Duration::from_millis(100);
-/// How long the connection is looked at; pages send nothing but pongs and their end. \[OURS]
+/// How long a read of the connection may wait. Pages send nothing but pongs and the close frame, so a read is only a short look
+/// between two messages to the page. \[OURS]
 const LOOK_MAX: Duration = Duration::from_millis(1);
-/// The longest message of a page, bytes. It is ignored. \[OURS]
+/// The longest message that a page may send, in bytes; a longer one ends the connection. Messages are read and ignored.
+/// \[OURS]
 const MESSAGE_MAX: usize = 4096;
 
-/// Serves a page until it or the server ends, or it takes nothing for too long.
+/// Sends the messages of `queue` to a page. Returns when the queue's sender is gone or `stop` is set.
 ///
 /// # Errors
-/// The connection has ended.
+/// The page has closed the connection, the connection is lost, or the page reads nothing for [`STALLED_MAX`].
 pub fn serve(mut stream: TcpStream, key: &str, queue: &Receiver<Out>, stop: &AtomicBool) -> io::Result<()> {
     let accept = derive_accept_key(key.as_bytes());
     stream.set_write_timeout(Some(STALLED_MAX))?;

@@ -1,4 +1,5 @@
-//! The head of a request, and answers. Only what a page needs: GET, one request in a connection.
+//! Reads the heads of HTTP requests, and sends answers. Only what a page needs is supported: GET, one request in a
+//! connection.
 
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, TcpStream};
@@ -6,34 +7,34 @@ use std::time::{Duration, Instant};
 
 /// The longest head of a request in bytes. \[OURS] Browsers send less than 2 KB.
 const HEAD_MAX: usize = 8192;
-/// The most header fields. \[OURS]
+/// The largest number of header fields of a request; a request with more is refused. \[OURS]
 const FIELDS_MAX: usize = 64;
 /// How long a client may take for its request, and for taking an answer. \[OURS]
 pub const REQUEST_WAIT_MAX: Duration = Duration::from_secs(5);
 
-/// A request, as far as this server uses it.
+/// The parts of an HTTP request that this server uses.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Request {
-    /// The method.
+    /// The method, such as `GET`.
     pub method: String,
     /// The path without its query.
     pub path: String,
     /// The value of `token` in the query.
     pub token: String,
-    /// The field `Host`.
+    /// The value of the header field `Host`; empty if it is missing.
     pub host: String,
-    /// The field `Origin`.
+    /// The value of the header field `Origin`; empty if it is missing.
     pub origin: String,
-    /// The key of a WebSocket; `None` if none is asked for.
+    /// The value of `Sec-WebSocket-Key`; `None` if the request does not open a WebSocket.
     pub socket_key: Option<String>,
 }
 
-/// An answer that is no page.
+/// An error answer of the server, as plain text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refusal {
-    /// The status code with its reason.
+    /// The HTTP status code with its reason, such as `403 Forbidden`.
     pub status: &'static str,
-    /// What a person has to know.
+    /// The body of the answer: what is wrong, and what the user can do.
     pub text: &'static str,
 }
 
@@ -74,7 +75,8 @@ fn parse(bytes: &[u8]) -> io::Result<Option<Request>> {
     let field = |name: &str| {
         let mut found = head.headers.iter().filter(|field| field.name.eq_ignore_ascii_case(name));
         let value = found.next().map(|field| String::from_utf8_lossy(field.value).into_owned());
-        // Two fields of one name are none: which of them counts, others may see in another way.
+        // A field that appears twice counts as missing, because browsers and proxies may differ in which of the two they
+        // use.
         value.filter(|_| found.next().is_none())
     };
     let target = head.path.unwrap_or_default();
@@ -96,7 +98,8 @@ fn parse(bytes: &[u8]) -> io::Result<Option<Request>> {
     }))
 }
 
-/// Whether `Host` names this machine. Behind a name that somebody else has given to 127.0.0.1 a page is not ours.
+/// Whether `Host` names this machine. Any other name may resolve to 127.0.0.1, too: the browser then takes this server for
+/// another site, whose scripts could read its answers (DNS rebinding).
 pub fn is_this_machine(host: &str) -> bool {
     let name = match host.strip_prefix('[') {
         Some(rest) => rest.split(']').next().unwrap_or_default(),
@@ -110,10 +113,10 @@ pub fn is_same(a: &str, b: &str) -> bool {
     a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b)) == 0
 }
 
-/// Sends a page.
+/// Sends an HTML page. `policy` is the beginning of its `Content-Security-Policy`.
 ///
 /// # Errors
-/// The client does not take it.
+/// The client does not take the page.
 pub fn send_page(stream: &mut TcpStream, html: &str, policy: &str) -> io::Result<()> {
     let policy = format!("Content-Security-Policy: {policy}; frame-ancestors 'none'\r\n");
     send(stream, "200 OK", "text/html", &policy, html)

@@ -1,7 +1,8 @@
 //! Makes messages of reports, and puts them into the queue of each page.
 //!
 //! The thread that reads the board only appends reports to a buffer. A thread of this file takes them 20 times a second,
-//! makes one block, and offers it to each queue. No queue is waited for: what does not fit is left out and counted.
+//! makes one block, and offers it to each queue. It waits for no queue: blocks that find a queue full are left out and
+//! counted.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,29 +34,30 @@ use crate::web::sampler::Sampler;
 const BLOCK_INTERVAL: Duration = Duration::from_millis(50);
 /// How many blocks are between two messages with the counters. \[OURS]
 const BLOCKS_PER_STATUS: u32 = 5;
-/// The most reports in the buffer: a second at the fastest cycle. \[OURS]
+/// The largest number of reports in the buffer: a second at the fastest cycle. Reports that find it full are left out and
+/// counted. \[OURS]
 const REPORTS_MAX: usize = 8000;
-/// The most pages at a time. \[OURS]
+/// The largest number of pages that show a board at the same time. \[OURS]
 const PAGES_MAX: usize = 16;
-/// The messages that wait for a page at most: some 3 s. \[OURS]
+/// The largest number of messages in the queue of a page: some 3 s. \[OURS]
 const QUEUE_MAX: usize = 64;
 
-/// A message to a page.
+/// A message to a page, which shows a board.
 #[derive(Clone)]
 pub enum Out {
-    /// JSON.
+    /// A JSON object: the first message (hello), or new channels, events or counters.
     Text(Arc<str>),
-    /// A block of points.
+    /// A block of new points of channels, in the page's binary format.
     Block(Arc<[u8]>),
 }
 
-/// What is watched.
+/// The board that the pages show, and the options that say how.
 pub struct Subject {
-    /// The link, as it was named.
+    /// The link as the user gave it; the link that is opened may have a longer queue.
     pub uri: LinkUri,
-    /// The machine file.
+    /// The machine file of the board, with names and units of axes.
     pub machine: Option<Arc<MachineFile>>,
-    /// The slaves of `--slaves`.
+    /// The kinds of the slaves, from `--slaves` of `ecmsk serve web`.
     pub slaves: Option<KindList>,
     /// The scales of `--counts-per-unit`.
     pub scales: Option<Scales>,
@@ -63,7 +65,7 @@ pub struct Subject {
     pub slot_size: Option<SlotSize>,
 }
 
-/// The pages of a board.
+/// The pages that are connected to a board, and the thread that makes their messages.
 pub struct Hub {
     name: String,
     pages: Mutex<Vec<Page>>,
@@ -71,12 +73,13 @@ pub struct Hub {
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// A page that is connected.
+/// The queue to a connected page, which a thread of its own sends over a WebSocket.
 struct Page {
     queue: SyncSender<Out>,
-    /// Whether it has to be greeted: it is new, or it was too slow for a message that it must not miss.
+    /// Whether the page needs the hello message with all channels and events: it is new, or its queue was full for a
+    /// message that it must not miss.
     is_new: bool,
-    /// The blocks that it was too slow for.
+    /// The number of blocks that found the queue of the page full, and of reports that were left out for all pages.
     dropped: u64,
 }
 
@@ -89,10 +92,10 @@ struct Inbox {
 }
 
 impl Hub {
-    /// Opens the board and starts to watch it.
+    /// Opens the board, and starts a thread that makes messages from its reports.
     ///
     /// # Errors
-    /// [`CliError`]
+    /// [`CliError`] if the board cannot be opened or read, or if no thread can be started.
     pub fn start(chosen: &ChosenLink, subject: Subject) -> Result<Arc<Self>, CliError> {
         let inbox = Arc::new(Mutex::new(Inbox::default()));
         let filled = Arc::clone(&inbox);
@@ -125,7 +128,7 @@ impl Hub {
         Ok(hub)
     }
 
-    /// Closes the board. A recording of it is whole afterwards.
+    /// Ends the thread and closes the board. A recording by the link's `record=` is complete afterwards.
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = lock(&self.thread).take() {
@@ -139,7 +142,7 @@ impl Hub {
         &self.name
     }
 
-    /// The queue of a new page; `None` if there are enough.
+    /// Adds a page and returns its queue; `None` if [`PAGES_MAX`] pages are connected.
     pub fn join(&self) -> Option<Receiver<Out>> {
         let mut pages = lock(&self.pages);
         if pages.len() >= PAGES_MAX {
@@ -152,7 +155,8 @@ impl Hub {
 }
 
 impl Page {
-    /// Offers a message; returns whether the page is still there. If `must` and there is no room, the page is greeted anew later.
+    /// Offers a message to the queue of the page; returns whether the page is still connected. If the queue is full, a
+    /// message that the page may miss is counted. With `must` the page gets a new hello message later instead.
     fn offer(&mut self, message: Out, must: bool) -> bool {
         match self.queue.try_send(message) {
             Ok(()) => true,
@@ -165,17 +169,18 @@ impl Page {
         }
     }
 
-    /// Offers what is new; returns whether the page is still there.
+    /// Offers the messages since the last call to the queue of the page. A new page gets `hello`, the message with all channels
+    /// and events so far, and the newest points instead. Returns whether the page is still connected.
     fn deliver(&mut self, news: &News, hello: impl Fn() -> Arc<str>) -> bool {
         self.dropped += news.left_out;
         if std::mem::take(&mut self.is_new) {
-            // A silent board has nothing else to show than its newest points.
+            // A new page gets the newest points at once, because a board that sends no more reports gives it no others.
             return self.offer(Out::Text(hello()), true) && self.offer(Out::Block(Arc::clone(&news.newest)), false);
         }
         if !news.texts.iter().all(|text| self.offer(Out::Text(Arc::clone(text)), true)) {
             return false;
         }
-        // A page that has missed a text cannot read what follows, until it is greeted anew.
+        // A page that has missed a text cannot read the blocks after it, until it gets a new hello message.
         if self.is_new {
             return true;
         }
@@ -184,26 +189,26 @@ impl Page {
         }
         let Some(status) = &news.status else { return true };
         let text = format!(r#"{{"type":"status","status":{},"dropped":{}}}"#, status.trim_end(), self.dropped);
-        // A status that does not fit is followed by the next one.
+        // A status that finds the queue full is not sent again, because the next one replaces it.
         !matches!(self.queue.try_send(Out::Text(text.into())), Err(TrySendError::Disconnected(_)))
     }
 }
 
-/// What the pages are told at a time.
+/// What one call of [`Publisher::publish`] sends to the pages.
 struct News {
-    /// The messages that no page must miss.
+    /// Messages about new channels and events. A page that misses one gets a new hello message.
     texts: Vec<Arc<str>>,
-    /// The new points.
+    /// The block of points since the last call.
     block: Arc<[u8]>,
     /// The newest point of each channel.
     newest: Arc<[u8]>,
-    /// The counters as JSON, from time to time.
+    /// The counters of the link and the board as JSON, with every fifth block; otherwise `None`.
     status: Option<String>,
-    /// The reports that did not fit the buffer.
+    /// The number of reports that were left out because the buffer was full.
     left_out: u64,
 }
 
-/// What makes the messages.
+/// Makes the messages to the pages from the reports of the board.
 struct Publisher {
     subject: Subject,
     feed: Feed,
@@ -214,7 +219,7 @@ struct Publisher {
     channels: Channels,
     events: Option<Events>,
     first_ns: Option<i64>,
-    /// The channels and events that the pages know.
+    /// The number of channels and the number of events that the pages have been sent.
     told: (usize, u64),
     blocks: u32,
 }
@@ -238,7 +243,8 @@ impl Publisher {
         publisher
     }
 
-    /// Takes over which slaves there are. A server tells it anew when a program has configured the network.
+    /// Takes over from the link which slaves there are; returns whether that has changed. The server of a board reports its
+    /// slaves again when a program has configured the network.
     fn look_at_network(&mut self) -> bool {
         let network = self.feed.network();
         if self.events.is_some() && network == self.network {
@@ -251,7 +257,7 @@ impl Publisher {
         true
     }
 
-    /// Takes what was read since the last time, and offers it to all pages.
+    /// Makes messages from the reports that were read since the last call, and offers them to all pages.
     fn publish(&mut self, name: &str, pages: &Mutex<Vec<Page>>) {
         let (reports, size, left_out) = {
             let mut inbox = lock(&self.inbox);
@@ -282,7 +288,8 @@ impl Publisher {
         }
     }
 
-    /// What the pages do not know yet.
+    /// Makes the messages for the pages: the points, channels and events since the last call. `is_status`: the status, which is
+    /// the counters of the link and the board, is due. `is_other`: the network has other slaves than before.
     fn news(&mut self, events: &Events, left_out: u64, is_status: bool, is_other: bool) -> News {
         let block = self.channels.take_block().into();
         let (channels, found) = (self.channels.list(), events.found());
@@ -304,7 +311,7 @@ impl Publisher {
         }
     }
 
-    /// The first message to a page.
+    /// The first message to a page: all slaves, channels and events so far.
     fn hello(&self, name: &str, events: &Events) -> Arc<str> {
         let hello = Hello {
             format: FORMAT,
@@ -342,7 +349,8 @@ mod tests {
         Out::Block([0].into())
     }
 
-    /// A page that takes nothing loses blocks, which are counted; after a message that it must not miss it is greeted anew.
+    /// A page that reads nothing loses blocks, which are counted. If it loses a message that it must not miss, it gets a
+    /// new hello message.
     #[test]
     fn a_slow_page_loses_blocks_and_nobody_waits_for_it() {
         let (queue, messages) = sync_channel(2);

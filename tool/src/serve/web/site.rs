@@ -1,4 +1,5 @@
-//! The server of the page: its connections, each with a thread, and who may have what.
+//! The HTTP server of the page: its connections, each with a thread, and the checks of who may read the page and its
+//! WebSocket.
 
 use std::io;
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -20,15 +21,15 @@ const CONNECTIONS_MAX: usize = 64;
 /// The time before the next connection is accepted after an error, such as too many open files. \[OURS]
 const AFTER_ERROR: Duration = Duration::from_millis(100);
 
-/// What the page shows.
+/// What the page of the server shows.
 pub enum Content {
-    /// A recording: the page has all of it.
+    /// A recording: the page contains all of its data.
     Recording(Page),
-    /// A board, of which a WebSocket tells.
+    /// A board: the page gets its data over a WebSocket.
     Board(Arc<Hub>),
 }
 
-/// The server.
+/// The running HTTP server of `ecmsk serve web`.
 pub struct Site {
     address: SocketAddr,
     shared: Arc<Shared>,
@@ -43,10 +44,10 @@ struct Shared {
 }
 
 impl Site {
-    /// Starts to listen.
+    /// Starts to listen, and serves the page in a thread.
     ///
     /// # Errors
-    /// [`WebError`]
+    /// [`WebError`] if the address cannot be listened on, or if the system gives no random token or no thread.
     pub fn start(listen: SocketAddr, content: Content) -> Result<Self, WebError> {
         let listener = TcpListener::bind(listen).map_err(|source| WebError::Listen { address: listen, source })?;
         let address = listener.local_addr().map_err(|source| WebError::Listen { address: listen, source })?;
@@ -73,7 +74,8 @@ impl Site {
     /// Ends the server. Pages that are connected see their connections end.
     pub fn stop(self) {
         self.shared.stop.store(true, Ordering::Relaxed);
-        // Accepting waits for a connection. If this one does not come about, the thread ends with the process.
+        // The thread waits in `accept` and sees the request to stop after the next connection, so this one wakes it. If the
+        // connection fails, the thread runs until the process ends.
         if TcpStream::connect_timeout(&self.address, AFTER_ERROR).is_ok() {
             // A panic of the thread was printed already.
             let _ = self.thread.join();
@@ -91,7 +93,8 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
             continue;
         };
         if shared.connections.fetch_add(1, Ordering::Relaxed) >= CONNECTIONS_MAX {
-            // No thread and no answer: an answer would be waited for.
+            // A client that finds too many connections gets no thread and no answer, because sending an answer could block
+            // this loop.
             shared.connections.fetch_sub(1, Ordering::Relaxed);
             continue;
         }
@@ -126,7 +129,7 @@ const NO_SOCKET: Refusal = Refusal { status: "400 Bad Request", text: "Here is a
 const FULL: Refusal =
     Refusal { status: "503 Service Unavailable", text: "Enough pages show this board: close one of them." };
 
-/// What a client gets.
+/// What a permitted request asks for: the page, or the WebSocket with the client's key.
 #[derive(Debug, PartialEq, Eq)]
 enum Wish {
     Page,
@@ -159,7 +162,11 @@ impl Shared {
     }
 }
 
-/// What a request may have.
+/// Checks a request, and returns what it asks for.
+///
+/// # Errors
+/// The refusal, if the request names another host than this machine, is not a GET, lacks the token, has an unknown path, or
+/// opens the WebSocket from a page of another origin.
 fn wish(request: &Request, token: &str) -> Result<Wish, Refusal> {
     if !http::is_this_machine(&request.host) {
         return Err(NOT_HERE);

@@ -44,5 +44,5 @@ pub fn is_limited(board: &Board, now: &Snapshot, slave: u8) -> bool {
 
 /// The meaning of an internal limit, for errors.
 pub const WHY: &str = "its drive holds it back (internal limit active, statusword bit 11)";
-/// The next step after an internal limit.
+/// What the user can look at after an internal limit, for errors.
 pub const NEXT: &str = "see its limit switches (0x60FD), its software limits (0x607D), its torque limit and its load";

@@ -8,9 +8,9 @@ use super::target::Jerk;
 /// \[OURS] The default speed in counts per second, which is slow for every motor: with a 17-bit encoder it is less than a tenth
 /// of a turn per second (13107 counts).
 pub const DEFAULT_VELOCITY: f64 = 10_000.0;
-/// \[OURS] With the default acceleration an axis reaches its speed in this many seconds.
+/// \[OURS] With the default acceleration an axis reaches its velocity limit in this many seconds.
 pub const DEFAULT_ACCELERATION_TIME_S: f64 = 0.2;
-/// \[OURS] With the default jerk an axis reaches its acceleration in this many seconds.
+/// \[OURS] With the default jerk an axis reaches its acceleration limit in this many seconds.
 pub const DEFAULT_JERK_TIME_S: f64 = 0.1;
 
 /// The limits of one axis, in counts and seconds.
@@ -21,12 +21,12 @@ pub struct Speeds {
     pub jerk: Option<f64>,
 }
 
-/// What is asked for, and the highest allowed value, if there is one.
+/// A limit for the velocity or the acceleration: the value of the option, and the highest value that the machine file
+/// allows. `None` where there is none.
 type Asked = (Option<f64>, Option<f64>);
 
 impl Speeds {
-    /// The limits that are given, with defaults for the others. Speed and acceleration are each a value, and the highest one
-    /// that a default may have.
+    /// Makes the limits. An option that is not given gets its default, which is never above the limit of the machine file.
     pub fn of(velocity: Asked, acceleration: Asked, jerk: Option<Jerk>) -> Self {
         let or = |(asked, max): Asked, default: f64| asked.unwrap_or(max.map_or(default, |max| default.min(max)));
         let velocity = or(velocity, DEFAULT_VELOCITY);
@@ -77,10 +77,10 @@ pub struct Path {
 }
 
 impl Path {
-    /// Makes a path. Its limits are chosen so that no axis exceeds its own.
+    /// Makes a path. Its limits are chosen so that no axis exceeds its own limits.
     ///
     /// # Errors
-    /// No motion can be calculated.
+    /// The library for trajectories finds no motion within the limits, or the motion would take infinitely long.
     pub fn new(axes: Vec<AxisPath>) -> Result<Self, String> {
         let length = axes.iter().map(|axis| axis.distance().abs()).fold(0.0, f64::max);
         let moving = || axes.iter().filter(|axis| axis.distance() != 0.0);

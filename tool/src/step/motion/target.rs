@@ -14,15 +14,15 @@ pub struct Target {
     unit: Option<Unit>,
 }
 
-/// A target of one axis, with the meaning of its number.
+/// A target of one axis, with its slave and the scale of its number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisTarget {
     pub slave: u8,
-    /// The position or distance.
+    /// The position, or with `--relative` the distance, in the unit of `scale`.
     pub value: f64,
-    /// The unit of `value`.
+    /// The unit of `value`, as counts per unit.
     pub scale: Scale,
-    /// Whether the axis has its name of the machine file.
+    /// Whether the user has named the axis by its name in the machine file, not by its number.
     pub is_named: bool,
 }
 
@@ -40,10 +40,10 @@ impl Target {
         read(text).ok_or_else(|| "allowed: AXIS=TARGET, e.g. 1=10000, with an axis from 1 to 40 and a number".into())
     }
 
-    /// The target with the meaning that its axis and its unit have.
+    /// The target with the scale of its axis and its unit.
     ///
     /// # Errors
-    /// The machine file does not have the axis, or it has another unit.
+    /// The machine file does not have the axis, or the target is written in another unit than that of the axis.
     pub fn resolve(&self, what: &str, units: Units<'_>) -> Result<AxisTarget, BoardError> {
         let slave = self.axis.slave(what, units.machine)?;
         let axis = units.axis(slave);

@@ -49,7 +49,8 @@ pub fn write(part: &Part, machine: Machine, version: &str, libraries: Option<&st
     Ok(())
 }
 
-/// The description field of a control file: a first line, then lines that begin with a blank.
+/// The description field of a Debian package: a first line, then lines that begin with a blank, as the control file
+/// requires.
 fn description(part: &Part) -> String {
     let mut lines = vec![part.description.0.to_owned(), String::new()];
     for word in long_description(part).split_whitespace() {
@@ -91,7 +92,7 @@ fn md5sums(tree: &Tree) -> Result<String, Error> {
     Ok(lines)
 }
 
-/// The licences in the format of Debian's tools (DEP-5).
+/// The copyright file of a Debian package: who holds the copyright, and the licences (DEP-5).
 pub fn copyright(project: &Project, release: &Release) -> Result<String, Error> {
     let file = project.root.join("LICENSE-MIT");
     let text = fs::read_to_string(&file).map_err(Error::file("read", &file))?;

@@ -28,17 +28,18 @@ const SYSTEM: System = System {
     finish: |_| Ok(()),
 };
 
-/// The folder in that system for the files of the test.
+/// The folder in the Debian system for the packages and programs of the test.
 const PLACE: &str = "srv";
-/// A program in C that uses the vendor's functions.
+/// A C program that calls the functions of the vendor's API. The test compiles it with the installed library.
 pub const PROGRAM: &str = include_str!("program.c");
-/// The output of that program.
+/// The output of [`PROGRAM`] with a simulated board.
 pub const EXPECTED: &str = "PreOP\n";
 /// Paths that are ignored when the files before and after are compared: dpkg, the dynamic linker and the test itself change
 /// them.
 const CHANGING_PATHS: [&str; 7] = ["var/", "proc/", "run/", "tmp/", "srv/", "etc/ld.so.cache", "usr/share/info/dir"];
 
-/// The steps of the test: shell lines with their expected output; `None` if the output is not checked.
+/// The steps that the test runs in the Debian system: shell lines with their expected output; `None` if the output is not
+/// checked.
 fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
     let compile = "cd /srv && gcc -Wall -Wextra -Werror program.c -o";
     let pkgconfig = "$(pkg-config --cflags --libs nextwusblib)";
@@ -59,7 +60,7 @@ fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
     ]
 }
 
-/// Sets up the Debian system of the test; returns its root.
+/// Sets up the Debian system in which packages are installed for the test; returns its root.
 pub fn set_up_debian(project: &Project) -> Result<PathBuf, Error> {
     debian::set_up(&project.target.join("xtask"), &SYSTEM)
 }

@@ -7,8 +7,8 @@ use crate::command;
 use crate::error::Error;
 use crate::needs::LINTIAN;
 
-/// Runs lintian. Errors and warnings fail the chore. A warning that does not apply is overridden in the package, with the
-/// reason.
+/// Runs lintian on the packages. An error or a warning fails `cargo xtask dist`. The packages contain an override file,
+/// with the reason, for a warning that does not apply.
 pub fn check(packages: &[&PathBuf]) -> Result<(), Error> {
     let mut lintian = Command::new(LINTIAN.program);
     // `--no-cfg`: a lintian configuration of the user has no effect.

@@ -24,7 +24,8 @@ pub use parts::DEVELOPMENT;
 /// The Debian revision, which follows the version of the project in a package's version. \[OURS]
 const REVISION: u32 = 1;
 
-/// The lintian warning that the packages override, because it concerns only packages that are uploaded to Debian.
+/// The lintian warning that all packages override: the changelog closes no bug report, which is required only of packages
+/// that are uploaded to Debian.
 const OVERRIDDEN: &str = "initial-upload-closes-no-bugs";
 const OVERRIDDEN_BECAUSE: &str = "The package is not uploaded to Debian, and answers no request there.";
 
@@ -48,7 +49,8 @@ pub fn build(
         tree.set_time(release.epoch)?;
         let file = folder.join(format!("{}_{version}_{}.deb", part.package, machine.debian()));
         let mut dpkg = release.command("dpkg-deb");
-        // dpkg-deb's own level is 6; the lowest one takes a tenth of the time.
+        // dpkg-deb's own level is 6. The lowest level takes a tenth of the time, and makes larger packages, which only
+        // tests use.
         let level = if project.quick { "-z0" } else { "-z6" };
         dpkg.args(["--root-owner-group", "-Zxz", level, "--threads-max=1", "--build"]).arg(tree.root()).arg(&file);
         command::output(&mut dpkg)?;
@@ -99,7 +101,7 @@ fn depends(project: &Project, part: &Part, machine: Machine, tree: &Tree) -> Res
     if part.programs.is_empty() {
         return Ok(None);
     }
-    // dpkg-shlibdeps runs in a folder of Debian sources, but reads only this file of it.
+    // dpkg-shlibdeps runs in a folder of Debian sources, but reads only its file `debian/control`.
     let sources = super::folder(project).join("deb/sources");
     let debian = sources.join("debian");
     fs::create_dir_all(&debian).map_err(Error::file("make", &debian))?;
@@ -111,6 +113,7 @@ fn depends(project: &Project, part: &Part, machine: Machine, tree: &Tree) -> Res
     ask.args(part.programs.iter().map(|program| tree.at(&parts::path(machine, program))));
     let said = String::from_utf8_lossy(&command::output(&mut ask)?).into_owned();
     let depends = said.lines().find_map(|line| line.strip_prefix("shlibs:Depends="));
-    // For another machine it finds the libraries that its compiler links, whose packages are named `libc6-arm64-cross`.
+    // For another machine than this one dpkg-shlibdeps finds the libraries of the cross compiler, whose packages are named
+    // `libc6-arm64-cross`. On that machine the name is `libc6`.
     Ok(depends.map(|depends| depends.replace(&format!("-{}-cross", machine.debian()), "")))
 }

@@ -11,16 +11,17 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::stage::{ARCHIVE, LINK_NAME, SONAME, UDEV_RULE};
 
-/// Replaces `@` in a path by the sub-folder of `/usr/lib` for libraries of the machine.
+/// Replaces `@` in a path of a package by the name of the sub-folder of `/usr/lib` for libraries of the machine, such as
+/// `x86_64-linux-gnu`.
 pub fn path(machine: Machine, path: &str) -> String {
     path.replace('@', machine.gnu())
 }
 
-/// The definition of one package.
+/// The definition of one Debian package.
 pub struct Part {
     pub package: &'static str,
     pub section: &'static str,
-    /// The packages of this project that it needs in exactly its own version.
+    /// The packages of this project that this package needs in exactly the same version.
     pub depends_on_own: &'static [&'static str],
     pub recommends: &'static [&'static str],
     pub suggests: &'static [&'static str],
@@ -28,7 +29,7 @@ pub struct Part {
     pub multi_arch: Option<&'static str>,
     /// The description: its first line, and the text after it.
     pub description: (&'static str, &'static str),
-    /// Its programs and libraries, from which the dependencies are computed; paths as for [`path`].
+    /// The programs and libraries of the package, from which the dependencies are computed; paths as for [`path`].
     pub programs: &'static [&'static str],
     /// Further control files (name, content), such as the triggers that make dpkg run ldconfig.
     pub control: &'static [(&'static str, &'static str)],
@@ -100,7 +101,8 @@ pub const PARTS: &[Part] = &[
     },
 ];
 
-/// The text of a package's description, after a sentence about what the board is.
+/// The text of a package's description below its first line: a sentence that says what the board is, then the package's own
+/// text.
 pub fn long_description(part: &Part) -> String {
     format!("{BOARD}{}", part.description.1)
 }
@@ -133,7 +135,7 @@ fn tool(project: &Project, _: Machine, stage: &Path, tree: &Tree) -> Result<(), 
     tree.copy(&stage.join("bin/ecmsk"), "usr/bin/ecmsk", PROGRAM)?;
     let rule = project.root.join("share/udev").join(UDEV_RULE);
     tree.copy(&rule, &format!("usr/lib/udev/rules.d/{UDEV_RULE}"), DATA)?;
-    // Nothing enables the service: whoever makes this machine a board does.
+    // The package does not enable the service. The administrator does that on a machine that is to be a board.
     let services = project.root.join("share/systemd");
     tree.copy(&services.join("ecmsk-board.service"), "usr/lib/systemd/system/ecmsk-board.service", DATA)?;
     tree.copy(&services.join("ecmsk-board.conf"), "etc/ecmsk-board.conf", DATA)?;

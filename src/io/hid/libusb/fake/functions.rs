@@ -16,8 +16,8 @@ use super::{Ending, FakeUsb, NEXT, NO_DEVICE, PRODUCT, ReportReaction, VENDOR, r
 const IO: c_int = -1;
 const NOT_FOUND: c_int = -5;
 
-/// A wait with at least this limit does not time out here: if the code under test does not interrupt it, the test
-/// hangs.
+/// A wait for events with this limit or a longer one has no limit in the simulation. So a test hangs, and shows the
+/// fault, if the code under test does not interrupt such a wait.
 const LONG: Duration = Duration::from_secs(1);
 
 fn world<T>(pointer: *mut T) -> &'static FakeUsb {
@@ -293,7 +293,7 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
         inside.ring();
         return INTERRUPTED;
     }
-    // A long wait that is not interrupted never ends here, so that the test notices it.
+    // A wait of [`LONG`] or more does not time out, so that the test hangs if the wait is not interrupted.
     while inside.endings.is_empty() && !inside.interrupted && inside.event_errors == 0 {
         if limit < LONG {
             world.changed.wait_for(&mut inside, limit);

@@ -21,10 +21,10 @@ const INVALID: u32 = 87;
 const NOT_FOUND: u32 = 1168;
 /// `CR_NO_SUCH_DEVNODE`: no device node has this number.
 const NO_NODE: u32 = 13;
-/// A parent node has the number of its child node plus this value.
+/// In the simulation a parent node has the number of its child node plus this value.
 const GENERATION: u32 = 100;
-/// A wait with at least this limit does not time out here: if the code under test does not interrupt it, the test
-/// hangs.
+/// A wait with this limit or a longer one has no limit in the simulation. So a test hangs, and shows the fault, if the
+/// code under test does not interrupt such a wait.
 const LONG_MS: u32 = 1000;
 const CLASS: &str = "#{4d1e55b2-f16f-11cf-88cb-001111000030}";
 
@@ -61,14 +61,14 @@ pub(super) const FAKE: Api = Api {
     device_id,
 };
 
-/// The simulated Windows that a handle belongs to. The handle is its address, with the kind of the handle in the lowest
-/// bits.
+/// The simulated Windows that has created a handle. A handle is the address of its [`FakeWindows`]; for an event the
+/// lowest bits tell which one it is ([`FIRST`], [`SECOND`]).
 fn world(handle: *mut c_void) -> &'static FakeWindows {
     // SAFETY: all handles here are made of the address of a `FakeWindows`, which is never freed.
     unsafe { &*handle.map_addr(|address| address & !LOWEST).cast::<FakeWindows>() }
 }
 
-/// The bits that are 0 in the address of a `FakeWindows`.
+/// The lowest bits of the address of a `FakeWindows`, which are 0 because of its alignment.
 const LOWEST: usize = align_of::<FakeWindows>() - 1;
 // The lowest bits of a handle that stands for one of the backend's two events.
 const FIRST: usize = 2;
@@ -197,7 +197,7 @@ unsafe extern "system" fn next_completion(
 ) -> Bool {
     let world = world(port);
     let mut inside = world.inside.lock();
-    // A long wait that is not interrupted never ends here, so that the test notices it.
+    // A wait of [`LONG_MS`] or more does not time out, so that the test hangs if the wait is not interrupted.
     while inside.ended.is_empty() && !inside.woken {
         if limit_ms < LONG_MS {
             world.changed.wait_for(&mut inside, Duration::from_millis(limit_ms.into()));

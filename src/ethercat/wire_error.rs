@@ -20,12 +20,12 @@ pub enum WireError {
         part: &'static str,
         /// The value found.
         found: u32,
-        /// The values allowed.
+        /// The values that the field may have, as a text.
         allowed: &'static str,
     },
     /// The buffer is too small for encoding.
     NoRoom {
-        /// What was to be encoded.
+        /// What was to be encoded, such as `mailbox message`.
         part: &'static str,
         /// The length of that part, bytes.
         needed: usize,

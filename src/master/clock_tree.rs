@@ -58,7 +58,8 @@ pub(super) struct Passed {
 pub(super) struct Clocks {
     /// The slaves that have a clock.
     pub(super) all: SlaveSet,
-    /// The slaves whose clocks are set.
+    /// The slaves whose clocks were set to the reference time: the master has written their offset and propagation
+    /// delay.
     pub(super) set: SlaveSet,
     /// The slaves whose clocks have only 32 bits.
     pub(super) short: SlaveSet,

@@ -19,8 +19,8 @@ use crate::ethercat::registers::{
 };
 use crate::ethercat::{Command, Ns, SlaveSet};
 
-/// The time from writing the SYNC0 start time to the first pulse, ns, as with other masters; at least 10 cycles. A
-/// start time in the past would never cause a pulse.
+/// The minimum time from writing the SYNC0 start time to the first pulse, ns, as with other masters; 10 cycles if these
+/// are longer. A start time in the past would never cause a pulse.
 const START_NS: u64 = 100_000_000;
 /// \[OURS] The largest difference of a clock from the reference, ns, at which its SYNC signals may start, as with other
 /// masters.

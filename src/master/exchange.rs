@@ -168,7 +168,8 @@ impl Unused {
 pub(super) struct Exchange {
     settings: Settings,
     indices: [IndexUse; 256],
-    /// The index at which the search for a free one begins.
+    /// The index after the one that was used last. The search for a free index begins there, so that indices are used
+    /// in turn.
     next_index: u8,
     flights: Vec<Flight>,
     requests: Vec<Request>,

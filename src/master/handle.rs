@@ -51,7 +51,8 @@ pub trait Ending: Sized {
     #[doc(hidden)]
     fn into_end(self) -> End;
 
-    /// Converts the result of a job. `None`: the result has another type, so the handle belongs to another master.
+    /// Converts the result of a job. `None`: the result has another type, so the handle is one of another master, whose
+    /// ids count separately.
     #[doc(hidden)]
     fn of(end: End) -> Option<Self>;
 }

@@ -37,7 +37,8 @@ const CLOCK_LEN: usize = 8;
 const STATE_LEN: usize = 2;
 /// The distance between the logical addresses of two process data datagrams: more than the bytes of one.
 const SEGMENT_STEP: u32 = 0x800;
-/// The numbers of the first datagrams of a cycle. The datagrams with process data have the numbers after these.
+/// The numbers of the first two datagrams of a cycle: the one that distributes the reference time, and the one that
+/// reads the AL status of all slaves. The datagrams with process data have the numbers after these.
 const CLOCK: u8 = 0;
 const STATES: u8 = 1;
 const SEGMENTS: u8 = 2;
@@ -129,7 +130,8 @@ pub(super) struct ProcessData {
     /// The states of the slaves for which the expected working counters were computed; `None`: the layout of the data
     /// has changed since.
     standing: Option<Standing>,
-    /// The time that was sent in the datagram of the reference clock.
+    /// The time that the clock datagram of the present cycle was sent with. If it comes back unchanged, no reference
+    /// clock has written its time.
     sent_time: u64,
     cycle: CycleDone,
     /// The number of datagrams that have not come back yet.

@@ -163,7 +163,7 @@ impl Bus {
 pub(super) struct Shared {
     pub(super) settings: Settings,
     pub(super) now: Ns,
-    /// When the newest cycle was sent.
+    /// When the newest cycle was sent, on the master's clock; `None`: none was sent since [`Self::reset`].
     pub(super) last_cycle: Option<Ns>,
     pub(super) exchange: Exchange,
     pub(super) live: Vec<Live>,

@@ -26,7 +26,7 @@ pub(super) struct Change {
     target: AlState,
     slaves: SlaveSet,
     /// `again_at`: when the master gets the request for the change, for the first time or again. `until`: when the
-    /// change times out. Both are times of the wires' clock.
+    /// change times out. Both are times of the network card's clock.
     again_at: Ns,
     until: Ns,
     /// Whether the slaves have not been requested to leave OP yet. The outputs in the board's FIFO are sent first,

@@ -2,7 +2,7 @@
 
 use crate::fieldbus::{AlState, CHANGE_SLAVE_NS, LEAVING_OP_NS, Ns};
 
-/// Durations in board time, ns.
+/// The durations of the jobs and SDO transfers of a simulated network, ns of board time.
 ///
 /// \[OURS] The only source is "takes many cycles, PreOP to SafeOP the longest" (SK-4). These are the durations of a
 /// small network of servo drives.

@@ -19,7 +19,7 @@ const QUIET_NS: Ns = 10_000_000;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Ahead {
     declared: Option<BusConfig>,
-    /// The earliest time at which the preparation begins, on the wires' clock.
+    /// The earliest time at which the preparation begins, on the clock of the wires to the chip.
     not_before: Ns,
 }
 

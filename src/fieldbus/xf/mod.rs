@@ -146,7 +146,8 @@ impl<W: Wires> XfBus<W> {
         self.work(|bus| bus.wires_time(now))
     }
 
-    /// Makes exchanges and waits until the wires' time is `until`, and returns the bus with its lock.
+    /// Makes exchanges and waits until the time `until` on the clock of the wires to the chip, and returns the bus with
+    /// its lock.
     fn work(&mut self, until: impl FnOnce(&mut ChipBus<W>) -> Ns) -> MutexGuard<'_, ChipBus<W>> {
         let Self { bus, sequence } = self;
         let mut bus = bus.lock();

@@ -100,7 +100,7 @@ pub(super) struct Seen {
     pub mapped: Mapped,
     /// Whether the present mapping has the lengths of the wanted one, so that the chip's layout fits both.
     pub is_as_long: bool,
-    /// When the objects were read or written, on the wires' clock.
+    /// When the objects were read or written, on the clock of the wires to the chip.
     pub at: Ns,
 }
 

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
 
-/// The numbers of bits for which [`AnswerCheck::explain`] tries whether the answers are shifted by as many bits, too
-/// early or too late. \[OURS]
+/// By how many bits the answers may be shifted, too early or too late: [`AnswerCheck::explain`] tries each of these
+/// numbers. \[OURS]
 const SHIFT_BITS: std::ops::RangeInclusive<usize> = 1..=32;
 
 /// The wiring fault that invalid answers of the board indicate.
@@ -68,7 +68,8 @@ pub enum WiringFault {
     Garbled,
 }
 
-/// How many invalid answers are kept. A fault is reported only if it explains all of them. \[OURS]
+/// How many invalid answers are kept, to find the wiring fault: one is reported only if it explains all of them, since
+/// a single answer may fit a fault by chance. \[OURS]
 const INVALID_KEPT: usize = 4;
 
 /// How many answers with different valid CRCs show that the board sends CRCs. One is not enough, because the CRC of an
@@ -80,12 +81,13 @@ const VALID_CRCS_MIN: u8 = 2;
 pub struct AnswerCheck {
     size: SlotSize,
     /// Number of answers with a valid CRC since the latest answer with 0 in place of the CRC. An answer with the same
-    /// CRC as the one before does not count. Once the number has reached [`VALID_CRCS_MIN`] it does not change any
-    /// more.
+    /// CRC as the one before does not count: it may be the same bytes again. Once the number has reached
+    /// [`VALID_CRCS_MIN`] it does not change any more.
     valid_crcs: u8,
     /// The CRC of the latest answer that `valid_crcs` counts.
     crc: u8,
-    /// The latest invalid answers since a valid one. An answer that repeats the one before it is not kept.
+    /// The latest invalid answers since a valid one, at most [`INVALID_KEPT`]. An answer that repeats the one before it
+    /// is not kept, because it shows nothing new about the fault.
     invalid: VecDeque<Frame>,
 }
 

@@ -10,7 +10,7 @@ const REPORTS_WITH_CRC_MIN: u32 = 3;
 /// less than a CRC, so more reports are needed. \[OURS]
 const REPORTS_WITHOUT_CRC_MIN: u32 = 32;
 
-/// The board's slot size, as far as the reports have shown it.
+/// Finds out from the reports whether the board's slot size is the one that the link was given.
 #[derive(Debug)]
 pub(crate) struct SlotWatch {
     given: SlotSize,

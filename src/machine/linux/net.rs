@@ -163,7 +163,8 @@ impl Machine {
         self.attribute("/sys/devices/system/cpu/isolated")
     }
 
-    /// The deepest sleep state that a processor may enter: its name, and the time to wake up, us.
+    /// The deepest sleep state that processor 0 may enter, for all processors: its name, and the time to wake up from
+    /// it, us. `None`: the kernel lists no sleep states.
     pub fn deepest_sleep(&self) -> Option<(String, i64)> {
         const STATES: &str = "/sys/devices/system/cpu/cpu0/cpuidle";
         let states = self.names(STATES).into_iter().filter_map(|state| {

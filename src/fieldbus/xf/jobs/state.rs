@@ -31,7 +31,7 @@ struct Change {
 struct SentFirst {
     /// The id of the newest of these outputs.
     newest: u64,
-    /// When the wait for these outputs ends, on the wires' clock.
+    /// When the wait for these outputs ends, on the clock of the wires to the chip.
     until: Ns,
 }
 

@@ -14,7 +14,8 @@ use super::api::{
 };
 use crate::threads;
 
-/// The maximum number of ports between the root hub and a device: USB 2.0 4.1.1 allows five hubs in a row.
+/// The length of the array for the port numbers from the root hub to a device: the one that libusb's documentation
+/// recommends. USB 2.0 4.1.1 allows five hubs in a row.
 const PORTS_MAX: usize = 7;
 
 /// The reason why USB cannot be used on this machine.

@@ -257,8 +257,8 @@ async fn difference_ns(bus: &Bus, station: u16) -> Result<i64, Unanswered> {
 async fn wait_until_near(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {
     let until = bus.now().saturating_add(NEAR_MAX_NS);
     loop {
-        // The reference clock follows no other one. Its difference register still shows the one from an earlier
-        // reference.
+        // The reference clock follows no other one, so there is nothing to wait for. Its difference register still
+        // shows the difference to an earlier reference.
         if bus.with(|shared| shared.clocks.reference(shared.missing) == Some(slave)) {
             return Ok(());
         }

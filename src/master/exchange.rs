@@ -62,7 +62,7 @@ enum IndexUse {
     Free,
     /// The frame has come back, and the index was not reused since.
     Answered,
-    /// The frame is in flight; its place in `flights`.
+    /// The frame is in flight. The value is its index in `flights`.
     Flying(usize),
     /// The frame was lost. The index may be reused from `until` on.
     Resting {

@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 
 use super::{DatagramAnswer, DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
 
-/// The id of a job. Each job of a master has another id.
+/// The id of a job. No two jobs of a master have the same id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct JobId(pub(super) u64);
 

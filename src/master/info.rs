@@ -13,8 +13,8 @@ pub const MAILBOX_BYTES_MIN: u16 = 16;
 /// The longest mailbox, bytes: the data of one datagram.
 pub const MAILBOX_BYTES_MAX: u16 = DATA_LEN_MAX as u16;
 
-/// \[OURS] The alignment of process data of a slave whose EEPROM has no sync managers for them. The areas are placed
-/// behind the mailboxes, outputs first, each with room for three buffers of at least 128 bytes.
+/// \[OURS] The alignment, bytes, of process data of a slave whose EEPROM has no sync managers for them. The areas are
+/// placed behind the mailboxes, outputs first, each with room for three buffers of at least 128 bytes.
 const AREA_ALIGN: u16 = 0x80;
 const AREA_ROOM: u16 = 3 * 128;
 
@@ -41,7 +41,7 @@ pub struct ProcessManager {
 /// A slave as a scan has found it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SlaveInfo {
-    /// The station address that the master has given it.
+    /// The station address that the master has assigned to the slave.
     pub station: u16,
     /// The station alias; 0: the slave has none.
     pub alias: u16,

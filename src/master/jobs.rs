@@ -216,7 +216,8 @@ impl Master {
     fn plan(&self, slave: u8) -> Plan {
         let (registers, sync) = (self.process.registers(slave), self.process.sync(slave));
         let info = self.slave(slave);
-        // A slave that was not found gets station address 0, which no slave answers.
+        // A slave that was not found gets station address 0, which no slave answers: its change of state fails with
+        // that reason.
         let station = info.map_or(0, |info| info.station);
         Plan { slave, station, mailbox: info.and_then(SlaveInfo::mailbox_managers), registers, sync }
     }

@@ -140,7 +140,7 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     Ok(slaves)
 }
 
-/// Closes ports of slaves, or makes them automatic again.
+/// Closes the ports `ends`, or makes them automatic again if not `is_closed`.
 async fn close(bus: &Bus, slaves: &[SlaveInfo], ends: &[Upstream], is_closed: bool) -> Result<(), Lost> {
     for Upstream { slave, port } in ends {
         let Some(SlaveInfo { station, .. }) = slaves.get(usize::from(*slave) - 1) else { continue };

@@ -14,7 +14,7 @@ const SILENT_MAX_NS: Ns = BUSY_MAX_NS;
 const AGAIN_NS: Ns = 5_000_000;
 /// \[OURS] The most bytes that are read of an EEPROM.
 const BYTES_MAX: usize = 0x8000;
-/// The length of the registers from control to data, bytes, which one datagram reads.
+/// The length of the registers of the EEPROM interface from control to data, bytes, which one datagram reads.
 const READ_LEN: usize = (SII_DATA - SII_CONTROL) as usize + 8;
 
 impl From<Unanswered> for SiiError {

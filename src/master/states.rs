@@ -134,7 +134,8 @@ async fn bring(bus: Bus, plan: Plan, target: AlState, until: Ns) -> Result<(), S
     let (bus, plan) = (&bus, &plan);
     let Some(_change) = Change::begin(bus, plan.slave) else { return Err(StateReason::Busy) };
     let ended = lead(bus, plan, target, until).await;
-    // Whether the slave answers at all decides which error it is.
+    // With working counter 0 the slave has refused an access, or does not answer at all. A read of its type register
+    // shows which.
     if ended == Err(StateReason::NotTaken(0)) && bus.read::<1>(plan.station, TYPE).await.is_err() {
         return Err(StateReason::NoAnswer);
     }

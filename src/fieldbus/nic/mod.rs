@@ -217,7 +217,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The wires, for reading their state.
+    /// The network card or cards, for reading their state.
     pub const fn wires(&self) -> &W {
         &self.wires
     }

@@ -221,7 +221,8 @@ impl Network {
         self.configured.intersection(SlaveSet::first(self.found)).iter().filter(is_unused).collect()
     }
 
-    /// What is known of a slave's objects, if it was read for this configuration and is not too old.
+    /// What is known of a slave's objects, if they were read or written for this configuration and not longer ago than
+    /// [`SEEN_FOR_NS`].
     pub(super) fn seen(&self, slave: u8, config: &SlaveConfig, now: Ns) -> Option<Seen> {
         let holds = |seen: &Seen| seen.config == *config && now.saturating_sub(seen.at) < SEEN_FOR_NS;
         self.seen[usize::from(slave) - 1].filter(holds)

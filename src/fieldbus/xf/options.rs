@@ -19,8 +19,8 @@ pub struct XfBusOptions {
     /// Whether the clock of the wires to the chip advances by itself. Otherwise it advances only in exchanges and
     /// waits.
     pub real_time: bool,
-    /// The chip's packets have a fixed size, as those of an ECM-XFU. Otherwise the chip is set to another size if the
-    /// process data or the cycle need it.
+    /// Whether the chip's packets have a fixed size, as those of an ECM-XFU. Otherwise the chip is set to another size
+    /// if the process data or the cycle need it.
     pub size_is_fixed: bool,
 }
 

@@ -136,8 +136,8 @@ pub struct Pacer {
     state: Option<MasterState>,
     /// When the next regular exchange, one per cycle, is due.
     tick: Ns,
-    /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs its shortest
-    /// period.
+    /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs the shortest
+    /// period ([`PacerOptions::period_ns`]) between two.
     not_before: Ns,
     /// The target for the FIFO level. As in the reports, the level is the number of entries after the board has taken
     /// one out in a cycle.
@@ -333,8 +333,8 @@ impl Pacer {
         }
     }
 
-    /// Records that the exchange has ended. Its transfer began at least one transfer time ago, and the shortest period
-    /// of the board counts from there.
+    /// Records that the exchange has ended. Its transfer began at least one transfer time ago. The board's shortest
+    /// period until the next exchange counts from that time.
     pub fn ended(&mut self, now: Ns) {
         let began = now.saturating_sub(self.options.wires_ns);
         if self.options.period_ns > 0 {

@@ -164,7 +164,7 @@ impl Machine {
     }
 
     /// The deepest sleep state that processor 0 may enter, for all processors: its name, and the time to wake up from
-    /// it, us. `None`: the kernel lists no sleep states.
+    /// it, us. `None`: the kernel lists no sleep state that is allowed.
     pub fn deepest_sleep(&self) -> Option<(String, i64)> {
         const STATES: &str = "/sys/devices/system/cpu/cpu0/cpuidle";
         let states = self.names(STATES).into_iter().filter_map(|state| {

@@ -29,9 +29,9 @@ struct Change {
 /// A wait for outputs that must be sent before slaves leave OP.
 #[derive(Clone, Copy, Debug)]
 struct SentFirst {
-    /// The id of the newest of these outputs.
+    /// The id of the newest outputs that must be sent first.
     newest: u64,
-    /// When the wait for these outputs ends, on the clock of the wires to the chip.
+    /// When the wait ends even if the outputs are not known to be sent, on the clock of the wires to the chip.
     until: Ns,
 }
 

@@ -55,8 +55,8 @@ async fn count(bus: &Bus) -> u16 {
     bus.exchange(Command::Brd, 0, TYPE, &mut [0]).await.unwrap_or(0)
 }
 
-/// Opens the ports of all slaves, as at power-on, again and again: slaves behind a closed port may have closed ports,
-/// too. Returns the number of slaves that can be reached after that.
+/// Opens the ports of all slaves, as at power-on, until no further slaves appear: slaves behind a closed port may have
+/// closed ports, too. Returns the number of slaves that can be reached after that.
 async fn uncover(bus: &Bus) -> u16 {
     let (mut found, mut lost) = (None, 0);
     for _ in 0..=MAX_SLAVES {

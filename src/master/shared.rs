@@ -181,7 +181,7 @@ pub(super) struct Shared {
     pub(super) mute: SlaveSet,
     /// Slaves with process data in a datagram that had a wrong working counter in the newest cycle.
     pub(super) doubtful: SlaveSet,
-    /// When all AL states were read the last time, if every read was answered.
+    /// When the last reading of all AL states began in which every slave has answered or was found to be missing.
     pub(super) states_read: Option<Ns>,
     /// When the last complete search for missing slaves began: of all states and, where these explain nothing, of
     /// inputs.

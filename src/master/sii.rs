@@ -102,7 +102,8 @@ async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) ->
     Ok(())
 }
 
-/// Reads the EEPROM from a word on. Returns the bytes and their number, 4 or 8.
+/// Reads the EEPROM from word `word` on, as many bytes as the slave controller reads at once. Returns the bytes and
+/// their number, 4 or 8.
 async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usize), SiiError> {
     let (status, data) = command(bus, station, SiiControl::NONE.with_command(SiiCommand::Read), word, None).await?;
     Ok((data, if status.contains(SiiControl::READS_8_BYTES) { 8 } else { 4 }))
@@ -111,7 +112,7 @@ async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usiz
 /// Writes one word of the EEPROM. The EEPROM may still be storing it when the function returns; the next command waits
 /// for that.
 async fn write_word(bus: &Bus, station: u16, word: u16, value: u16) -> Result<(), SiiError> {
-    // The write enable bit must be in the same datagram as the command.
+    // The slave controller accepts a write command only if the same datagram sets the write enable bit.
     let write = SiiControl::NONE.with_command(SiiCommand::Write).with(SiiControl::WRITE_ENABLE);
     command(bus, station, write, word, Some(value)).await?;
     Ok(())

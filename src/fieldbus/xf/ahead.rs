@@ -1,9 +1,9 @@
 //! Prepares the configuration that the next change to SafeOP needs, while no job or SDO is requested.
 //!
-//! The preparation writes nothing to a slave, so that the SDO transfers of a program read the same values as without
-//! it. It reads whether the slaves already have their mapping. If all slaves have it, or a mapping of the same length,
-//! the chip lays out the process data. Every request to the bus interrupts the preparation; what was read by then is
-//! kept.
+//! The preparation writes no object of a slave, so that the SDO transfers of a program read the same values as without
+//! it. If the declared cycle time is a new one, it starts the chip's network again with that time. Then it reads
+//! whether the slaves already have their mapping. If all slaves have it, or a mapping of the same length, the chip lays
+//! out the process data. Every request to the bus interrupts the preparation; what was read by then is kept.
 
 use super::chip_bus::ChipBus;
 use super::jobs::{Part, Running};

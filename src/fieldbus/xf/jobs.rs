@@ -44,7 +44,8 @@ pub(super) fn place_of<W: Wires + Send + 'static>(bus: &Arc<Mutex<ChipBus<W>>>) 
 #[derive(Clone, Debug)]
 pub(super) struct Running {
     job: Job,
-    /// The job is a configuration that was not requested yet: it writes nothing to a slave, and its result is not returned.
+    /// The job is a configuration that was not requested yet: it writes no object of a slave, and its result is not
+    /// returned.
     pub(super) is_ahead: bool,
     deadline: Ns,
     has_begun: bool,

@@ -193,8 +193,8 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
             job => {
                 bus.end_ahead();
                 if matches!(job, Job::State { target, .. } if target <= AlState::PreOp) {
-                    // [OURS] Each change up to SafeOP gets a new layout of the process data, as the manufacturers'
-                    // drivers do it.
+                    // [OURS] After a change to PreOP or below, the next change to SafeOP gets a new layout of the
+                    // process data, as with the manufacturers' drivers.
                     bus.network.laid_out = false;
                 }
                 bus.begin_job(Some(Running::new(job, at)));

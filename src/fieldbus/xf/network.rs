@@ -247,7 +247,8 @@ impl Network {
     }
 
     /// Updates what is known of a slave's objects by the AL state that was read from it. A slave in Init, or one that
-    /// does not answer, may come back with other objects. From SafeOP on the objects do not change.
+    /// does not answer, may come back with other objects. From SafeOP on the objects do not change, so what is known
+    /// counts as read now.
     pub(super) fn note_objects(&mut self, slave: u8, state: Option<AlState>, now: Ns) {
         match (state, &mut self.seen[usize::from(slave) - 1]) {
             (None | Some(AlState::Init), _) => self.forget_objects(slave),
@@ -260,7 +261,7 @@ impl Network {
         self.at_least(AlState::Op)
     }
 
-    /// Called when a slave is no longer lost.
+    /// Removes a slave from the lost and the stale slaves.
     pub(super) const fn found_again(&mut self, slave: u8) {
         self.lost.remove(slave);
         self.stale.remove(slave);

@@ -51,7 +51,7 @@ pub(super) struct Watch {
     wkc_errors: u8,
     is_suspicious: bool,
     /// The id of the first outputs that may have missed a slave that is not lost; `None`: the working counter was right
-    /// since the newest reading of the states.
+    /// since the newest complete reading of the states began.
     suspect_from: Option<u64>,
     /// Whether the working counter was wrong, or may have been, since the newest reading began.
     has_new_errors: bool,

@@ -272,7 +272,8 @@ impl Mailbox {
 
     /// Drops messages in the mailbox that are unsolicited, or that answer an abandoned request.
     pub(in crate::master) async fn drain(&mut self) -> Result<(), MailboxError> {
-        // \[OURS] The limit ends the emptying for a slave that refills its mailbox each time.
+        // \[OURS] At most 16 messages are dropped, so that this also ends for a slave that fills its mailbox again each
+        // time.
         for _ in 0..16 {
             if !self.collect().await? {
                 break;

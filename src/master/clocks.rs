@@ -126,8 +126,8 @@ impl<'a> Measuring<'a> {
         Some(((*self.measurement.passed.get(n)?)?, *self.measurement.delays.get(n)?))
     }
 
-    /// For each slave the port by which frames enter it: the one with the earliest receive time. It is port 0 unless IN
-    /// and OUT are swapped at the slave, or if the times are unknown.
+    /// For each slave the port by which frames enter it: the one with the earliest receive time. It is another port
+    /// than port 0 only if IN and OUT are swapped at the slave. If the times are unknown, port 0 is assumed.
     pub(super) fn entries(&self) -> Vec<u8> {
         let places = self.bus.with(|shared| shared.clocks.places.clone());
         let entry = |(place, passed): (&Place, &Option<Passed>)| {

@@ -32,7 +32,7 @@ pub(super) struct Pacer {
     fraction: i64,
     /// The frequency: how much `ahead` grows in each cycle, in 1/[`SPEED_UNIT`] ns.
     speed: i64,
-    /// The deadline of the newest cycle.
+    /// The deadline that was returned last: that of the cycle after the newest measured one.
     planned: Option<Ns>,
 }
 

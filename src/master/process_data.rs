@@ -95,7 +95,8 @@ pub struct CycleDone {
     pub written: u16,
     /// The working counter if all slaves in SafeOP or OP take part.
     pub expected_working_counter: u16,
-    /// The number of datagrams with process data that did not come back in time.
+    /// The number of datagrams with process data that did not come back in time. With LRW off an LWR and its LRD count
+    /// as one.
     pub lost: u8,
     /// The slaves with process data in a datagram that was lost or had a working counter below the expected one.
     /// [`Master::missing`](super::Master::missing) later names those that do not answer.

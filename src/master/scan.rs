@@ -117,7 +117,7 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     if !clocks.is_empty() {
         // In a ring a frame comes back by another way than it went, but delays are measured on frames that return the
         // same way: so the ring is opened. If the ring is broken already, slaves behind the gap can be reached by that
-        // end alone.
+        // end alone, so it stays open.
         let mut ends = if ports.iter().all(|ports| is_open(*ports, 0)) { loose_ends(&ports) } else { Vec::new() };
         if !ends.is_empty() {
             let entries = clocks::entries(&bus).await?;

@@ -186,7 +186,8 @@ pub(super) struct Shared {
     /// When the last complete search for missing slaves began: of all states and, where these explain nothing, of
     /// inputs.
     pub(super) searched: Option<Ns>,
-    /// Whether all slaves were in OP in the newest cycle.
+    /// Whether the newest cycle has shown that all slaves are in OP and take part. The watch then has no states to
+    /// read.
     pub(super) is_all_in_op: bool,
     /// Whether the watch has to check the slaves at once, because a cycle had wrong working counters. They must also
     /// differ from those of the cycle before, so that a lasting fault causes one check and not one in each cycle.

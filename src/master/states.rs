@@ -260,7 +260,7 @@ async fn set_manager(bus: &Bus, plan: &Plan, n: u8, manager: &SyncManager) -> Re
     bus.write(plan.station, sync_manager(n), &manager.encode()).await
 }
 
-/// For PreOP to SafeOP: sets up sync managers and FMMUs of process data, and the clock.
+/// For PreOP to SafeOP: sets up sync managers and FMMUs of process data, the watchdog, and the clock.
 async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), StateReason> {
     bus.with(|shared| shared.mapped.insert(plan.slave));
     if let Some(registers) = &plan.registers {

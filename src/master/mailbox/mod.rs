@@ -147,7 +147,8 @@ impl Mailbox {
         (self.info.areas.receive.len as usize).saturating_sub(MAILBOX_HEADER_LEN)
     }
 
-    /// Sends a message, again if its frame is lost.
+    /// Writes a message into the slave's mailbox, again while the mailbox is full or if the frame is lost, until the
+    /// time `until`.
     pub(in crate::master) async fn send(
         &mut self,
         protocol: MailboxProtocol,
@@ -343,7 +344,7 @@ impl Mailbox {
         self.state(|state| !counter.repeats(std::mem::replace(&mut state.received, counter)))
     }
 
-    /// Whether the message belongs to the protocol and is no emergency.
+    /// Whether the message belongs to the protocol and is no emergency. An emergency becomes an event.
     ///
     /// # Errors
     /// [`MailboxError::WrongAnswer`] if the message is longer than the mailbox, [`MailboxError::Fault`] if it is a

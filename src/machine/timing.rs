@@ -29,7 +29,7 @@ pub struct TimerLateness {
 }
 
 impl TimerLateness {
-    /// The percentiles of the measured values; `None` if there are none.
+    /// The median, the 99th percentile and the maximum of the measured latenesses `late`; `None` if there are none.
     pub fn of(period: Duration, mut late: Vec<Duration>) -> Option<Self> {
         late.sort_unstable();
         let max = *late.last()?;

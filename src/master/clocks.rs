@@ -43,8 +43,8 @@ async fn passed_at(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
     Ok(Passed { ports, unit })
 }
 
-/// Allocates memory for the largest number of concurrent measurements. After a loss of power all slaves may come back
-/// at once, and each of them needs a measurement to set its clock.
+/// Allocates memory for the largest number of concurrent measurements of propagation delays. After a loss of power all
+/// slaves may come back at once, and each of them needs a measurement to set its clock.
 pub(super) fn make_room(shared: &mut Shared, slaves: usize) {
     let clocks = usize::from(shared.clocks.all.len());
     shared.measurements.resize_with(clocks, || Measurement::new(slaves));
@@ -138,7 +138,8 @@ impl<'a> Measuring<'a> {
             }
             let passed = (*passed)?;
             let after_port_0 = |port: &usize| passed.ports[*port].wrapping_sub(passed.ports[0]).cast_signed();
-            // A port that this frame has not passed still has an older receive time.
+            // A port that the measuring frame has not passed still has the receive time of an earlier frame, so it is
+            // left out.
             open.filter(|port| after_port_0(port) > -ROUND_MAX_NS).min_by_key(after_port_0)
         };
         places.iter().zip(&self.measurement.passed).map(|one| entry(one).unwrap_or(0) as u8).collect()
@@ -158,7 +159,8 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Measuring<'_>, Lo
     bus.write_all(RECEIVE_TIMES, &[0; 4]).await?;
     let measuring = Measuring::new(bus).await;
     let station = |slave| bus.with(|shared| shared.clocks.station(slave));
-    // The time at which the frame passed the first slave, computed from the receive time at a slave whose clock is set.
+    // The time at which the measuring frame passed the first slave, computed from its receive time at a slave whose
+    // clock is set.
     let running = set.difference(missing).difference(slaves).iter().next();
     let time = match running.and_then(|slave| Some((station(slave)?, measuring.of(slave)?))) {
         Some((station, (Passed { unit, .. }, delay))) => {

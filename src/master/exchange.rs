@@ -208,7 +208,8 @@ impl CyclicFrame<'_> {
 fn send(wire: &mut (impl Wire + ?Sized), writer: FrameWriter<'_>, counters: &mut FrameCounters) {
     match wire.send(writer.finish()) {
         Ok(()) => counters.sent += 1,
-        // The frame counts as in flight and then as lost, as any frame that does not come back.
+        // The wire has not accepted the frame. It stays in flight and is later counted as lost too, like any frame that
+        // does not come back.
         Err(_) => counters.unsent += 1,
     }
 }

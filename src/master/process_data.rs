@@ -106,13 +106,13 @@ pub struct CycleDone {
     pub fresh: SlaveSet,
     /// The slaves with process data in a datagram whose working counter was wrong, too low or too high.
     pub doubtful: SlaveSet,
-    /// The number of slaves that the frame has passed; `None`: it did not come back.
+    /// The number of slaves that the first frame of the cycle has passed; `None`: it did not come back.
     pub present: Option<u16>,
     /// Whether all slaves are in OP without an error.
     pub all_in_op: bool,
-    /// The AL status registers of all slaves that the frame has passed, combined by OR.
+    /// The AL status registers of all slaves that the first frame of the cycle has passed, combined by OR.
     pub states: u16,
-    /// The time of the reference clock when the frame passed it, ns.
+    /// The time of the reference clock when the first frame of the cycle passed it, ns.
     pub reference_time: Option<u64>,
     /// When the next cycle should be sent to keep the pace, ns of the master's clock; `None`: no pace is set, or no
     /// reference clock has answered.
@@ -384,7 +384,8 @@ impl ProcessData {
     /// Takes a datagram of the cycle that has come back.
     pub(super) fn receive(&mut self, number: u8, datagram: &Datagram<'_>) {
         self.pending = self.pending.saturating_sub(1);
-        // A plausible working counter is at most the number of slaves: each adds 1.
+        // A slave adds at most 1 to the working counter of `CLOCK` and of `STATES`. If the counter is higher than the
+        // number of slaves, the data are not used.
         let is_believed = usize::from(datagram.working_counter) <= self.slaves.len();
         match number {
             CLOCK if !is_believed => {}

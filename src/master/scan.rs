@@ -147,7 +147,8 @@ async fn close(bus: &Bus, slaves: &[SlaveInfo], ends: &[Upstream], is_closed: bo
         let Ok(control) = bus.read(*station, DL_CONTROL).await else { return Err(Lost) };
         let loops = if is_closed { LoopControl::Closed } else { LoopControl::Auto };
         let control = DlControl(u32::from_le_bytes(control)).with_loop(usize::from(*port), loops);
-        // Closing a port may destroy the very frame that would come back with the answer.
+        // Closing a port may destroy the very frame that would come back with the answer. The write is then repeated.
+        // Its working counter is not used.
         let _ = bus.queue(Command::Fpwr, *station, DL_CONTROL, &control.0.to_le_bytes()).answer(&mut []).await?;
     }
     Ok(())

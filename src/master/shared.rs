@@ -118,12 +118,12 @@ impl Default for Live {
 pub(super) struct Standing {
     /// Slaves in OP that answer.
     pub(super) in_op: SlaveSet,
-    /// Slaves in SafeOP that answer: they add their inputs for certain, and may add outputs.
+    /// Slaves in SafeOP that answer: they add their inputs to the working counter for certain, and may add outputs.
     pub(super) in_safe_op: SlaveSet,
-    /// Slaves that do not answer, but may be back: they add all of their data or nothing.
+    /// Slaves that do not answer, but may be back: they add all of their data to the working counter, or nothing.
     pub(super) gone: SlaveSet,
-    /// Slaves that may add any part of their data: their sync managers and FMMUs are being changed or were left as they
-    /// were, they have left their state, or their inputs do not come.
+    /// Slaves that may add any part of their data to the working counter: their sync managers and FMMUs are being
+    /// changed or were left as they were, they have left their state, or their inputs do not come.
     pub(super) unsure: SlaveSet,
 }
 

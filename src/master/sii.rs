@@ -59,7 +59,8 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
             Err(error) => return Err(error),
         }
     }
-    // Bytes that were read behind the end are cut off. Their number depends on the bytes per read, 4 or 8.
+    // Bytes that were read behind the end marker of the categories are cut off. Their number depends on the bytes per
+    // read, 4 or 8.
     while Sii::lacks(&bytes[..bytes.len() - 2]) == Ok(0) {
         bytes.truncate(bytes.len() - 2);
     }
@@ -118,7 +119,8 @@ async fn write_word(bus: &Bus, station: u16, word: u16, value: u16) -> Result<()
     Ok(())
 }
 
-/// Runs a command for a word, with `value` for the data register. Returns the status and the data registers after it.
+/// Runs a command of the EEPROM interface for the word with the address `word`, with `value` in the data register.
+/// Returns the status and the data registers after it.
 async fn command(
     bus: &Bus,
     station: u16,

@@ -105,7 +105,8 @@ struct Standstill {
 }
 
 impl Standstill {
-    /// Called when the frames of a cycle are sent: records a gap before them.
+    /// Called when the frames of a cycle are sent: records the gap since the frames of the cycle before, if it is at
+    /// least [`STOOD_STILL_NS`] long and at least as long as the recorded one.
     fn note(&mut self, now: Ns) {
         let gap = self.sent_at.map_or(0, |before| now.saturating_sub(before));
         self.sent_at = Some(now);

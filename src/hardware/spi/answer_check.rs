@@ -45,7 +45,7 @@ pub enum WiringFault {
     Bits {
         /// The number of bits by which the answers are shifted.
         bits: usize,
-        /// Whether the answers come too late; otherwise they come too early.
+        /// Whether the answers come later than the clock of SPI demands; otherwise they come earlier.
         late: bool,
     },
     /// The answers are shifted by whole bytes.
@@ -57,7 +57,7 @@ pub enum WiringFault {
     Bytes {
         /// The number of bytes by which the answers are shifted.
         bytes: usize,
-        /// Whether the answers come too late; otherwise they come too early.
+        /// Whether the answers come later than the clock of SPI demands; otherwise they come earlier.
         late: bool,
     },
     /// The answers are invalid, but fit none of the other faults.

@@ -53,7 +53,7 @@ pub struct EthernetSocket {
 pub enum LinkState {
     /// A device at the other end of the cable is connected.
     Up,
-    /// No device is connected, or the interface is down.
+    /// No device is connected at the other end of the cable, or the interface is switched off.
     Down,
     /// The interface does not exist any more.
     Gone,

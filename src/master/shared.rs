@@ -169,7 +169,7 @@ pub(super) struct Shared {
     pub(super) live: Vec<Live>,
     /// The slaves in SafeOP or OP, which exchange process data.
     pub(super) active: SlaveSet,
-    /// The slaves in `active` that are in OP and in SafeOP without an error, and for which no other state was requested
+    /// The slaves in `active` that are in OP and in SafeOP without an error, and for which no lower state was requested
     /// since.
     pub(super) in_op: SlaveSet,
     pub(super) in_safe_op: SlaveSet,
@@ -263,7 +263,8 @@ impl Shared {
         }
     }
 
-    /// The datagram that distributes the reference time to all clocks; `None`: no clock is set.
+    /// The datagram that distributes the reference time to all clocks; `None`: no slave that answers has a clock that
+    /// is set.
     pub(super) fn clock_datagram(&self) -> Option<ClockDatagram> {
         let station = self.clocks.reference_station(self.missing)?;
         Some(match self.reference {
@@ -378,7 +379,8 @@ impl Shared {
         }
     }
 
-    /// Whether a slave has a mailbox that no sequence is using.
+    /// Whether the mailbox of a slave can be read now: the slave answers and is above Init, and no sequence is using
+    /// the mailbox.
     pub(super) fn has_idle_mailbox(&mut self, slave: u8) -> bool {
         self.live_mut(slave).is_some_and(|live| {
             live.status.is_present && live.status.state() > Some(AlState::Init) && !live.mailbox.is_open()

@@ -23,7 +23,7 @@ pub(super) struct Plan {
     /// Slave, from 1.
     pub(super) slave: u8,
     pub(super) station: u16,
-    /// The sync managers of the mailbox.
+    /// The sync managers of the mailbox; `None`: the slave has no mailbox.
     pub(super) mailbox: Option<[SyncManager; 2]>,
     /// The register values for the slave's process data; `None`: the slave was not found.
     pub(super) registers: Option<Arc<Registers>>,
@@ -205,7 +205,8 @@ async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, State
     }
 }
 
-/// Takes one step between two neighbouring states: prepares it, requests the new state, and waits for it.
+/// Takes one step, to the next higher state or directly down to the target: prepares it, requests the new state, and
+/// waits for it.
 async fn step(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> Result<(), StateReason> {
     match (from, to) {
         (AlState::Init, AlState::PreOp) => prepare_mailbox(bus, plan).await?,

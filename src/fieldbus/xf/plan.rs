@@ -67,7 +67,7 @@ pub struct CyclePlan {
     /// is written again, so that none is lost while packets get through at least sometimes. With 2 such a set is given
     /// up and counted.
     pub in_flight: usize,
-    /// How many sets of outputs each packet has to carry to keep the cycle time, at most 8.
+    /// How many sets of outputs a packet of this size carries, at most 8. With that many the cycle time can be kept.
     pub sets: u16,
     /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is on
     /// time: the sets in flight, and those that the chip has sent while the host does not know it yet.

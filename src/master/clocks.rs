@@ -85,7 +85,8 @@ impl Drop for Measuring<'_> {
 }
 
 impl<'a> Measuring<'a> {
-    /// Reads the latched receive times of all slaves, and computes the propagation delays.
+    /// Reads the latched receive times of all slaves with clocks, and computes the propagation delays. In a ring the
+    /// delays are those that the scan has measured while the ring was opened.
     async fn new(bus: &'a Bus) -> Self {
         let (measurement, all) = bus.with(|shared| (shared.measurements.pop(), shared.clocks.all));
         let mut measuring = Self { bus, measurement: measurement.unwrap_or_default() };

@@ -21,7 +21,7 @@ const SHORT_REQUESTS: usize = 3 * MAX_SLAVES + 16;
 const LONG_REQUESTS: usize = 2 * MAX_SLAVES + 16;
 /// \[OURS] The most bytes of data in a short datagram. Register accesses have fewer.
 const SHORT_LEN: usize = 64;
-/// \[OURS] The most datagrams in a frame.
+/// \[OURS] The most acyclic datagrams in a frame.
 const DATAGRAMS_MAX: usize = 64;
 
 /// Counters of the frames of a master, by what happened to them.
@@ -33,7 +33,7 @@ pub struct FrameCounters {
     pub unsent: u64,
     /// Frames that came back.
     pub answered: u64,
-    /// Frames that did not come back in time.
+    /// Frames that did not come back in time, including those that the wire did not accept.
     pub lost: u64,
     /// Lost frames that came back after the timeout.
     pub late: u64,
@@ -41,7 +41,7 @@ pub struct FrameCounters {
     pub doubled: u64,
     /// Frames with an index in use whose datagrams are not those that were sent.
     pub mismatched: u64,
-    /// Frames with an index that is not in use.
+    /// Frames with an index that this master has not used yet.
     pub unknown: u64,
     /// Frames of another master: their source address is not that of this master, with or without the bit that slaves
     /// set.

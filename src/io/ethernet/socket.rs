@@ -11,7 +11,7 @@ use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType, 
 
 use super::interface::{Interface, InterfaceError, request_about};
 
-/// Why a frame was neither sent nor received.
+/// Why a frame was not sent, or none was received.
 ///
 /// The meaning of the error codes of packet(7) for the user of the interface:
 ///

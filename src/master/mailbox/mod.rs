@@ -77,7 +77,8 @@ pub(in crate::master) struct Peer {
 }
 
 impl Peer {
-    /// Claims the mailbox if the slave supports the protocol, and drains messages that were left in it.
+    /// Claims the mailbox if the slave supports the protocol, drains messages that were left in it, and sends the
+    /// harmless first request if none was sent since the slave entered PreOP.
     pub(in crate::master) async fn open(self, bus: Bus, protocol: MailboxProtocols) -> Result<Mailbox, MailboxError> {
         let info = self.mailbox.filter(|info| info.protocols.contains(protocol)).ok_or(MailboxError::NoMailbox)?;
         let mut mailbox = Mailbox::open(bus, self.slave, self.station, info).ok_or(MailboxError::Busy)?;
@@ -285,7 +286,8 @@ impl Mailbox {
         Ok(())
     }
 
-    /// Reads a message from the slave's mailbox. Returns false if there is none.
+    /// Reads a message from the slave's mailbox. Returns false if there is none, or if a repeat has brought the last
+    /// message again.
     async fn collect(&mut self) -> Result<bool, MailboxError> {
         let status = self.bus.read::<1>(self.station, sync_manager_status(ANSWERS)).await;
         let [status] = status.map_err(|_| MailboxError::NoAnswer)?;

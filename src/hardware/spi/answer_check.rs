@@ -201,7 +201,8 @@ pub struct InvalidAnswer;
 /// in OP sends the cyclic response.
 const FIRST_ANSWER_IDS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::LocalRead.code(), MASTER_CYCLIC];
 
-/// Whether a frame has both a fitting CRC and the form of an answer. A CRC alone fits by chance once in 256 times.
+/// Whether a frame has the form of an answer and a fitting CRC, or none if `policy` allows that. A CRC alone fits by
+/// chance once in 256 times.
 fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
     let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
     fits && frame.check_crc(size, policy).is_ok()

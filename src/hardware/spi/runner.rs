@@ -16,7 +16,7 @@ use crate::io::spi::{BusyWires, SpiError};
 use crate::link::LinkError;
 use crate::sk::{CrcPolicy, Frame, MasterCommand};
 
-/// How often the thread checks, while BUSY is high, whether the link is being closed. \[OURS]
+/// How often the thread checks, while BUSY is high, whether the time limit for closing the link has passed. \[OURS]
 const CLOSE_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 /// How many invalid answers in a row mean that the board is lost. \[OURS]
 const INVALID_ANSWERS_MAX: u32 = 16;

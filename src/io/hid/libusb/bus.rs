@@ -21,7 +21,7 @@ const PORTS_MAX: usize = 7;
 /// The reason why USB cannot be used on this machine.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UsbBusError {
-    /// libusb is not installed.
+    /// libusb cannot be loaded, for example because it is not installed.
     #[error(transparent)]
     LibusbMissing(#[from] LibusbMissing),
     /// libusb reports an error when it accesses USB.
@@ -44,7 +44,7 @@ impl Bus {
     /// Loads libusb and creates a context of it.
     ///
     /// # Errors
-    /// [`UsbBusError`] if libusb is not installed, or if it cannot access USB.
+    /// [`UsbBusError`] if libusb cannot be loaded, or if it cannot access USB.
     pub fn open() -> Result<Arc<Self>, UsbBusError> {
         Ok(Self::over(api::load()?)?)
     }

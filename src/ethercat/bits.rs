@@ -12,7 +12,7 @@ macro_rules! bits {
             pub const NONE: Self = Self(0);
             $($(#[$bit_doc])* pub const $bit: Self = Self($value);)*
 
-            /// All names above with their values, including names that stand for several bits.
+            /// The names of the constants of this type with their values, including names that stand for several bits.
             pub const NAMES: &'static [(&'static str, u32)] = &[$((stringify!($bit), Self::$bit.0 as u32),)*];
 
             /// The names of the bits that are set. Bits without a name are left out.

@@ -42,7 +42,8 @@ pub use little_endian::{I32Le, U16Le, U32Le};
 pub use slave_set::{MAX_SLAVES, SlaveSet};
 pub use wire_error::WireError;
 
-/// Nanoseconds: a duration, or a time since the board or slave that it concerns was switched on.
+/// Nanoseconds: a duration, or a time on a clock that never goes back, such as the time since a modelled board was
+/// switched on.
 pub type Ns = u64;
 
 /// One of the two ends of a line of slaves. A network card can be connected at each of them.

@@ -1,6 +1,6 @@
 //! Sets of slaves, stored as the bits of one word, because every cycle tests and changes them for each slave.
 
-/// The maximum number of slaves on the network of a board (with 12-byte slots, SK-1).
+/// The maximum number of slaves on the network of a board: 40 with 12-byte slots (SK-1). With 16-byte slots it is 30.
 pub const MAX_SLAVES: usize = 40;
 
 /// A set of slaves, numbered from 1 in network order.

@@ -9,7 +9,7 @@ pub enum WireError {
     Short {
         /// What was to be decoded, such as `datagram header`.
         part: &'static str,
-        /// The length of that part, bytes.
+        /// The length of what was to be decoded, bytes.
         needed: usize,
         /// The number of bytes available.
         found: usize,
@@ -20,14 +20,14 @@ pub enum WireError {
         part: &'static str,
         /// The value found.
         found: u32,
-        /// The values allowed.
+        /// The values that the field may have, as a text.
         allowed: &'static str,
     },
     /// The buffer is too small for encoding.
     NoRoom {
-        /// What was to be encoded.
+        /// What was to be encoded, such as `mailbox message`.
         part: &'static str,
-        /// The length of that part, bytes.
+        /// The length of what was to be encoded, bytes.
         needed: usize,
         /// The length of the buffer, bytes.
         room: usize,

@@ -166,9 +166,10 @@ pub struct AxisIn {
     pub inputs: u16,
 }
 
-/// Process data to one slave.
+/// The process data that the master sends to one slave, with one entry for each axis. Only a two-channel HSP uses the
+/// second one.
 pub type SlaveOut = [AxisOut; MAX_AXES];
-/// Process data from one slave.
+/// The process data that one slave returns, with one entry for each axis. Only a two-channel HSP uses the second one.
 pub type SlaveIn = [AxisIn; MAX_AXES];
 
 /// Process data of one cycle to all slaves.
@@ -452,6 +453,7 @@ pub trait Fieldbus: Send {
         None
     }
 
-    /// Sets the six local outputs of the chip that runs the bus. Called when they change.
+    /// Sets the six local outputs of the chip that runs the bus: bit k is output k (SK-8). Called when they change. A
+    /// bus without local outputs ignores the call.
     fn set_local_outputs(&mut self, _bits: u8) {}
 }

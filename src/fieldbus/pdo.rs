@@ -77,7 +77,8 @@ const DRIVE_IN: [In; 4] = [
     mapped(0x6077, 0, 2, InWord::Torque),
     mapped(ERROR_CODE, 0, 2, InWord::ErrorCode),
 ];
-/// The tables of the pulse module. Its digital inputs and outputs are objects of 32 bits, of which the low 16 are used.
+/// The objects that are mapped for a channel of the pulse module (HSP): in CSP, in CSV, and its inputs. The digital
+/// inputs and outputs are objects of 32 bits, of which the low 16 are used.
 const HSP_CSP: [Out; 3] = [
     mapped(CONTROLWORD, 0, 2, OutWord::Controlword),
     mapped(0x607A, 0, 4, OutWord::Target),

@@ -123,9 +123,9 @@ impl<W: EdgeWires> Drop for SpiChip<W> {
 /// When an `xf-spi:` link resets its chip. A reset is possible only if the link names the chip's reset line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResetTimes {
-    /// Reset when the link is opened.
+    /// Whether the link resets the chip when it is opened.
     pub at_open: bool,
-    /// Reset when the link is closed.
+    /// Whether the link resets the chip when it is closed.
     pub at_close: bool,
 }
 

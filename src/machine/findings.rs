@@ -9,7 +9,7 @@ pub use timing::{lateness, lateness_of_own_cycles, timer};
 /// The verdict of a check: whether what was checked is right for a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FindingVerdict {
-    /// The setting is right, or nothing needs it.
+    /// The setting is right, or the link that the user wants does not need it.
     Fine,
     /// The setting works and could be improved.
     Advice,

@@ -29,7 +29,7 @@ pub struct TimerLateness {
 }
 
 impl TimerLateness {
-    /// The percentiles of the measured values; `None` if there are none.
+    /// The median, the 99th percentile and the maximum of the measured latenesses `late`; `None` if there are none.
     pub fn of(period: Duration, mut late: Vec<Duration>) -> Option<Self> {
         late.sort_unstable();
         let max = *late.last()?;
@@ -38,9 +38,9 @@ impl TimerLateness {
         Some(Self { period, p50: rank(50), p99: rank(99), max })
     }
 
-    /// Measures the lateness of `times` sleeps of one period each. The thread sleeps as the thread does that runs the
-    /// cycles of a board modelled in this process, so that the result holds for it. `None` if the system gives no
-    /// thread.
+    /// Measures the lateness of `times` sleeps of one period each. The thread sleeps in the same way as the thread that
+    /// runs the cycles of a board modelled in this process, so the result also holds for that thread. `None` if the
+    /// system cannot create the measuring thread.
     pub fn measure(period: Duration, times: usize) -> Option<Self> {
         // In a thread of its own, because the setting that makes sleeps exact belongs to the thread.
         let sleeper = move || system::late(period, times);

@@ -12,7 +12,8 @@ impl Shared {
         while !self.has_cycles() && self.exchange.send_queued(now, FRAME_LEN_MAX, wire) {}
     }
 
-    /// Behind the frames of a cycle, sends one frame with acyclic datagrams if none is in flight.
+    /// Behind the frames of a cycle, sends one frame with acyclic datagrams, if no earlier frame with such datagrams is
+    /// in flight.
     pub(super) fn send_acyclic_behind_cycle(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
         if !self.exchange.is_acyclic_flying() {
             self.exchange.send_queued(now, self.settings.acyclic_bytes_max, wire);

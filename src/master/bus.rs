@@ -35,7 +35,8 @@ impl From<Lost> for Unanswered {
     }
 }
 
-/// A handle of a queued datagram, for its answer. Dropping it abandons the datagram.
+/// A handle of a queued datagram, which gives its answer. Dropping the handle abandons the datagram: its answer is
+/// ignored.
 pub(super) struct Ticket {
     shared: Arc<Mutex<Shared>>,
     number: usize,

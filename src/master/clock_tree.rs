@@ -58,7 +58,8 @@ pub(super) struct Passed {
 pub(super) struct Clocks {
     /// The slaves that have a clock.
     pub(super) all: SlaveSet,
-    /// The slaves whose clocks are set.
+    /// The slaves whose clocks were set to the reference time: the master has written their offset and propagation
+    /// delay.
     pub(super) set: SlaveSet,
     /// The slaves whose clocks have only 32 bits.
     pub(super) short: SlaveSet,
@@ -115,7 +116,8 @@ pub(super) fn put_delays(places: &[Place], passed: &[Option<Passed>], delays: &m
 fn delay(places: &[Place], passed: &[Option<Passed>], delays: &[u32], n: usize, place: &Place) -> Option<u32> {
     let own = passed.get(n).copied()??;
     if !is_open(place.ports, 0) {
-        // The slave is behind the gap of a ring: the frame has reached it from the other end.
+        // The slave is behind the gap of a ring: the frame has reached it from the other end, so its receive times show
+        // no delay from the first slave.
         return None;
     }
     // Skip slaves without a clock on the way to the master.

@@ -19,8 +19,8 @@ use crate::ethercat::registers::{
 };
 use crate::ethercat::{Command, Ns, SlaveSet};
 
-/// The time from writing the SYNC0 start time to the first pulse, ns, as with other masters; at least 10 cycles. A
-/// start time in the past would never cause a pulse.
+/// The minimum time from writing the SYNC0 start time to the first pulse, ns, as with other masters; 10 cycles if these
+/// are longer. A start time in the past would never cause a pulse.
 const START_NS: u64 = 100_000_000;
 /// \[OURS] The largest difference of a clock from the reference, ns, at which its SYNC signals may start, as with other
 /// masters.
@@ -43,8 +43,8 @@ async fn passed_at(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
     Ok(Passed { ports, unit })
 }
 
-/// Allocates memory for the largest number of concurrent measurements. After a loss of power all slaves may come back
-/// at once, and each of them needs a measurement to set its clock.
+/// Allocates memory for the largest number of concurrent measurements of propagation delays. After a loss of power all
+/// slaves may come back at once, and each of them needs a measurement to set its clock.
 pub(super) fn make_room(shared: &mut Shared, slaves: usize) {
     let clocks = usize::from(shared.clocks.all.len());
     shared.measurements.resize_with(clocks, || Measurement::new(slaves));
@@ -85,7 +85,8 @@ impl Drop for Measuring<'_> {
 }
 
 impl<'a> Measuring<'a> {
-    /// Reads the latched receive times of all slaves, and computes the propagation delays.
+    /// Reads the latched receive times of all slaves with clocks, and computes the propagation delays. In a ring the
+    /// delays are those that the scan has measured while the ring was opened.
     async fn new(bus: &'a Bus) -> Self {
         let (measurement, all) = bus.with(|shared| (shared.measurements.pop(), shared.clocks.all));
         let mut measuring = Self { bus, measurement: measurement.unwrap_or_default() };
@@ -126,8 +127,8 @@ impl<'a> Measuring<'a> {
         Some(((*self.measurement.passed.get(n)?)?, *self.measurement.delays.get(n)?))
     }
 
-    /// For each slave the port by which frames enter it: the one with the earliest receive time. It is port 0 unless IN
-    /// and OUT are swapped at the slave, or if the times are unknown.
+    /// For each slave the port by which frames enter it: the one with the earliest receive time. It is another port
+    /// than port 0 only if IN and OUT are swapped at the slave. If the times are unknown, port 0 is assumed.
     pub(super) fn entries(&self) -> Vec<u8> {
         let places = self.bus.with(|shared| shared.clocks.places.clone());
         let entry = |(place, passed): (&Place, &Option<Passed>)| {
@@ -138,7 +139,8 @@ impl<'a> Measuring<'a> {
             }
             let passed = (*passed)?;
             let after_port_0 = |port: &usize| passed.ports[*port].wrapping_sub(passed.ports[0]).cast_signed();
-            // A port that this frame has not passed still has an older receive time.
+            // A port that the measuring frame has not passed still has the receive time of an earlier frame, so it is
+            // left out.
             open.filter(|port| after_port_0(port) > -ROUND_MAX_NS).min_by_key(after_port_0)
         };
         places.iter().zip(&self.measurement.passed).map(|one| entry(one).unwrap_or(0) as u8).collect()
@@ -158,7 +160,8 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Measuring<'_>, Lo
     bus.write_all(RECEIVE_TIMES, &[0; 4]).await?;
     let measuring = Measuring::new(bus).await;
     let station = |slave| bus.with(|shared| shared.clocks.station(slave));
-    // The time at which the frame passed the first slave, computed from the receive time at a slave whose clock is set.
+    // The time at which the measuring frame passed the first slave, computed from its receive time at a slave whose
+    // clock is set.
     let running = set.difference(missing).difference(slaves).iter().next();
     let time = match running.and_then(|slave| Some((station(slave)?, measuring.of(slave)?))) {
         Some((station, (Passed { unit, .. }, delay))) => {
@@ -257,8 +260,8 @@ async fn difference_ns(bus: &Bus, station: u16) -> Result<i64, Unanswered> {
 async fn wait_until_near(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {
     let until = bus.now().saturating_add(NEAR_MAX_NS);
     loop {
-        // The reference clock follows no other one. Its difference register still shows the one from an earlier
-        // reference.
+        // The reference clock follows no other one, so there is nothing to wait for. Its difference register still
+        // shows the difference to an earlier reference.
         if bus.with(|shared| shared.clocks.reference(shared.missing) == Some(slave)) {
             return Ok(());
         }

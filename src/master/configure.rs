@@ -70,8 +70,10 @@ impl Master {
     /// The length of process data is that of [`Self::configure`]. A mailbox keeps the usual control byte.
     ///
     /// # Errors
-    /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`]: the slave has no such sync manager, or it would be a
-    /// mailbox of 0 bytes.
+    /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`]: the slave has no such sync manager, or it belongs to
+    /// a mailbox that the slave does not have, or that would be shorter than
+    /// [`MAILBOX_BYTES_MIN`](super::MAILBOX_BYTES_MIN) or longer than
+    /// [`MAILBOX_BYTES_MAX`](super::MAILBOX_BYTES_MAX).
     pub fn set_manager(&mut self, slave: u8, number: u8, registers: SyncManager) -> Result<(), ConfigureError> {
         let place = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
         let info = place.ok_or(ConfigureError::NoSlave(slave))?;

@@ -21,7 +21,7 @@ const SHORT_REQUESTS: usize = 3 * MAX_SLAVES + 16;
 const LONG_REQUESTS: usize = 2 * MAX_SLAVES + 16;
 /// \[OURS] The most bytes of data in a short datagram. Register accesses have fewer.
 const SHORT_LEN: usize = 64;
-/// \[OURS] The most datagrams in a frame.
+/// \[OURS] The most acyclic datagrams in a frame.
 const DATAGRAMS_MAX: usize = 64;
 
 /// Counters of the frames of a master, by what happened to them.
@@ -33,7 +33,7 @@ pub struct FrameCounters {
     pub unsent: u64,
     /// Frames that came back.
     pub answered: u64,
-    /// Frames that did not come back in time.
+    /// Frames that did not come back in time, including those that the wire did not accept.
     pub lost: u64,
     /// Lost frames that came back after the timeout.
     pub late: u64,
@@ -41,7 +41,7 @@ pub struct FrameCounters {
     pub doubled: u64,
     /// Frames with an index in use whose datagrams are not those that were sent.
     pub mismatched: u64,
-    /// Frames with an index that is not in use.
+    /// Frames with an index that this master has not used yet.
     pub unknown: u64,
     /// Frames of another master: their source address is not that of this master, with or without the bit that slaves
     /// set.
@@ -62,7 +62,7 @@ enum IndexUse {
     Free,
     /// The frame has come back, and the index was not reused since.
     Answered,
-    /// The frame is in flight; its place in `flights`.
+    /// The frame is in flight. The value is its index in `flights`.
     Flying(usize),
     /// The frame was lost. The index may be reused from `until` on.
     Resting {
@@ -168,7 +168,8 @@ impl Unused {
 pub(super) struct Exchange {
     settings: Settings,
     indices: [IndexUse; 256],
-    /// The index at which the search for a free one begins.
+    /// The index after the one that was used last. The search for a free index begins there, so that indices are used
+    /// in turn.
     next_index: u8,
     flights: Vec<Flight>,
     requests: Vec<Request>,
@@ -207,7 +208,8 @@ impl CyclicFrame<'_> {
 fn send(wire: &mut (impl Wire + ?Sized), writer: FrameWriter<'_>, counters: &mut FrameCounters) {
     match wire.send(writer.finish()) {
         Ok(()) => counters.sent += 1,
-        // The frame counts as in flight and then as lost, as any frame that does not come back.
+        // The wire has not accepted the frame. It stays in flight and is later counted as lost too, like any frame that
+        // does not come back.
         Err(_) => counters.unsent += 1,
     }
 }

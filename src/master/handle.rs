@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 
 use super::{DatagramAnswer, DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
 
-/// The id of a job. Each job of a master has another id.
+/// The id of a job. No two jobs of a master have the same id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct JobId(pub(super) u64);
 
@@ -51,7 +51,8 @@ pub trait Ending: Sized {
     #[doc(hidden)]
     fn into_end(self) -> End;
 
-    /// Converts the result of a job. `None`: the result has another type, so the handle belongs to another master.
+    /// Converts the result of a job. `None`: the result has another type, so the handle is one of another master, whose
+    /// ids count separately.
     #[doc(hidden)]
     fn of(end: End) -> Option<Self>;
 }

@@ -13,8 +13,9 @@ pub const MAILBOX_BYTES_MIN: u16 = 16;
 /// The longest mailbox, bytes: the data of one datagram.
 pub const MAILBOX_BYTES_MAX: u16 = DATA_LEN_MAX as u16;
 
-/// \[OURS] The alignment of process data of a slave whose EEPROM has no sync managers for them. The areas are placed
-/// behind the mailboxes, outputs first, each with room for three buffers of at least 128 bytes.
+/// \[OURS] The alignment, bytes, of process data of a slave whose EEPROM has no sync managers for them. The areas are
+/// placed behind the mailboxes in the order of their sync managers, each with room for three buffers of at least 128
+/// bytes.
 const AREA_ALIGN: u16 = 0x80;
 const AREA_ROOM: u16 = 3 * 128;
 
@@ -34,20 +35,22 @@ pub struct MailboxInfo {
 pub struct ProcessManager {
     /// The number of the sync manager.
     pub number: u8,
-    /// The registers of the sync manager, with the length of the slave's default PDOs.
+    /// The registers of the sync manager. The length is that of the PDOs that the EEPROM assigns to it, or without such
+    /// PDOs the one that the EEPROM gives for the sync manager.
     pub registers: SyncManager,
 }
 
 /// A slave as a scan has found it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SlaveInfo {
-    /// The station address that the master has given it.
+    /// The station address that the master has assigned to the slave.
     pub station: u16,
     /// The station alias; 0: the slave has none.
     pub alias: u16,
     /// Vendor, product, revision and serial number.
     pub identity: SiiIdentity,
-    /// The name of the slave, as [`SiiText`](crate::ethercat::sii::SiiText) shows it; empty if the EEPROM has none.
+    /// The name of the slave, or else its order number, as [`SiiText`](crate::ethercat::sii::SiiText) shows it; empty
+    /// if the EEPROM has neither.
     pub name: String,
     /// The features of the slave controller, register 0x0008, such as distributed clocks and LRW.
     pub features: Features,
@@ -165,8 +168,8 @@ impl SlaveInfo {
         self.eeprom = eeprom;
     }
 
-    /// The lengths of the slave's default outputs and inputs, bytes, as its EEPROM gives them. `None`: the EEPROM does
-    /// not give them, and the slave has objects that do.
+    /// The lengths of the slave's default outputs and inputs, bytes, as its EEPROM gives them. `None`: the EEPROM was
+    /// not read, or it does not give them and the slave has CoE, whose objects do.
     pub fn described_bytes(&self) -> [Option<u16>; 2] {
         let is_read = self.eeprom.is_ok();
         [&self.outputs, &self.inputs].map(|managers| {
@@ -182,7 +185,7 @@ impl SlaveInfo {
     }
 
     /// Replaces what the EEPROM says about a sync manager. Returns false if it belongs to a mailbox that the slave does
-    /// not have.
+    /// not have, or for which the length is not allowed.
     pub(super) fn set_manager(&mut self, number: u8, registers: SyncManager) -> bool {
         if number < 2 {
             let areas = self.mailbox.as_mut().map(|mailbox| &mut mailbox.areas);

@@ -183,7 +183,7 @@ impl Master {
     /// Uses a network that another master has scanned and goes on to run: takes the station addresses of its slaves and
     /// the contents of their EEPROMs. The call sends nothing and changes nothing in the slaves, and no watch starts.
     /// Mailboxes can be used while the other master does not use them. Requests to them have counter 0, so that the
-    /// counters of the other master stay right. All other jobs are cancelled.
+    /// counters of the other master stay right. All running jobs are cancelled.
     pub fn join<'s>(&mut self, slaves: impl IntoIterator<Item = (u16, &'s [u8])>) {
         self.forget();
         let slaves = slaves.into_iter().map(|(station, eeprom)| SlaveInfo::new(station, Ok(eeprom.to_vec())));
@@ -216,12 +216,13 @@ impl Master {
     fn plan(&self, slave: u8) -> Plan {
         let (registers, sync) = (self.process.registers(slave), self.process.sync(slave));
         let info = self.slave(slave);
-        // A slave that was not found gets station address 0, which no slave answers.
+        // A slave that was not found gets station address 0, which no slave answers: its change of state fails with
+        // that reason.
         let station = info.map_or(0, |info| info.station);
         Plan { slave, station, mailbox: info.and_then(SlaveInfo::mailbox_managers), registers, sync }
     }
 
-    /// The slave and mailbox for a transfer; the mailbox is `None` if the slave was not found.
+    /// The slave and mailbox for a transfer; the mailbox is `None` if the slave was not found or has none.
     pub(super) fn peer(&self, slave: u8, timeout_ns: Ns) -> Peer {
         let info = self.slave(slave);
         let (station, mailbox) = info.map_or((0, None), |info| (info.station, info.mailbox));

@@ -159,7 +159,8 @@ impl Watch {
             order[usize::from(position)] = known.unwrap_or(0);
             is_known &= answer == Ok(1) && (known.is_some() || matches!(station, 0 | UNKNOWN_STATION));
         }
-        // The order is known only if all answers have come.
+        // The order is known only if all answers have come, and no slave has a station address that this master did not
+        // assign.
         if !is_known {
             return;
         }

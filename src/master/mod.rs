@@ -337,16 +337,16 @@ impl Master {
         self.bus.with(|shared| (1..).zip(&shared.live).for_each(|(slave, live)| look(slave, &live.status)));
     }
 
-    /// The time of the newest check of all AL states, if every slave has answered or is known to be missing; `None`:
-    /// not yet. The master checks them when cycles have a wrong working counter, and every [`Settings::watch_ns`] while
-    /// not all slaves are in OP.
+    /// When the newest check of all AL states began in which every slave has answered or was found to be missing;
+    /// `None`: there was none yet. The master checks them when cycles have a wrong working counter, and every
+    /// [`Settings::watch_ns`] while not all slaves are in OP.
     pub fn states_read(&self) -> Option<Ns> {
         self.bus.with(|shared| shared.states_read)
     }
 
-    /// The time of the newest complete search for missing slaves; `None`: not yet. It reads the AL states of all slaves
-    /// and, if these do not explain a wrong working counter, the inputs of each slave. A slave that has not answered by
-    /// then is missing.
+    /// When the newest complete search for missing slaves began; `None`: there was none yet. A search reads the AL
+    /// states of all slaves and, if these do not explain a wrong working counter, the inputs of each slave. A slave
+    /// that has not answered the search is missing.
     pub fn searched(&self) -> Option<Ns> {
         self.bus.with(|shared| shared.searched)
     }

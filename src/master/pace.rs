@@ -19,7 +19,7 @@ const TIME_GAIN: i64 = 16;
 const SPEED_GAIN: i64 = 512;
 /// \[OURS] A phase error above this means that the reference clock was stepped: lock anew, ns.
 const JUMP_NS: i64 = 1_000_000;
-/// The unit of the frequency is this fraction of a nanosecond per cycle: 2^-20 ns.
+/// [`Pacer::speed`] counts in this fraction of a nanosecond, 2^-20 ns, per cycle.
 const SPEED_UNIT: i64 = 1 << 20;
 
 /// A PLL that follows the reference clock.
@@ -30,9 +30,10 @@ pub(super) struct Pacer {
     ahead: Option<i64>,
     /// The fraction of `ahead` below a nanosecond, in 1/[`SPEED_UNIT`] ns.
     fraction: i64,
-    /// The frequency: how much `ahead` grows in each cycle, in 1/[`SPEED_UNIT`] ns.
+    /// The difference in frequency between the two clocks: how much `ahead` grows in each cycle, in 1/[`SPEED_UNIT`]
+    /// ns.
     speed: i64,
-    /// The deadline of the newest cycle.
+    /// The deadline that was returned last: that of the cycle after the newest measured one.
     planned: Option<Ns>,
 }
 

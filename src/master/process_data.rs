@@ -37,7 +37,8 @@ const CLOCK_LEN: usize = 8;
 const STATE_LEN: usize = 2;
 /// The distance between the logical addresses of two process data datagrams: more than the bytes of one.
 const SEGMENT_STEP: u32 = 0x800;
-/// The numbers of the first datagrams of a cycle. The datagrams with process data have the numbers after these.
+/// The numbers of the first two datagrams of a cycle: the one that distributes the reference time, and the one that
+/// reads the AL status of all slaves. The datagrams with process data have the numbers after these.
 const CLOCK: u8 = 0;
 const STATES: u8 = 1;
 const SEGMENTS: u8 = 2;
@@ -94,7 +95,8 @@ pub struct CycleDone {
     pub written: u16,
     /// The working counter if all slaves in SafeOP or OP take part.
     pub expected_working_counter: u16,
-    /// The number of datagrams with process data that did not come back in time.
+    /// The number of datagrams with process data that did not come back in time. With LRW off an LWR and its LRD count
+    /// as one.
     pub lost: u8,
     /// The slaves with process data in a datagram that was lost or had a working counter below the expected one.
     /// [`Master::missing`](super::Master::missing) later names those that do not answer.
@@ -104,13 +106,13 @@ pub struct CycleDone {
     pub fresh: SlaveSet,
     /// The slaves with process data in a datagram whose working counter was wrong, too low or too high.
     pub doubtful: SlaveSet,
-    /// The number of slaves that the frame has passed; `None`: it did not come back.
+    /// The number of slaves that the first frame of the cycle has passed; `None`: it did not come back.
     pub present: Option<u16>,
     /// Whether all slaves are in OP without an error.
     pub all_in_op: bool,
-    /// The AL status registers of all slaves that the frame has passed, combined by OR.
+    /// The AL status registers of all slaves that the first frame of the cycle has passed, combined by OR.
     pub states: u16,
-    /// The time of the reference clock when the frame passed it, ns.
+    /// The time of the reference clock when the first frame of the cycle passed it, ns.
     pub reference_time: Option<u64>,
     /// When the next cycle should be sent to keep the pace, ns of the master's clock; `None`: no pace is set, or no
     /// reference clock has answered.
@@ -129,7 +131,8 @@ pub(super) struct ProcessData {
     /// The states of the slaves for which the expected working counters were computed; `None`: the layout of the data
     /// has changed since.
     standing: Option<Standing>,
-    /// The time that was sent in the datagram of the reference clock.
+    /// The time that the clock datagram of the present cycle was sent with. If it comes back unchanged, no reference
+    /// clock has written its time.
     sent_time: u64,
     cycle: CycleDone,
     /// The number of datagrams that have not come back yet.
@@ -381,7 +384,8 @@ impl ProcessData {
     /// Takes a datagram of the cycle that has come back.
     pub(super) fn receive(&mut self, number: u8, datagram: &Datagram<'_>) {
         self.pending = self.pending.saturating_sub(1);
-        // A plausible working counter is at most the number of slaves: each adds 1.
+        // A slave adds at most 1 to the working counter of `CLOCK` and of `STATES`. If the counter is higher than the
+        // number of slaves, the data are not used.
         let is_believed = usize::from(datagram.working_counter) <= self.slaves.len();
         match number {
             CLOCK if !is_believed => {}

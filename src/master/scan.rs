@@ -55,8 +55,8 @@ async fn count(bus: &Bus) -> u16 {
     bus.exchange(Command::Brd, 0, TYPE, &mut [0]).await.unwrap_or(0)
 }
 
-/// Opens the ports of all slaves, as at power-on, again and again: slaves behind a closed port may have closed ports,
-/// too. Returns the number of slaves that can be reached after that.
+/// Opens the ports of all slaves, as at power-on, until no further slaves appear: slaves behind a closed port may have
+/// closed ports, too. Returns the number of slaves that can be reached after that.
 async fn uncover(bus: &Bus) -> u16 {
     let (mut found, mut lost) = (None, 0);
     for _ in 0..=MAX_SLAVES {
@@ -117,7 +117,7 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     if !clocks.is_empty() {
         // In a ring a frame comes back by another way than it went, but delays are measured on frames that return the
         // same way: so the ring is opened. If the ring is broken already, slaves behind the gap can be reached by that
-        // end alone.
+        // end alone, so it stays open.
         let mut ends = if ports.iter().all(|ports| is_open(*ports, 0)) { loose_ends(&ports) } else { Vec::new() };
         if !ends.is_empty() {
             let entries = clocks::entries(&bus).await?;
@@ -140,14 +140,15 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     Ok(slaves)
 }
 
-/// Closes ports of slaves, or makes them automatic again.
+/// Closes the ports `ends`, or makes them automatic again if not `is_closed`.
 async fn close(bus: &Bus, slaves: &[SlaveInfo], ends: &[Upstream], is_closed: bool) -> Result<(), Lost> {
     for Upstream { slave, port } in ends {
         let Some(SlaveInfo { station, .. }) = slaves.get(usize::from(*slave) - 1) else { continue };
         let Ok(control) = bus.read(*station, DL_CONTROL).await else { return Err(Lost) };
         let loops = if is_closed { LoopControl::Closed } else { LoopControl::Auto };
         let control = DlControl(u32::from_le_bytes(control)).with_loop(usize::from(*port), loops);
-        // Closing a port may destroy the very frame that would come back with the answer.
+        // Closing a port may destroy the very frame that would come back with the answer. The write is then repeated.
+        // Its working counter is not used.
         let _ = bus.queue(Command::Fpwr, *station, DL_CONTROL, &control.0.to_le_bytes()).answer(&mut []).await?;
     }
     Ok(())

@@ -118,12 +118,12 @@ impl Default for Live {
 pub(super) struct Standing {
     /// Slaves in OP that answer.
     pub(super) in_op: SlaveSet,
-    /// Slaves in SafeOP that answer: they add their inputs for certain, and may add outputs.
+    /// Slaves in SafeOP that answer: they add their inputs to the working counter for certain, and may add outputs.
     pub(super) in_safe_op: SlaveSet,
-    /// Slaves that do not answer, but may be back: they add all of their data or nothing.
+    /// Slaves that do not answer, but may be back: they add all of their data to the working counter, or nothing.
     pub(super) gone: SlaveSet,
-    /// Slaves that may add any part of their data: their sync managers and FMMUs are being changed or were left as they
-    /// were, they have left their state, or their inputs do not come.
+    /// Slaves that may add any part of their data to the working counter: their sync managers and FMMUs are being
+    /// changed or were left as they were, they have left their state, or their inputs do not come.
     pub(super) unsure: SlaveSet,
 }
 
@@ -163,13 +163,13 @@ impl Bus {
 pub(super) struct Shared {
     pub(super) settings: Settings,
     pub(super) now: Ns,
-    /// When the newest cycle was sent.
+    /// When the newest cycle was sent, on the master's clock; `None`: none was sent since [`Self::reset`].
     pub(super) last_cycle: Option<Ns>,
     pub(super) exchange: Exchange,
     pub(super) live: Vec<Live>,
     /// The slaves in SafeOP or OP, which exchange process data.
     pub(super) active: SlaveSet,
-    /// The slaves in `active` that are in OP and in SafeOP without an error, and for which no other state was requested
+    /// The slaves in `active` that are in OP and in SafeOP without an error, and for which no lower state was requested
     /// since.
     pub(super) in_op: SlaveSet,
     pub(super) in_safe_op: SlaveSet,
@@ -181,12 +181,13 @@ pub(super) struct Shared {
     pub(super) mute: SlaveSet,
     /// Slaves with process data in a datagram that had a wrong working counter in the newest cycle.
     pub(super) doubtful: SlaveSet,
-    /// When all AL states were read the last time, if every read was answered.
+    /// When the last reading of all AL states began in which every slave has answered or was found to be missing.
     pub(super) states_read: Option<Ns>,
     /// When the last complete search for missing slaves began: of all states and, where these explain nothing, of
     /// inputs.
     pub(super) searched: Option<Ns>,
-    /// Whether all slaves were in OP in the newest cycle.
+    /// Whether the newest cycle has shown that all slaves are in OP and take part. The watch then has no states to
+    /// read.
     pub(super) is_all_in_op: bool,
     /// Whether the watch has to check the slaves at once, because a cycle had wrong working counters. They must also
     /// differ from those of the cycle before, so that a lasting fault causes one check and not one in each cycle.
@@ -262,7 +263,8 @@ impl Shared {
         }
     }
 
-    /// The datagram that distributes the reference time to all clocks; `None`: no clock is set.
+    /// The datagram that distributes the reference time to all clocks; `None`: no slave that answers has a clock that
+    /// is set.
     pub(super) fn clock_datagram(&self) -> Option<ClockDatagram> {
         let station = self.clocks.reference_station(self.missing)?;
         Some(match self.reference {
@@ -377,7 +379,8 @@ impl Shared {
         }
     }
 
-    /// Whether a slave has a mailbox that no sequence is using.
+    /// Whether the mailbox of a slave can be read now: the slave answers and is above Init, and no sequence is using
+    /// the mailbox.
     pub(super) fn has_idle_mailbox(&mut self, slave: u8) -> bool {
         self.live_mut(slave).is_some_and(|live| {
             live.status.is_present && live.status.state() > Some(AlState::Init) && !live.mailbox.is_open()

@@ -14,7 +14,7 @@ const SILENT_MAX_NS: Ns = BUSY_MAX_NS;
 const AGAIN_NS: Ns = 5_000_000;
 /// \[OURS] The most bytes that are read of an EEPROM.
 const BYTES_MAX: usize = 0x8000;
-/// The length of the registers from control to data, bytes, which one datagram reads.
+/// The length of the registers of the EEPROM interface from control to data, bytes, which one datagram reads.
 const READ_LEN: usize = (SII_DATA - SII_CONTROL) as usize + 8;
 
 impl From<Unanswered> for SiiError {
@@ -59,7 +59,8 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
             Err(error) => return Err(error),
         }
     }
-    // Bytes that were read behind the end are cut off. Their number depends on the bytes per read, 4 or 8.
+    // Bytes that were read behind the end marker of the categories are cut off. Their number depends on the bytes per
+    // read, 4 or 8.
     while Sii::lacks(&bytes[..bytes.len() - 2]) == Ok(0) {
         bytes.truncate(bytes.len() - 2);
     }
@@ -102,7 +103,8 @@ async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) ->
     Ok(())
 }
 
-/// Reads the EEPROM from a word on. Returns the bytes and their number, 4 or 8.
+/// Reads the EEPROM from word `word` on, as many bytes as the slave controller reads at once. Returns the bytes and
+/// their number, 4 or 8.
 async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usize), SiiError> {
     let (status, data) = command(bus, station, SiiControl::NONE.with_command(SiiCommand::Read), word, None).await?;
     Ok((data, if status.contains(SiiControl::READS_8_BYTES) { 8 } else { 4 }))
@@ -111,13 +113,14 @@ async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usiz
 /// Writes one word of the EEPROM. The EEPROM may still be storing it when the function returns; the next command waits
 /// for that.
 async fn write_word(bus: &Bus, station: u16, word: u16, value: u16) -> Result<(), SiiError> {
-    // The write enable bit must be in the same datagram as the command.
+    // The slave controller accepts a write command only if the same datagram sets the write enable bit.
     let write = SiiControl::NONE.with_command(SiiCommand::Write).with(SiiControl::WRITE_ENABLE);
     command(bus, station, write, word, Some(value)).await?;
     Ok(())
 }
 
-/// Runs a command for a word, with `value` for the data register. Returns the status and the data registers after it.
+/// Runs a command of the EEPROM interface for the word with the address `word`, with `value` in the data register.
+/// Returns the status and the data registers after it.
 async fn command(
     bus: &Bus,
     station: u16,

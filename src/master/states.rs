@@ -23,7 +23,7 @@ pub(super) struct Plan {
     /// Slave, from 1.
     pub(super) slave: u8,
     pub(super) station: u16,
-    /// The sync managers of the mailbox.
+    /// The sync managers of the mailbox; `None`: the slave has no mailbox.
     pub(super) mailbox: Option<[SyncManager; 2]>,
     /// The register values for the slave's process data; `None`: the slave was not found.
     pub(super) registers: Option<Arc<Registers>>,
@@ -134,7 +134,8 @@ async fn bring(bus: Bus, plan: Plan, target: AlState, until: Ns) -> Result<(), S
     let (bus, plan) = (&bus, &plan);
     let Some(_change) = Change::begin(bus, plan.slave) else { return Err(StateReason::Busy) };
     let ended = lead(bus, plan, target, until).await;
-    // Whether the slave answers at all decides which error it is.
+    // With working counter 0 the slave has refused an access, or does not answer at all. A read of its type register
+    // shows which.
     if ended == Err(StateReason::NotTaken(0)) && bus.read::<1>(plan.station, TYPE).await.is_err() {
         return Err(StateReason::NoAnswer);
     }
@@ -204,7 +205,8 @@ async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, State
     }
 }
 
-/// Takes one step between two neighbouring states: prepares it, requests the new state, and waits for it.
+/// Takes one step, to the next higher state or directly down to the target: prepares it, requests the new state, and
+/// waits for it.
 async fn step(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> Result<(), StateReason> {
     match (from, to) {
         (AlState::Init, AlState::PreOp) => prepare_mailbox(bus, plan).await?,
@@ -259,7 +261,7 @@ async fn set_manager(bus: &Bus, plan: &Plan, n: u8, manager: &SyncManager) -> Re
     bus.write(plan.station, sync_manager(n), &manager.encode()).await
 }
 
-/// For PreOP to SafeOP: sets up sync managers and FMMUs of process data, and the clock.
+/// For PreOP to SafeOP: sets up sync managers and FMMUs of process data, the watchdog, and the clock.
 async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), StateReason> {
     bus.with(|shared| shared.mapped.insert(plan.slave));
     if let Some(registers) = &plan.registers {

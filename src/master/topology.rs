@@ -75,7 +75,8 @@ mod tests {
         assert_eq!(found(&tree), [None, Some((1, 3)), Some((1, 1)), Some((3, 1)), Some((1, 2))]);
     }
 
-    /// A ring with a second card: the open port of the last slave is a loose end.
+    /// In a ring the last slave has an open port for the cable to the second card. No slave is behind that port, so it
+    /// is found as a loose end.
     #[test]
     fn a_ring_ends_at_a_loose_end() {
         assert_eq!(loose_ends(&[ports(&[1]), ports(&[])]), []);

@@ -9,7 +9,8 @@ use super::state_error::StateReason;
 use crate::ethercat::Ns;
 use crate::ethercat::registers::{SmControl, TYPE, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA};
 
-/// The values after power-on: a divider for units of 100 us, and 1000 units.
+/// The values that the two watchdog registers of a slave have after power-on: a divider that makes units of 100 us, and
+/// a time of 1000 units, which is 100 ms.
 pub(super) const DIVIDER: u16 = 2498;
 pub(super) const UNITS: u16 = 1000;
 /// The length of a tick of the divider, ns.
@@ -40,9 +41,9 @@ impl Time {
     }
 }
 
-/// Sets the watchdog of a slave with outputs, if the cycle time is known: to 100 ms, or to some cycles if these are
-/// longer. If the divider of a slave controller is fixed, the units are computed for it. A controller without these
-/// registers has no watchdog; it is accepted, since it would not come to OP otherwise. \[OURS]
+/// Sets the watchdog of a slave whose outputs trigger it, if the cycle time is known: to 100 ms, or to [`CYCLES`]
+/// cycles if these are longer. If the divider of a slave controller is fixed, the units are computed for it. A
+/// controller without these registers has no watchdog; it is accepted, since it would not come to OP otherwise. \[OURS]
 pub(super) async fn set(bus: &Bus, station: u16, registers: Option<&Registers>) -> Result<(), StateReason> {
     let Some(pace) = bus.with(|shared| shared.pace) else { return Ok(()) };
     let managers = registers.into_iter().flat_map(|registers| &registers.managers);
@@ -79,7 +80,8 @@ async fn read(bus: &Bus, station: u16, ado: u16) -> Result<Option<u16>, StateRea
     match bus.read::<2>(station, ado).await {
         Ok(bytes) => Ok(Some(u16::from_le_bytes(bytes))),
         Err(Unanswered::Lost) => Err(StateReason::NoAnswer),
-        // A read of the type register shows whether the slave answers at all.
+        // Either the slave does not have the register, or it does not answer at all. A read of the type register, which
+        // every slave has, shows which.
         Err(Unanswered::Counter(_)) => Ok(bus.read::<1>(station, TYPE).await.map(|_| None)?),
     }
 }

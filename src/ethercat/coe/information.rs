@@ -324,7 +324,7 @@ pub struct EntryRequest {
 }
 
 impl EntryRequest {
-    /// Length of the data in bytes.
+    /// Length in bytes of the data of a request for a description.
     pub const LEN: usize = 4;
 
     /// Decodes the data of [`InformationKind::EntryRequest`].
@@ -337,7 +337,7 @@ impl EntryRequest {
         Ok(Self { object, wanted: ValueInfo(*wanted) })
     }
 
-    /// The data as bytes.
+    /// Encodes the data of [`InformationKind::EntryRequest`].
     pub const fn encode(&self) -> [u8; Self::LEN] {
         let [i0, i1] = self.object.index.to_le_bytes();
         [i0, i1, self.object.sub, self.wanted.0]

@@ -100,7 +100,7 @@ pub enum SdoRequest<'a> {
     Abort {
         /// The object of the aborted transfer.
         object: ObjectAddress,
-        /// The reason.
+        /// The reason why the transfer is aborted.
         code: AbortCode,
     },
     /// A command code that the standard does not define, with the bytes behind it.

@@ -7,7 +7,7 @@ bits! {
     Features(u16) {
         /// Bit 0: FMMUs map only whole bytes.
         BYTEWISE_FMMUS = 1 << 0;
-        /// Bit 1: unused register addresses can be accessed.
+        /// Bit 1: unused register addresses cannot be accessed.
         UNUSED_REGISTERS = 1 << 1;
         /// Bit 2: the controller has distributed clocks.
         CLOCK = 1 << 2;

@@ -23,7 +23,7 @@ bits! {
 struct Layout {
     /// Bytes 0..=3: logical start address.
     logical: U32Le,
-    /// Bytes 4..=5: length.
+    /// Bytes 4..=5: length, in logical bytes.
     len: U16Le,
     /// Byte 6: logical start bit.
     first_bit: u8,

@@ -16,13 +16,13 @@ pub enum RegisterAccess {
 /// A register of the slave controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Register {
-    /// The address of the first byte.
+    /// The address of the register's first byte.
     pub address: u16,
-    /// The length in bytes.
+    /// The length of the register in bytes.
     pub len: u16,
     /// The effect of a write by the master.
     pub access: RegisterAccess,
-    /// The name in the data sheets.
+    /// The name of the register in the data sheets.
     pub name: &'static str,
 }
 

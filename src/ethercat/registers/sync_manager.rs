@@ -143,7 +143,7 @@ const _: () = assert!(size_of::<Layout>() == SYNC_MANAGER_LEN && align_of::<Layo
 pub struct SyncManager {
     /// Start address of the sync manager's area in the slave's memory.
     pub start: u16,
-    /// Length of the area, bytes.
+    /// Length of the sync manager's area, bytes.
     pub len: u16,
     /// Mode, direction, event enables, and watchdog trigger.
     pub control: SmControl,

@@ -26,9 +26,9 @@ bits! {
 /// Address and length of a mailbox in the memory of a slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct MailboxArea {
-    /// The address of the first byte.
+    /// The address of the mailbox's first byte in the slave's memory.
     pub start: u16,
-    /// The length in bytes.
+    /// The length of the mailbox in bytes.
     pub len: u16,
 }
 

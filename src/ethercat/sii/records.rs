@@ -251,7 +251,7 @@ impl SiiSmType {
 pub struct SiiSyncManager {
     /// Start address of the sync manager's area in the slave's memory.
     pub start: u16,
-    /// Length of the area, bytes.
+    /// Length of the sync manager's area, bytes.
     pub len: u16,
     /// Mode, direction, event enables, and watchdog trigger.
     pub control: SmControl,
@@ -276,10 +276,10 @@ struct SyncManagerLayout {
 }
 
 impl SiiSyncManager {
-    /// Length in bytes of one sync manager.
+    /// Length in bytes of the settings of one sync manager.
     pub const LEN: usize = 8;
 
-    /// Decodes one sync manager.
+    /// Decodes the settings of one sync manager.
     pub fn decode(bytes: &[u8; Self::LEN]) -> Self {
         let layout: &SyncManagerLayout = bytemuck::cast_ref(bytes);
         Self {
@@ -292,7 +292,7 @@ impl SiiSyncManager {
         }
     }
 
-    /// Encodes one sync manager.
+    /// Encodes the settings of one sync manager.
     pub fn encode(&self) -> [u8; Self::LEN] {
         bytemuck::cast(SyncManagerLayout {
             start: self.start.into(),
@@ -344,10 +344,10 @@ struct DcLayout {
 const _: () = assert!(size_of::<DcLayout>() == SiiDcMode::LEN && align_of::<DcLayout>() == 1);
 
 impl SiiDcMode {
-    /// Length in bytes of one mode.
+    /// Length in bytes of one mode of distributed clocks.
     pub const LEN: usize = 24;
 
-    /// Decodes one mode.
+    /// Decodes one mode of distributed clocks.
     pub fn decode(bytes: &[u8; Self::LEN]) -> Self {
         let layout: &DcLayout = bytemuck::cast_ref(bytes);
         Self {
@@ -362,7 +362,7 @@ impl SiiDcMode {
         }
     }
 
-    /// Encodes one mode.
+    /// Encodes one mode of distributed clocks.
     pub fn encode(&self) -> [u8; Self::LEN] {
         bytemuck::cast(DcLayout {
             cycle0: self.cycle0_ns.into(),

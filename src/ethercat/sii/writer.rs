@@ -129,8 +129,8 @@ impl<'b> SiiWriter<'b> {
         Ok(())
     }
 
-    /// Adds a category of PDOs with their entries. Pass all PDOs of one direction at once, because masters read only the
-    /// first category of a kind.
+    /// Adds a category of PDOs with their entries. Pass all PDOs of one direction at once, because some masters read
+    /// only the first category of a kind.
     ///
     /// # Errors
     /// [`WireError::NoRoom`]: the category does not fit.

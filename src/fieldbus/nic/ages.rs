@@ -8,7 +8,7 @@ use crate::fieldbus::{MAX_SLAVES, is_stale};
 struct Age {
     /// The number of cycles since the one in which the inputs were received.
     cycles: u32,
-    /// When the first cycle that brought no new inputs was sent, on the clock of the wires (the network card).
+    /// When the first cycle that brought no new inputs was sent, on the network card's clock.
     since: Ns,
 }
 
@@ -38,8 +38,8 @@ impl Ages {
 
     /// Counts a cycle without new inputs of a slave, and `unanswered` cycles directly before it that had no answer.
     /// Returns whether the inputs have become stale with this cycle. `sent_at`: when the cycle was sent. `searched`:
-    /// when the newest search for missing slaves ended; once a search has ended since the inputs are old, they become
-    /// stale earlier ([`is_stale`]).
+    /// when the newest complete search for missing slaves began. After a complete search that began while the inputs
+    /// were old already, they become stale earlier ([`is_stale`]).
     pub(super) fn hold(&mut self, slave: u8, sent_at: Ns, unanswered: u32, cycle_ns: Ns, searched: Option<Ns>) -> bool {
         self.held.insert(slave);
         let age = &mut self.of[usize::from(slave) - 1];

@@ -170,7 +170,8 @@ impl OneSlave {
         }
         // A slave that is not used need not answer: nothing is written to it (SK-4 [OURS]).
         if role == Role::Unused {
-            // `configure` fails only if process data are too long, and here they have 0 bytes.
+            // With 0 bytes `configure` fails only for a slave that was lost in SafeOP or OP and is still missing: its
+            // previous process data then stay in the process image.
             let _ = self.master.lock().configure(slave, 0, 0);
             return Ok(None);
         }

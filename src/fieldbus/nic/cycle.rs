@@ -63,7 +63,7 @@ impl<W: NicWires> NicBus<W> {
 
     /// Writes the outputs of all slaves into the process images that the frames carry. If a slave is not in OP, has got
     /// no outputs from the engine since it entered OP, or is lost, it gets outputs that keep its axes at a standstill,
-    /// because it may answer again at any time (SK-4.62).
+    /// because it may answer again at any time (SK-4.62). A slave in OP whose inputs are stale gets a quick stop.
     fn put_outputs(&mut self) {
         let mut master = self.master.lock();
         for slave in self.all().iter() {

@@ -26,11 +26,11 @@ pub(super) struct Change {
     target: AlState,
     slaves: SlaveSet,
     /// `again_at`: when the master gets the request for the change, for the first time or again. `until`: when the
-    /// change times out. Both are times of the wires' clock.
+    /// change times out. Both are times of the network card's clock.
     again_at: Ns,
     until: Ns,
-    /// Whether the slaves have not been requested to leave OP yet. The outputs in the board's FIFO are sent first,
-    /// since they belong to commands from before SET_STATE.
+    /// Whether the change takes all slaves out of OP and was not requested from the master yet. The outputs in the
+    /// board's FIFO are sent first, since they belong to commands from before SET_STATE.
     sends_first: bool,
     /// Whether all slaves were requested to leave OP. The bus then accepts no more outputs, because no slave would use
     /// them.
@@ -255,7 +255,8 @@ impl<W: NicWires> NicBus<W> {
     }
 
     /// Evaluates the end of one request of a change of state to the master. If a slave refuses, the change has failed.
-    /// If a slave does not answer, the state is requested again until the timeout, because the slave may come back.
+    /// If a slave does not answer, or is busy with another change or its EEPROM, the state is requested again until the
+    /// timeout.
     fn end_part(&mut self, change: Change, ended: Result<(), StateError>) {
         let Change { target, slaves, until, .. } = change;
         for slave in slaves.iter() {

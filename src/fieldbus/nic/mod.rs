@@ -99,13 +99,14 @@ const STOOD_STILL_TOLD_NS: Ns = 1_000_000_000;
 struct Standstill {
     /// When the frames of the newest cycle were sent; `None`: the newest cycle exchanged no process data.
     sent_at: Option<Ns>,
-    /// `ns`: the length of the gap. `ended`: the time at which it ended, on the wires' clock.
+    /// `ns`: the length of the gap. `ended`: the time at which it ended, on the network card's clock.
     ns: Ns,
     ended: Ns,
 }
 
 impl Standstill {
-    /// Called when the frames of a cycle are sent: records a gap before them.
+    /// Called when the frames of a cycle are sent: records the gap since the frames of the cycle before, if it is at
+    /// least [`STOOD_STILL_NS`] long and at least as long as the recorded one.
     fn note(&mut self, now: Ns) {
         let gap = self.sent_at.map_or(0, |before| now.saturating_sub(before));
         self.sent_at = Some(now);
@@ -134,7 +135,7 @@ struct Station {
 struct RunningSdo {
     request: SdoRequest,
     transfer: Transfer,
-    /// When the SDO times out, on the wires' clock.
+    /// When the SDO times out, on the network card's clock.
     until: Ns,
 }
 
@@ -143,7 +144,8 @@ pub struct NicBus<W> {
     wires: W,
     /// The master, shared with the futures of a configuration.
     master: Arc<Mutex<Master>>,
-    /// Offset of the engine's clock to the wires' clock (engine minus wires); `None`: it was not measured yet.
+    /// Offset of the engine's clock to the network card's clock (engine minus card), ns; `None`: it was not measured
+    /// yet.
     skew: Option<Ns>,
     /// Whether a runner of the engine waits for the time of each cycle. Without a runner the bus itself waits until
     /// that time.
@@ -216,7 +218,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The wires, for reading their state.
+    /// The network card or cards, for reading their state.
     pub const fn wires(&self) -> &W {
         &self.wires
     }
@@ -258,8 +260,8 @@ impl<W: NicWires> NicBus<W> {
         self.run_job();
     }
 
-    /// Continues the running job and SDO as far as they can go on. Without a runner, or if the wires' clock is virtual, this
-    /// also waits until the engine's time is `now`.
+    /// Continues the running job and SDO as far as they can go on. Without a runner, or if the network card's clock is
+    /// virtual, this also waits until the engine's time is `now`.
     fn advance(&mut self, now: Ns) {
         let until = now.wrapping_sub(self.skew_at(now));
         // Without a running job or SDO this call would be wasted: the exchange of the cycle receives the frames, and
@@ -275,18 +277,19 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Waits until a frame comes, at most until the wires' time `until`, and at most [`TURN_NS`] if a job or an SDO
-    /// transfer is running. Then continues the job and the SDO transfer.
+    /// Waits until a frame comes, at most until the time `until` on the network card's clock, and at most [`TURN_NS`]
+    /// if a job or an SDO transfer is running. Then continues the job and the SDO transfer.
     fn wait_a_turn(&mut self, until: Ns) {
         let turn = if self.is_working() { self.wires.now().saturating_add(TURN_NS) } else { until };
         self.wires.wait(turn.min(until));
         self.turn();
     }
 
-    /// Offset of the engine's clock to the wires' clock (engine minus wires), measured when the engine's time is `now`.
-    /// Because of the runner's wake-up latency the call comes late, so a single sample is too small, and the largest
-    /// sample is kept. When the runner skips cycles it reports it ([`Fieldbus::leave_out`]). A sample that is smaller
-    /// by more than half a cycle means that the runner has skipped time without a report: it replaces the offset.
+    /// Offset of the engine's clock to the network card's clock (engine minus card), ns, measured when the engine's
+    /// time is `now`. Because of the runner's wake-up latency the call comes late, so a single sample is too small, and
+    /// the largest sample is kept. When the runner skips cycles it reports it ([`Fieldbus::leave_out`]). A sample that
+    /// is smaller by more than half a cycle means that the runner has skipped time without a report: it replaces the
+    /// offset.
     fn skew_at(&mut self, now: Ns) -> Ns {
         let seen = now.wrapping_sub(self.wires.now());
         let skew = self.skew.get_or_insert(seen);

@@ -140,7 +140,8 @@ impl<P: CardPair> Ring<P> {
         self.pair.send(CableEnd::Last, &flight.frame[..flight.len]).is_ok()
     }
 
-    /// Copies the kept frame with this index into `buffer` for the master, and returns its length.
+    /// Copies the frame with this index, as it came back at the first card, from `flights` into `buffer` for the
+    /// master. Returns its length. The frame is then no longer in flight.
     fn hand_over(&mut self, index: u8, buffer: &mut FrameBuffer) -> usize {
         let flight = &mut self.flights[usize::from(index)];
         (flight.is_used, flight.due) = (false, None);

@@ -6,7 +6,7 @@ use crate::ethercat::Ns;
 
 /// What the record of unreached outputs needs to know of a cycle whose frames have come back.
 pub(super) struct Cycle {
-    /// When the frames of the cycle were sent, on the wires' clock.
+    /// When the frames of the cycle were sent, on the network card's clock.
     pub(super) sent_at: Ns,
     /// The id of the outputs that the cycle carried for the first time. `None`: it repeated the outputs of the cycle
     /// before, whose id is in `sent`.

@@ -2,7 +2,7 @@
 
 use crate::fieldbus::{AlState, CHANGE_SLAVE_NS, LEAVING_OP_NS, Ns};
 
-/// Durations in board time, ns.
+/// The durations of the jobs and SDO transfers of a simulated network, ns of board time.
 ///
 /// \[OURS] The only source is "takes many cycles, PreOP to SafeOP the longest" (SK-4). These are the durations of a
 /// small network of servo drives.
@@ -14,13 +14,13 @@ pub struct Timing {
     pub scan_slave_ns: Ns,
     /// The time that the configuration of one slave takes, with all its SDO transfers.
     pub configure_slave_ns: Ns,
-    /// Change of state from Init to PreOP.
+    /// The fixed part of a change of state from Init to PreOP.
     pub to_preop_ns: Ns,
-    /// Change of state from PreOP to SafeOP, in which the drives synchronise.
+    /// The fixed part of a change of state from PreOP to SafeOP, in which the drives synchronise.
     pub to_safeop_ns: Ns,
-    /// Change of state from SafeOP to OP.
+    /// The fixed part of a change of state from SafeOP to OP.
     pub to_op_ns: Ns,
-    /// A change to a lower state, or the repeated request of the state that a slave is already in.
+    /// The fixed part of a change to a lower state, or of a repeated request of the state that a slave is already in.
     pub down_ns: Ns,
     /// The time that each slave in a change of state adds to its duration.
     pub change_slave_ns: Ns,

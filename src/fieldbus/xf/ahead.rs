@@ -1,9 +1,9 @@
 //! Prepares the configuration that the next change to SafeOP needs, while no job or SDO is requested.
 //!
-//! The preparation writes nothing to a slave, so that the SDO transfers of a program read the same values as without
-//! it. It reads whether the slaves already have their mapping. If all slaves have it, or a mapping of the same length,
-//! the chip lays out the process data. Every request to the bus interrupts the preparation; what was read by then is
-//! kept.
+//! The preparation writes no object of a slave, so that the SDO transfers of a program read the same values as without
+//! it. If the declared cycle time is a new one, it starts the chip's network again with that time. Then it reads
+//! whether the slaves already have their mapping. If all slaves have it, or a mapping of the same length, the chip lays
+//! out the process data. Every request to the bus interrupts the preparation; what was read by then is kept.
 
 use super::chip_bus::ChipBus;
 use super::jobs::{Part, Running};
@@ -19,7 +19,7 @@ const QUIET_NS: Ns = 10_000_000;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Ahead {
     declared: Option<BusConfig>,
-    /// The earliest time at which the preparation begins, on the wires' clock.
+    /// The earliest time at which the preparation begins, on the clock of the wires to the chip.
     not_before: Ns,
 }
 

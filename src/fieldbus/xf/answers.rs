@@ -16,7 +16,7 @@ pub(super) const ANSWERS: usize = 128;
 /// What the chip has answered about one of its cycles.
 #[derive(Clone, Debug)]
 pub(super) struct Answer {
-    /// When the cycle ran, on the wires' clock.
+    /// When the cycle ran, on the clock of the wires to the chip.
     at: Ns,
     sent: Option<u64>,
     cycles_lost: u32,
@@ -65,8 +65,8 @@ impl<W: Wires> ChipBus<W> {
     /// Returns the chip's next cycle if it had passed by the engine's time `now`; `None`: no further cycle.
     pub(super) fn next_answer(&mut self, now: Ns) -> Option<CycleDone> {
         let at = self.engine_time(self.answers.front()?.at);
-        // If the wires' clock is a real one, a cycle that was received has passed, even if the engine's time is still
-        // before it.
+        // If the clock of the wires to the chip is a real one, a cycle that was received has passed, even if the
+        // engine's time is still before it.
         if at > now && !self.options.real_time {
             return None;
         }

@@ -63,7 +63,7 @@ pub(super) enum Ask {
         timeout_ns: Ns,
     },
     Reconfig,
-    /// Makes those GPIO pins of the chip outputs whose bits are set.
+    /// Makes those GPIO pins of the chip outputs whose bits are set: bit k is pin k.
     OutputPins(u16),
     RxEntries(u8),
     TxEntries(u8),

@@ -48,7 +48,8 @@ pub(super) struct ChipBus<W> {
     pub(super) wires: W,
     pub(super) host: Host,
     pub(super) options: XfBusOptions,
-    /// Offset of the engine's clock to the wires' clock (engine minus wires); `None`: it was not measured yet.
+    /// Offset of the engine's clock to the clock of the wires to the chip (engine minus wires), ns; `None`: it was not
+    /// measured yet.
     pub(super) skew: Option<Ns>,
     /// Whether a runner drives the bus and passes the engine's time to it. A runner may be late.
     pub(super) has_runner: bool,
@@ -95,12 +96,14 @@ pub(super) struct ChipBus<W> {
     pub(super) answers: VecDeque<Answer>,
     /// Unused buffers for answers, so that an answer needs no allocation.
     pub(super) spare: Vec<Answer>,
-    /// How many answers the driver had received when an answer header was evaluated last.
+    /// How many answers the driver had received when an answer header was evaluated last, so that no header is
+    /// evaluated twice.
     pub(super) headers: u64,
-    /// How many answers the driver had received when an exchange of process data ended last.
+    /// How many answers the driver had received when an exchange of process data ended last. Some answers later
+    /// ([`SETTLED`](super::clear::SETTLED)) the fill levels in the headers include this exchange.
     pub(super) reported_at: u64,
     pub(super) next_read: Ns,
-    /// When the newest received cycle of the chip ran, on the wires' clock.
+    /// When the newest received cycle of the chip ran, on the clock of the wires to the chip.
     pub(super) newest_cycle: Ns,
     /// Whether cycles and their inputs may have been lost since `newest_cycle`. The next cycle that is read then counts
     /// the missing ones.
@@ -199,8 +202,9 @@ impl<W: Wires> ChipBus<W> {
         self.options.ahead.saturating_add(transport_sets).min(u16::from(entries).max(1))
     }
 
-    /// The wires' time at the engine's time `now`. If the wires' clock is a real one and there is no runner, the
-    /// engine's clock stands still while the engine is not called. The offset of the clocks is then measured again.
+    /// The time on the clock of the wires to the chip when the engine's time is `now`. If the clock of the wires is a
+    /// real one and there is no runner, the engine's clock stands still while the engine is not called. The offset of
+    /// the clocks is then measured again.
     pub(super) fn wires_time(&mut self, now: Ns) -> Ns {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));

@@ -42,8 +42,8 @@ impl<W: Wires> ChipBus<W> {
     }
 
     /// Continues a clear. A command that fails is repeated while slaves are in OP \[OURS]: otherwise sets of outputs
-    /// that the board considers cleared would still be sent, and newer sets after them. Once no slave is in OP the
-    /// clear ends, because nothing in the FIFO is sent any more.
+    /// that the board considers cleared would still be sent, and newer sets after them. Once no slave is in OP, or the
+    /// driver has stopped, the clear ends: nothing in the FIFO is sent any more.
     pub(super) fn clear_on(&mut self, now: Ns) {
         let answers = self.host.counters().answers;
         self.clearing = match self.clearing {

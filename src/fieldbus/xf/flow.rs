@@ -19,8 +19,9 @@ use super::answers::IMAGE_MAX;
 use super::clear::Clearing;
 use super::network::Network;
 
-/// If at least this many cycles wait in the chip to be read, every other exchange only reads: it reads more cycles than
-/// one that also writes. \[OURS]
+/// From this backlog on the bus reads faster. If this many cycles remain in the chip beyond those that an exchange with
+/// outputs reads, every other exchange only reads, since it reads more cycles. If no outputs wait, this many cycles are
+/// read at once and not only when the next read is due. \[OURS]
 const BACKLOG: u8 = 4;
 /// The maximum number of sets of outputs in one exchange, and of cycles that one exchange reads. \[OURS]
 const IN_ONE_EXCHANGE: usize = 32;

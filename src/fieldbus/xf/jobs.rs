@@ -44,7 +44,8 @@ pub(super) fn place_of<W: Wires + Send + 'static>(bus: &Arc<Mutex<ChipBus<W>>>) 
 #[derive(Clone, Debug)]
 pub(super) struct Running {
     job: Job,
-    /// The job is a configuration that was not requested yet: it writes nothing to a slave, and its result is not returned.
+    /// The job is a configuration that was not requested yet: it writes no object of a slave, and its result is not
+    /// returned.
     pub(super) is_ahead: bool,
     deadline: Ns,
     has_begun: bool,
@@ -119,8 +120,8 @@ fn abort_code(error: &HostError) -> AbortCode {
 /// times.
 struct Steps<W> {
     bus: Arc<Mutex<ChipBus<W>>>,
-    /// If the job has found lost slaves, it waits until the engine has polled the loss, at most until this time of the
-    /// wires' clock. `None`: the job has not waited for this yet.
+    /// If the job has found lost slaves, it waits until the engine has polled the loss, at most until this time on the
+    /// clock of the wires to the chip. `None`: the job has not waited for this yet.
     tells_until: Option<Ns>,
 }
 
@@ -155,7 +156,7 @@ impl<W: Wires> Steps<W> {
         poll_fn(|_| self.with(answer).map_or(Poll::Pending, Poll::Ready)).await
     }
 
-    /// Waits until the wires' time `until`, and until the driver accepts commands.
+    /// Waits until the time `until` on the clock of the wires to the chip, and until the driver accepts commands.
     async fn wait_until(&self, until: Ns) {
         let mut is_first = true;
         let mut is_over = |bus: &mut ChipBus<W>| {

@@ -27,7 +27,7 @@ const MILESTONES: usize = 64;
 struct Moment {
     sent: u64,
     cycles: u64,
-    /// How many sets of outputs were certainly in the RxFIFO at this moment.
+    /// How many sets of outputs were certainly in the RxFIFO at the moment of the header.
     waiting: u64,
 }
 

@@ -14,7 +14,7 @@ const OLD: u64 = 4;
 /// An estimate of the fill level of the chip's RxFIFO.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FillLevel {
-    /// The estimated time at which the RxFIFO runs empty, on the wires' clock.
+    /// The estimated time at which the RxFIFO runs empty, on the clock of the wires to the chip.
     empty_at: Ns,
 }
 

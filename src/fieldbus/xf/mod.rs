@@ -146,7 +146,8 @@ impl<W: Wires> XfBus<W> {
         self.work(|bus| bus.wires_time(now))
     }
 
-    /// Makes exchanges and waits until the wires' time is `until`, and returns the bus with its lock.
+    /// Makes exchanges and waits until the time `until` on the clock of the wires to the chip, and returns the bus with
+    /// its lock.
     fn work(&mut self, until: impl FnOnce(&mut ChipBus<W>) -> Ns) -> MutexGuard<'_, ChipBus<W>> {
         let Self { bus, sequence } = self;
         let mut bus = bus.lock();
@@ -192,8 +193,8 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
             job => {
                 bus.end_ahead();
                 if matches!(job, Job::State { target, .. } if target <= AlState::PreOp) {
-                    // [OURS] Each change up to SafeOP gets a new layout of the process data, as the manufacturers'
-                    // drivers do it.
+                    // [OURS] After a change to PreOP or below, the next change to SafeOP gets a new layout of the
+                    // process data, as with the manufacturers' drivers.
                     bus.network.laid_out = false;
                 }
                 bus.begin_job(Some(Running::new(job, at)));

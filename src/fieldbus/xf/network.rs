@@ -100,7 +100,7 @@ pub(super) struct Seen {
     pub mapped: Mapped,
     /// Whether the present mapping has the lengths of the wanted one, so that the chip's layout fits both.
     pub is_as_long: bool,
-    /// When the objects were read or written, on the wires' clock.
+    /// When the objects were read or written, on the clock of the wires to the chip.
     pub at: Ns,
 }
 
@@ -221,7 +221,8 @@ impl Network {
         self.configured.intersection(SlaveSet::first(self.found)).iter().filter(is_unused).collect()
     }
 
-    /// What is known of a slave's objects, if it was read for this configuration and is not too old.
+    /// What is known of a slave's objects, if they were read or written for this configuration and not longer ago than
+    /// [`SEEN_FOR_NS`].
     pub(super) fn seen(&self, slave: u8, config: &SlaveConfig, now: Ns) -> Option<Seen> {
         let holds = |seen: &Seen| seen.config == *config && now.saturating_sub(seen.at) < SEEN_FOR_NS;
         self.seen[usize::from(slave) - 1].filter(holds)
@@ -246,7 +247,8 @@ impl Network {
     }
 
     /// Updates what is known of a slave's objects by the AL state that was read from it. A slave in Init, or one that
-    /// does not answer, may come back with other objects. From SafeOP on the objects do not change.
+    /// does not answer, may come back with other objects. From SafeOP on the objects do not change, so what is known
+    /// counts as read now.
     pub(super) fn note_objects(&mut self, slave: u8, state: Option<AlState>, now: Ns) {
         match (state, &mut self.seen[usize::from(slave) - 1]) {
             (None | Some(AlState::Init), _) => self.forget_objects(slave),
@@ -259,7 +261,7 @@ impl Network {
         self.at_least(AlState::Op)
     }
 
-    /// Called when a slave is no longer lost.
+    /// Removes a slave from the lost and the stale slaves.
     pub(super) const fn found_again(&mut self, slave: u8) {
         self.lost.remove(slave);
         self.stale.remove(slave);

@@ -16,10 +16,11 @@ pub struct XfBusOptions {
     pub clock_hz: Option<u32>,
     /// Which pins of the chip are the board's local inputs and outputs.
     pub local_pins: LocalPins,
-    /// Whether the wires' clock advances by itself. Otherwise it advances only in exchanges and waits.
+    /// Whether the clock of the wires to the chip advances by itself. Otherwise it advances only in exchanges and
+    /// waits.
     pub real_time: bool,
-    /// The chip's packets have a fixed size, as those of an ECM-XFU. Otherwise the chip is set to another size if the
-    /// process data or the cycle need it.
+    /// Whether the chip's packets have a fixed size, as those of an ECM-XFU. Otherwise the chip is set to another size
+    /// if the process data or the cycle need it.
     pub size_is_fixed: bool,
 }
 

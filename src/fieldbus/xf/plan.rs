@@ -14,10 +14,10 @@ const SETS_MAX: usize = 8;
 /// For each exchange of process data, a plan leaves time for this number of packets: two for the exchange itself, and
 /// two for a command in between, since the states of the slaves are read while slaves move. \[OURS]
 const PACKETS_A_TURN: u32 = 4;
-/// How long a set of outputs may still count as being in the chip after it was handed over, in half turns: the time of
-/// [`PACKETS_A_TURN`] / 2 packets. The set is first in flight, and later the fill levels that show it as sent are two
-/// exchanges old (OBS). \[OURS] With that many sets and one more, no cycle of the chip's model repeats its outputs,
-/// whatever the packet size.
+/// For how long after it was handed over a set of outputs may still count as being in the chip, in half turns. A half
+/// turn is the time of [`PACKETS_A_TURN`] / 2 packets. In this time the set is first in flight, and later the fill
+/// levels that show it as sent are two exchanges old (OBS). \[OURS] With as many sets on the way as there are cycles in
+/// this time, and one more, no cycle of the chip's model repeats its outputs, whatever the packet size.
 const HALF_TURNS_KNOWN: u64 = 5;
 
 /// What a cycle requires of the exchanges with the chip.
@@ -67,7 +67,7 @@ pub struct CyclePlan {
     /// is written again, so that none is lost while packets get through at least sometimes. With 2 such a set is given
     /// up and counted.
     pub in_flight: usize,
-    /// How many sets of outputs each packet has to carry to keep the cycle time, at most 8.
+    /// How many sets of outputs a packet of this size carries, at most 8. With that many the cycle time can be kept.
     pub sets: u16,
     /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is on
     /// time: the sets in flight, and those that the chip has sent while the host does not know it yet.

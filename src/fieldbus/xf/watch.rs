@@ -51,7 +51,7 @@ pub(super) struct Watch {
     wkc_errors: u8,
     is_suspicious: bool,
     /// The id of the first outputs that may have missed a slave that is not lost; `None`: the working counter was right
-    /// since the newest reading of the states.
+    /// since the newest complete reading of the states began.
     suspect_from: Option<u64>,
     /// Whether the working counter was wrong, or may have been, since the newest reading began.
     has_new_errors: bool,
@@ -66,12 +66,12 @@ pub(super) struct Watch {
     chip_resets: u64,
     /// The inputs of this many of the next cycles are not used.
     doubt_cycles: u32,
-    /// Times of the wires' clock. `read_at`: when the newest reading began that has found no slave lost.
-    /// `reading_since`: when the newest reading began.
+    /// Times on the clock of the wires to the chip. `read_at`: when the newest reading began that has found no slave
+    /// lost. `reading_since`: when the newest reading began.
     read_at: Option<Ns>,
     reading_since: Option<Ns>,
     /// `held_cycles`: the number of consecutive cycles whose inputs were not used. `held_since`: when the first of them
-    /// ran, on the wires' clock.
+    /// ran, on the clock of the wires to the chip.
     held_cycles: u32,
     held_since: Ns,
 }

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
 
-/// The numbers of bits for which [`AnswerCheck::explain`] tries whether the answers are shifted by as many bits, too
-/// early or too late. \[OURS]
+/// By how many bits the answers may be shifted, too early or too late: [`AnswerCheck::explain`] tries each of these
+/// numbers. \[OURS]
 const SHIFT_BITS: std::ops::RangeInclusive<usize> = 1..=32;
 
 /// The wiring fault that invalid answers of the board indicate.
@@ -45,7 +45,7 @@ pub enum WiringFault {
     Bits {
         /// The number of bits by which the answers are shifted.
         bits: usize,
-        /// Whether the answers come too late; otherwise they come too early.
+        /// Whether the answers come later than the clock of SPI demands; otherwise they come earlier.
         late: bool,
     },
     /// The answers are shifted by whole bytes.
@@ -57,7 +57,7 @@ pub enum WiringFault {
     Bytes {
         /// The number of bytes by which the answers are shifted.
         bytes: usize,
-        /// Whether the answers come too late; otherwise they come too early.
+        /// Whether the answers come later than the clock of SPI demands; otherwise they come earlier.
         late: bool,
     },
     /// The answers are invalid, but fit none of the other faults.
@@ -68,7 +68,8 @@ pub enum WiringFault {
     Garbled,
 }
 
-/// How many invalid answers are kept. A fault is reported only if it explains all of them. \[OURS]
+/// How many invalid answers are kept, to find the wiring fault: one is reported only if it explains all of them, since
+/// a single answer may fit a fault by chance. \[OURS]
 const INVALID_KEPT: usize = 4;
 
 /// How many answers with different valid CRCs show that the board sends CRCs. One is not enough, because the CRC of an
@@ -80,12 +81,13 @@ const VALID_CRCS_MIN: u8 = 2;
 pub struct AnswerCheck {
     size: SlotSize,
     /// Number of answers with a valid CRC since the latest answer with 0 in place of the CRC. An answer with the same
-    /// CRC as the one before does not count. Once the number has reached [`VALID_CRCS_MIN`] it does not change any
-    /// more.
+    /// CRC as the one before does not count: it may be the same bytes again. Once the number has reached
+    /// [`VALID_CRCS_MIN`] it does not change any more.
     valid_crcs: u8,
     /// The CRC of the latest answer that `valid_crcs` counts.
     crc: u8,
-    /// The latest invalid answers since a valid one. An answer that repeats the one before it is not kept.
+    /// The latest invalid answers since a valid one, at most [`INVALID_KEPT`]. An answer that repeats the one before it
+    /// is not kept, because it shows nothing new about the fault.
     invalid: VecDeque<Frame>,
 }
 
@@ -199,7 +201,8 @@ pub struct InvalidAnswer;
 /// in OP sends the cyclic response.
 const FIRST_ANSWER_IDS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::LocalRead.code(), MASTER_CYCLIC];
 
-/// Whether a frame has both a fitting CRC and the form of an answer. A CRC alone fits by chance once in 256 times.
+/// Whether a frame has the form of an answer and a fitting CRC, or none if `policy` allows that. A CRC alone fits by
+/// chance once in 256 times.
 fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
     let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
     fits && frame.check_crc(size, policy).is_ok()

@@ -10,13 +10,14 @@ use crate::sk::{CommandId, Frame, MasterCommand, MasterResponse, MasterState, Ra
 
 /// How long RESETN is held low; the board needs 32 us (SK-10). \[OURS]
 const RESET_LOW: Duration = Duration::from_micros(100);
-/// How many valid answers in a row show that a board is there. \[OURS]
+/// How many valid answers show that a board is there. \[OURS]
 const VALID_ANSWERS_MIN: u32 = 2;
 /// How many invalid answers, without a valid one in between, show that a wire is faulty. Zeros from a board without a
 /// BUSY line do not show this before the time limit, because the board may still be starting up. \[OURS]
 const INVALID_ANSWERS_MAX: u32 = 8;
-/// How many answers are accepted that seem valid but may be shifted by some bits: they have the form of a report and no
-/// CRC, and do not answer LIO_RD. Further such answers count as invalid. \[OURS]
+/// Answers may seem valid but be shifted by some bits: they have the form of a report and no CRC, and do not answer
+/// LIO_RD. If as many answers as this were valid and each of them may be shifted, opening the link fails once its time
+/// limit has passed. \[OURS]
 const UNCONFIRMED_ANSWERS_MAX: u32 = 12;
 /// The pause between two of the first exchanges. It is longer than a cycle below OP, so that each answer is a new one,
 /// and longer than the shortest period of a board without BUSY
@@ -26,8 +27,8 @@ const EXCHANGE_INTERVAL: Duration = Duration::from_micros(1500);
 /// connected to MOSI. \[OURS]
 const ECHO_MARK: u8 = 0x5A;
 
-/// Exchanges frames until enough answers in a row were valid ([`VALID_ANSWERS_MIN`]) and one of them has shown that no
-/// bit is shifted; returns the latest answer. The error says which wire is faulty, or that BUSY stays high.
+/// Exchanges frames until enough answers were valid ([`VALID_ANSWERS_MIN`]) and one of them has shown that no bit is
+/// shifted; returns the latest answer. The error says which wire is faulty, or that BUSY stays high.
 pub(super) fn begin(
     name: &str,
     wires: &mut dyn BusyWires,

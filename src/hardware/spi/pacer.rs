@@ -29,8 +29,8 @@ const IGNORED_REPORTS: u8 = 2;
 /// While the FIFO level is this high, no frame of the program is sent: frames wait in the link. Two entries stay free
 /// as a margin. \[OURS]
 const LEVEL_MAX: u16 = FIFO_ENTRIES - 2;
-/// The maximum of [`Pacer::reserve`]: extra entries that are kept in the FIFO for some time after this machine was
-/// late. \[OURS]
+/// The maximum of [`Pacer::reserve`], the entries that are kept in the FIFO for some time after this machine was late.
+/// \[OURS]
 const RESERVE_MAX: u16 = 32;
 /// After this many regular exchanges without a late one the reserve shrinks by one entry. \[OURS]
 const RESERVE_DECAY_EXCHANGES: u32 = 2000;
@@ -136,8 +136,8 @@ pub struct Pacer {
     state: Option<MasterState>,
     /// When the next regular exchange, one per cycle, is due.
     tick: Ns,
-    /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs its shortest
-    /// period.
+    /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs the shortest
+    /// period ([`PacerOptions::period_ns`]) between two.
     not_before: Ns,
     /// The target for the FIFO level. As in the reports, the level is the number of entries after the board has taken
     /// one out in a cycle.
@@ -149,9 +149,10 @@ pub struct Pacer {
     /// Whether there has been an extra exchange since the last regular one.
     had_extra: bool,
     /// The largest number of cycles by which this machine was late. It shrinks by one after each
-    /// [`RESERVE_DECAY_EXCHANGES`] exchanges in time. That many extra entries are kept in the FIFO.
+    /// [`RESERVE_DECAY_EXCHANGES`] exchanges in time. While frames of the program wait, at least [`LEVEL_MIN`] more
+    /// entries than this are kept in the FIFO.
     reserve: u16,
-    /// Number of regular exchanges since this machine was last late.
+    /// Number of regular exchanges since this machine was last late, or since the reserve last shrank.
     on_time: u32,
     /// How many of the next regular exchanges are skipped, because the FIFO level is too high.
     to_skip: u16,
@@ -283,7 +284,7 @@ impl Pacer {
     }
 
     /// Advances to the next cycle, whether its exchange was made or skipped. Meanwhile the board takes an entry out of
-    /// its FIFO.
+    /// its FIFO, unless it waits for the prefill.
     fn pass_tick(&mut self) {
         self.tick += self.period();
         self.had_extra = false;
@@ -333,8 +334,8 @@ impl Pacer {
         }
     }
 
-    /// Records that the exchange has ended. Its transfer began at least one transfer time ago, and the shortest period
-    /// of the board counts from there.
+    /// Records that the exchange has ended. Its transfer began at least one transfer time ago. The board's shortest
+    /// period until the next exchange counts from that time.
     pub fn ended(&mut self, now: Ns) {
         let began = now.saturating_sub(self.options.wires_ns);
         if self.options.period_ns > 0 {

@@ -226,8 +226,8 @@ impl QueueState {
         self.over.clone().map_or(Ok(()), Err)
     }
 
-    /// Fails if calls in this direction were cancelled since a call began. `before`: the counts of cancelled calls when
-    /// the call began.
+    /// Fails if calls in this direction were cancelled since a call began. `before`: [`Self::cancels`] when the call
+    /// began.
     fn check_cancelled(&self, dir: Dir, before: [u64; 2]) -> Result<(), LinkError> {
         if self.cancels[dir as usize] == before[dir as usize] { Ok(()) } else { Err(LinkError::Cancelled { dir }) }
     }

@@ -16,7 +16,7 @@ use crate::io::spi::{BusyWires, SpiError};
 use crate::link::LinkError;
 use crate::sk::{CrcPolicy, Frame, MasterCommand};
 
-/// How often the thread checks, while BUSY is high, whether the link is being closed. \[OURS]
+/// How often the thread checks, while BUSY is high, whether the time limit for closing the link has passed. \[OURS]
 const CLOSE_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 /// How many invalid answers in a row mean that the board is lost. \[OURS]
 const INVALID_ANSWERS_MAX: u32 = 16;
@@ -29,8 +29,9 @@ const BUSY_AFTER_RESET_MAX: Duration = Duration::from_millis(20);
 /// up and gives no valid answers. One answer is not enough, since the first answers may be from before the command.
 /// \[OURS]
 const ANSWERS_AFTER_RESET: u32 = 4;
-/// How many exchanges pass between two checks that BUSY has fallen, as it does in each exchange: otherwise the line is
-/// not that of BUSY. The kernel stores 16 edges of a line until they are read. \[OURS]
+/// How many exchanges pass between two checks that BUSY has fallen. It falls once in each exchange; if it has not
+/// fallen in any of them, the line is not that of BUSY. The kernel stores at most 16 edges of a line until they are
+/// read. \[OURS]
 const EXCHANGES_PER_EDGE_CHECK: u32 = 16;
 
 /// What the link's thread and the link share.

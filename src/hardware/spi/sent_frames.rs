@@ -120,9 +120,9 @@ impl SentFrames {
         self.pushed += 1;
     }
 
-    /// The time up to which sent frames are certainly included in an answer. The answer shows the board in a cycle at
-    /// most `old` before the newest exchange, or at the end of the exchange before it. The earlier of these times
-    /// counts.
+    /// The time up to which sent frames are certainly included in the newest answer. The answer shows a state of the
+    /// board that may be older than the beginning of the newest exchange by `old`, and that may lack the frame of the
+    /// exchange before. The earlier of the two times counts.
     fn reported_until(&self, old: Ns) -> Ns {
         let began = |back: u64| self.pushed.checked_sub(back).map_or(0, |number| self.times[ring_index(number)]);
         began(1).saturating_sub(old).min(began(2).saturating_sub(1))

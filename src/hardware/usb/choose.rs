@@ -70,7 +70,7 @@ fn index_of_board(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, St
     }
 }
 
-/// Whether two device names are equal; on Windows their case may differ.
+/// Whether the serial number or the path of a device is the given one; on Windows the case may differ.
 fn same(its: &str, given: &str) -> bool {
     if cfg!(windows) { its.eq_ignore_ascii_case(given) } else { its == given }
 }

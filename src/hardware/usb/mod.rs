@@ -75,7 +75,8 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Re
 }
 
 impl Place {
-    /// The reason why the board is gone: an over-current at its port since it was opened, or else `reason`.
+    /// The reason why the board is gone: an over-current at its port since it was opened, or else `reason`, with a
+    /// remark if the board did not run at high speed.
     fn explain_loss(&self, reason: &str) -> String {
         let times = self.system.over_currents(&self.path);
         if times > self.over_currents {

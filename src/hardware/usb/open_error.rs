@@ -46,7 +46,8 @@ pub(super) fn open_error(name: &str, board: &FoundDevice, error: PipeError, syst
     }
 }
 
-/// The programs that have the board open, for [`LinkError::InUse`]: ` by press (PID 12), the board at 1-2`.
+/// The end of the error text of [`LinkError::InUse`], which names the programs that have the board open: ` by press
+/// (PID 12), the board at 1-2`.
 fn by(path: &str, holders: &[DeviceHolder]) -> String {
     let names: Vec<String> = holders.iter().map(DeviceHolder::to_string).collect();
     let who = if names.is_empty() { UNKNOWN_USER.to_owned() } else { names.join(" and ") };

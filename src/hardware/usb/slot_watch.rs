@@ -3,14 +3,14 @@
 
 use crate::sk::{Frame, SlotForm, SlotSize};
 
-/// How many reports in a row prove a slot size by their CRC. \[OURS] One is not enough: a report fits only the wrong
-/// size by chance once in 65,000 times.
+/// How many reports in a row prove a slot size by their CRC. \[OURS] One is not enough: a report that was damaged in
+/// transit may fit only the wrong size by chance.
 const REPORTS_WITH_CRC_MIN: u32 = 3;
 /// How many reports in a row prove a slot size by the form of their slots, if the board sends no CRC. The form proves
 /// less than a CRC, so more reports are needed. \[OURS]
 const REPORTS_WITHOUT_CRC_MIN: u32 = 32;
 
-/// The board's slot size, as far as the reports have shown it.
+/// Finds out from the reports whether the board's slot size is the one that the link was given.
 #[derive(Debug)]
 pub(crate) struct SlotWatch {
     given: SlotSize,
@@ -21,10 +21,10 @@ pub(crate) struct SlotWatch {
 enum State {
     /// The reports have proven neither size yet.
     Open {
-        /// How many reports in a row fit the given size.
+        /// How many reports in a row fit only the given size. A report that fits both sizes or neither is left out.
         given: u32,
-        /// How many reports in a row fit the other size: `other[0]` by their CRC, `other[1]` by the form of their
-        /// slots.
+        /// How many reports in a row fit only the other size: `other[0]` by their CRC, `other[1]` by the form of their
+        /// slots. A report that fits both sizes or neither is left out.
         other: [u32; 2],
     },
     /// The reports have proven the given size.

@@ -94,7 +94,7 @@ impl Interface {
     /// Whether the interface may be used for EtherCAT frames without disturbing another network.
     ///
     /// \[OURS] An IPv6 link-local address does not count as an address, since every interface has one. An interface
-    /// with the default route also has an IP address. If the default route is allowed, the address is not checked.
+    /// with the default route also has an IP address, so if its default route is allowed, its address is not checked.
     ///
     /// # Errors
     /// [`InterfaceError`], the first reason that is found.
@@ -123,7 +123,7 @@ impl Interface {
         }
     }
 
-    /// The first address that is not link-local; `None` if there is none.
+    /// The first address that is not an IPv6 link-local one; `None` if there is none.
     pub fn address(&self) -> Option<IpAddr> {
         self.addresses.iter().find(|address| !is_of_link(address)).copied()
     }

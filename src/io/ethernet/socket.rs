@@ -11,7 +11,7 @@ use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType, 
 
 use super::interface::{Interface, InterfaceError, request_about};
 
-/// Why a frame was neither sent nor received.
+/// Why a frame was not sent, or none was received.
 ///
 /// The meaning of the error codes of packet(7) for the user of the interface:
 ///
@@ -53,7 +53,7 @@ pub struct EthernetSocket {
 pub enum LinkState {
     /// A device at the other end of the cable is connected.
     Up,
-    /// No device is connected, or the interface is down.
+    /// No device is connected at the other end of the cable, or the interface is switched off.
     Down,
     /// The interface does not exist any more.
     Gone,

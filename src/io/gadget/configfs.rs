@@ -165,7 +165,7 @@ impl Gadget {
     /// first. The caller makes sure, by a [`Claim`](super::Claim), that it is the leftover of a process that has ended.
     ///
     /// # Errors
-    /// [`StepError`]; nothing is left then.
+    /// [`StepError`]; nothing is left of the new gadget then.
     pub fn make(gadgets: &Path, name: &str, ids: &DeviceIds) -> Result<Self, StepError> {
         let folder = gadgets.join(name);
         if folder.exists() {

@@ -16,7 +16,7 @@ use super::wire::{self, EVENT_LEN, Event};
 /// The folder below which the file systems of USB functions (FunctionFS) are mounted.
 pub const MOUNTS: &str = "/run/ecmsk";
 
-/// The mount of a function's file system. It is removed when this value is dropped.
+/// The mount of the file system of a USB function (FunctionFS). It is removed when this value is dropped.
 #[derive(Debug)]
 struct Mount {
     folder: PathBuf,

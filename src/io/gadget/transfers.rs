@@ -13,7 +13,7 @@ use rustix::event::{EventfdFlags, eventfd};
 /// The size of a packet in bytes, either way.
 pub const PACKET: usize = 512;
 
-/// Constants of the header: `IOCB_CMD_PREAD`, `IOCB_CMD_PWRITE` and `IOCB_FLAG_RESFD`, in this order.
+/// Constants of Linux' header `aio_abi.h`: `IOCB_CMD_PREAD`, `IOCB_CMD_PWRITE` and `IOCB_FLAG_RESFD`, in this order.
 const READ: u16 = 0;
 const WRITE: u16 = 1;
 const TELL_BY_EVENT_FD: u32 = 1;
@@ -37,7 +37,7 @@ struct ControlBlock {
     event_fd: u32,
 }
 
-/// `struct io_event`: the end of such a request.
+/// `struct io_event`: what the kernel's asynchronous I/O reports when a request has ended.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 struct CompletionEvent {

@@ -54,7 +54,7 @@ pub enum Event {
     Enabled,
     /// The host is gone, has reset the device or deselected the configuration.
     Disabled,
-    /// A request on endpoint 0, to be answered.
+    /// A request of the host on endpoint 0, which has to be answered: its setup packet.
     Setup([u8; SETUP_LEN]),
     /// The bus has been idle for 3 ms: the host sleeps.
     Suspended,

@@ -74,8 +74,8 @@ impl Shared {
                     self.sleep(&mut state);
                 }
             } else if !state.closing && (state.submitted == 0 || state.input_pause.is_complete(backend.inputs())) {
-                // No transfer to the host is submitted: the device is lost, or the input is paused. The only possible
-                // event is the end of a write, for which the writing thread itself waits.
+                // No transfer to the host is submitted: the pipe is being opened, the device is lost, or the input is
+                // paused. The only possible event is the end of a write, for which the writing thread itself waits.
                 self.thread_wakeup.wait(&mut state);
             } else if calls_come && !state.closing && backend.lets_calls_handle_events() {
                 self.handle(&mut state, backend, Duration::ZERO);

@@ -129,7 +129,8 @@ impl InputPause {
 }
 
 impl Shared {
-    /// Called by the pipe's thread: begins a pause if no call has read for [`PAUSE_AFTER_UNREAD`].
+    /// Called by the pipe's thread: begins a pause if no call has read for [`PAUSE_AFTER_UNREAD`]. Otherwise ends the
+    /// phase after a pause in which the system's queue is emptied, if that is done.
     pub fn begin_pause(&self, state: &mut State, backend: &dyn Backend) {
         if state.closing || state.lost.is_some() {
             return;

@@ -5,7 +5,7 @@
 //! reads. The system is accessed through a backend: libusb, or on Windows the system's own HID driver
 //! (docs/decisions/windows-hid-driver.md).
 //!
-//! How to read it:
+//! Files, in the order in which to read them:
 //!
 //! | file | what it holds |
 //! | --- | --- |

@@ -61,7 +61,7 @@ pub enum PipeError {
 pub struct PipeStats {
     /// Number of reports received.
     pub reports: u64,
-    /// Number of reports dropped because they were not read in time.
+    /// Number of reports dropped because they were not read in time, or not before the device was lost.
     pub dropped: u64,
     /// Number of transfers to the host that were empty or short.
     pub short: u64,

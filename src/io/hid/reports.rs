@@ -63,9 +63,9 @@ pub(super) struct State {
     /// Whether the endpoint to the host has stalled. Its halt is then cleared when the pipe is closed.
     pub stalled: bool,
     pub closing: bool,
-    /// Number of cancellations of reads. A read that sees a change of it ends.
+    /// Number of cancellations of reads. A read ends when this number has changed since the read began.
     pub cancelled_reads: u64,
-    /// Number of cancellations of writes. A write that sees a change of it ends.
+    /// Number of cancellations of writes. A write ends when this number has changed since the write began.
     pub cancelled_writes: u64,
     /// The thread that is in [`Backend::handle_events`](super::backend::Backend::handle_events); `None`: no thread is.
     pub event_handler: Option<CallingThread>,

@@ -182,7 +182,7 @@ impl ResetLine {
     }
 }
 
-/// Requests a line from the kernel; `set` configures it as an input or output.
+/// Requests a GPIO line from the kernel; `set` configures it as an input or output.
 fn request(place: &GpioLine, set: impl FnOnce(&mut Builder) -> &mut Builder) -> Result<Request, SpiError> {
     let offset = find(place)?;
     let mut line = Request::builder();

@@ -14,7 +14,8 @@ const OURS: &str = "ecmsk-";
 /// A USB device controller (UDC): a USB port by which the machine can be a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeviceController {
-    /// The name that `--udc` takes, such as `fe980000.usb`.
+    /// The name of the controller, such as `fe980000.usb`, by which the option `--udc` of `ecmsk serve gadget` selects
+    /// it.
     pub name: String,
     /// The highest speed, as the kernel names it, such as `high-speed`; `None` if it is not known.
     pub maximum_speed: Option<String>,

@@ -16,7 +16,7 @@ pub struct Holder {
 /// The processes that have a device file open, as the result of [`Machine::holders`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Holders {
-    /// The processes, ordered by process id.
+    /// The processes, ordered by process id. A process that has several of the files open has an entry for each.
     pub found: Vec<Holder>,
     /// The number of processes whose open files this user may not see.
     pub hidden: usize,

@@ -22,7 +22,7 @@ use rustix::fs::Access as Wanted;
 
 use super::printable;
 
-/// \[OURS] The longest file that is read. The system's files are far shorter.
+/// \[OURS] The length of the longest file that is read, bytes (1 MiB). The system's files are far shorter.
 const FILE_MAX: u64 = 1 << 20;
 
 /// A machine with Linux, read from the files below a folder: `/`, or another one in tests.
@@ -96,12 +96,12 @@ impl Machine {
         (!line.is_empty()).then_some(line)
     }
 
-    /// The number in the first line of a file.
+    /// The number in the first line of a file; `None` if there is none.
     fn number(&self, name: &str) -> Option<i64> {
         self.attribute(name)?.parse().ok()
     }
 
-    /// The hexadecimal number in the first line of a file.
+    /// The hexadecimal number of at most 16 bits in the first line of a file; `None` if there is none.
     fn hexadecimal(&self, name: &str) -> Option<u16> {
         u16::from_str_radix(&self.attribute(name)?, 16).ok()
     }

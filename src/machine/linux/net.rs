@@ -38,11 +38,11 @@ pub struct NetCard {
     /// The MTU: the longest frame of the card without its Ethernet header, bytes; `None` if it is not known.
     pub mtu: Option<i64>,
     /// Shows that the card belongs to another network: an IP address of the card, or a network that is routed over it,
-    /// such as `192.168.2.0/24`; `None` if there is neither. The first one that is not link-local is taken.
+    /// such as `192.168.2.0/24`; `None` if there is neither. IPv6 link-local addresses do not count.
     pub address: Option<String>,
     /// Whether the default route of this machine goes over the card.
     pub has_default_route: bool,
-    /// Why the interface carries no EtherCAT: `wireless`, `a bridge` or `a bond`; `None` if it is a card with a cable.
+    /// Why the interface carries no EtherCAT: `wireless`, `a bridge` or `a bond`; `None` if it is none of these.
     pub unsuitable_kind: Option<&'static str>,
     /// Whether another program of ecmsk uses the card.
     pub is_claimed: bool,
@@ -124,8 +124,8 @@ impl Machine {
         self.names(CARDS).into_iter().filter_map(card).collect()
     }
 
-    /// Adds driver, bus and speed of a card from sysfs. In a network namespace sysfs may show another card of the same
-    /// name, so the interface index is compared first.
+    /// Adds driver, bus and speed of a card from sysfs, and why it carries no EtherCAT. In a network namespace sysfs
+    /// may show another card of the same name, so the interface index is compared first.
     fn add_details(&self, card: &mut NetCard) {
         let file = |file: &str| format!("{CARDS}/{}/{file}", card.name);
         if self.number(&file("ifindex")) != card.index {
@@ -163,7 +163,8 @@ impl Machine {
         self.attribute("/sys/devices/system/cpu/isolated")
     }
 
-    /// The deepest sleep state that a processor may enter: its name, and the time to wake up, us.
+    /// The deepest sleep state that processor 0 may enter, for all processors: its name, and the time to wake up from
+    /// it, us. `None`: the kernel lists no sleep state that is allowed.
     pub fn deepest_sleep(&self) -> Option<(String, i64)> {
         const STATES: &str = "/sys/devices/system/cpu/cpu0/cpuidle";
         let states = self.names(STATES).into_iter().filter_map(|state| {

@@ -6,8 +6,8 @@ use std::time::Duration;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_getres, clock_gettime};
 
-/// \[OURS] The coarsest resolution that counts as high-resolution timers. Without them it is a tick of the kernel, 1 ms
-/// or more.
+/// \[OURS] The coarsest resolution that counts as high-resolution timers. Without these the resolution is a tick of the
+/// kernel, 1 ms or more.
 pub const COARSE: Duration = Duration::from_micros(100);
 /// The next step for a user whose timers are coarser than `COARSE`.
 pub const FINER: &str = "start a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no highres=off)";

@@ -77,7 +77,8 @@ pub(in crate::master) struct Peer {
 }
 
 impl Peer {
-    /// Claims the mailbox if the slave supports the protocol, and drains messages that were left in it.
+    /// Claims the mailbox if the slave supports the protocol, drains messages that were left in it, and sends the
+    /// harmless first request if none was sent since the slave entered PreOP.
     pub(in crate::master) async fn open(self, bus: Bus, protocol: MailboxProtocols) -> Result<Mailbox, MailboxError> {
         let info = self.mailbox.filter(|info| info.protocols.contains(protocol)).ok_or(MailboxError::NoMailbox)?;
         let mut mailbox = Mailbox::open(bus, self.slave, self.station, info).ok_or(MailboxError::Busy)?;
@@ -147,7 +148,8 @@ impl Mailbox {
         (self.info.areas.receive.len as usize).saturating_sub(MAILBOX_HEADER_LEN)
     }
 
-    /// Sends a message, again if its frame is lost.
+    /// Writes a message into the slave's mailbox, again while the mailbox is full or if the frame is lost, until the
+    /// time `until`.
     pub(in crate::master) async fn send(
         &mut self,
         protocol: MailboxProtocol,
@@ -272,7 +274,8 @@ impl Mailbox {
 
     /// Drops messages in the mailbox that are unsolicited, or that answer an abandoned request.
     pub(in crate::master) async fn drain(&mut self) -> Result<(), MailboxError> {
-        // \[OURS] The limit ends the emptying for a slave that refills its mailbox each time.
+        // \[OURS] At most 16 messages are dropped, so that this also ends for a slave that fills its mailbox again each
+        // time.
         for _ in 0..16 {
             if !self.collect().await? {
                 break;
@@ -283,7 +286,8 @@ impl Mailbox {
         Ok(())
     }
 
-    /// Reads a message from the slave's mailbox. Returns false if there is none.
+    /// Reads a message from the slave's mailbox. Returns false if there is none, or if a repeat has brought the last
+    /// message again.
     async fn collect(&mut self) -> Result<bool, MailboxError> {
         let status = self.bus.read::<1>(self.station, sync_manager_status(ANSWERS)).await;
         let [status] = status.map_err(|_| MailboxError::NoAnswer)?;
@@ -342,7 +346,7 @@ impl Mailbox {
         self.state(|state| !counter.repeats(std::mem::replace(&mut state.received, counter)))
     }
 
-    /// Whether the message belongs to the protocol and is no emergency.
+    /// Whether the message belongs to the protocol and is no emergency. An emergency becomes an event.
     ///
     /// # Errors
     /// [`MailboxError::WrongAnswer`] if the message is longer than the mailbox, [`MailboxError::Fault`] if it is a

@@ -48,8 +48,8 @@ impl Segment {
         self.answer = Answer { missing: 1 + u8::from(self.is_split(is_lrw_off)), ..Answer::default() };
     }
 
-    /// Takes a datagram that has come back; `is_written`: it is the LWR of two. Returns whether it has inputs of this
-    /// cycle.
+    /// Takes a datagram of the segment that has come back. `is_written`: the segment is sent as two datagrams, and this
+    /// is the LWR with the outputs. Returns whether the datagram has inputs of this cycle.
     pub(super) fn receive(&mut self, is_written: bool, working_counter: u16) -> bool {
         let answer = &mut self.answer;
         answer.missing = answer.missing.saturating_sub(1);

@@ -24,7 +24,7 @@ fn is_silent(error: &HostError) -> bool {
 }
 
 impl<W: Wires> Steps<W> {
-    /// Configures the selected slaves. `is_ahead`: only prepares this, by reading; nothing is written to a slave.
+    /// Configures the selected slaves. `is_ahead`: only prepares this; no object of a slave is written.
     pub(super) async fn configure(&mut self, config: &BusConfig, is_ahead: bool) -> Result<Configured, Failure> {
         let mut configured = Configured::default();
         let mut keeps_layout = false;

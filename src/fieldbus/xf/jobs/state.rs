@@ -22,16 +22,16 @@ struct Change {
     /// Whether all slaves have left OP and the job has waited until the engine has polled the last cycles in OP, which
     /// it would lose otherwise.
     has_told_op: bool,
-    /// Unused slaves that the job has sent back to PreOP.
+    /// Unused slaves that the job has requested to go back to PreOP. Each is requested once, even if it refuses.
     brought_back: SlaveSet,
 }
 
 /// A wait for outputs that must be sent before slaves leave OP.
 #[derive(Clone, Copy, Debug)]
 struct SentFirst {
-    /// The id of the newest of these outputs.
+    /// The id of the newest outputs that must be sent first.
     newest: u64,
-    /// When the wait for these outputs ends, on the wires' clock.
+    /// When the wait ends even if the outputs are not known to be sent, on the clock of the wires to the chip.
     until: Ns,
 }
 
@@ -170,8 +170,9 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// The outputs that must be sent first; `None`: they were sent, or the wait for them is over. `sends_until`: how
-    /// long outputs that are accepted during the wait count as well; the first call sets it.
+    /// The outputs that must be sent first; `None`: there are none, they were sent, a clear discards them, or the wait
+    /// for them is over. `sends_until`: how long outputs that are accepted during the wait count as well; the first
+    /// call sets it.
     fn sent_first(&self, slaves: SlaveSet, first: Option<SentFirst>, sends_until: &mut Ns) -> Option<SentFirst> {
         let (now, cycle_ns) = (self.wires.now(), self.network.cycle.ns());
         let until = now.saturating_add((u64::from(self.depth()) + 2 * TOLD_LATE) * cycle_ns);
@@ -248,9 +249,9 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Called for a slave that has refused to go down: its present state becomes its commanded state again, since the
-    /// slave is still used in that state. This does not apply to slaves above PreOP whose process data the chip has
-    /// lost in a reset.
+    /// If a slave is in a higher state than its commanded one, its present state becomes the commanded one: the slave
+    /// has refused to go down, and is still used in that state. This does not apply to slaves above PreOP whose process
+    /// data the chip has lost in a reset.
     fn stay_up(&mut self, slave: u8) {
         let Some(state) = self.state(slave) else { return };
         if state <= AlState::PreOp || self.network.with_process_data().contains(slave) {

@@ -14,13 +14,14 @@ use super::api::{
 };
 use crate::threads;
 
-/// The maximum number of ports between the root hub and a device: USB 2.0 4.1.1 allows five hubs in a row.
+/// The length of the array for the port numbers from the root hub to a device: the one that libusb's documentation
+/// recommends. USB 2.0 4.1.1 allows five hubs in a row.
 const PORTS_MAX: usize = 7;
 
 /// The reason why USB cannot be used on this machine.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UsbBusError {
-    /// libusb is not installed.
+    /// libusb cannot be loaded, for example because it is not installed.
     #[error(transparent)]
     LibusbMissing(#[from] LibusbMissing),
     /// libusb reports an error when it accesses USB.
@@ -43,7 +44,7 @@ impl Bus {
     /// Loads libusb and creates a context of it.
     ///
     /// # Errors
-    /// [`UsbBusError`] if libusb is not installed, or if it cannot access USB.
+    /// [`UsbBusError`] if libusb cannot be loaded, or if it cannot access USB.
     pub fn open() -> Result<Arc<Self>, UsbBusError> {
         Ok(Self::over(api::load()?)?)
     }

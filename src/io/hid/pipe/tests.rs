@@ -478,8 +478,8 @@ mod ended_by_force {
         assert_eq!(claims, 0, "others may have the board");
     }
 
-    /// LIB-70 A thread is ended while it waits in a read: the only reading thread, and the one of two that handles
-    /// events.
+    /// LIB-70 After a thread was ended while it handled events in a read, the program can continue. Two cases: no other
+    /// thread reads then, or one other does.
     #[test]
     fn in_a_read() {
         for others in [0, 1] {

@@ -24,7 +24,7 @@ const TEXT_LEN: usize = 128;
 const PARENTS_MAX: usize = 2;
 
 /// Proof that a device's reports have the wanted size in both directions. It contains no interface and no endpoints,
-/// because Windows' HID driver does not tell them and needs only the device path.
+/// because Windows' HID driver does not report them and needs only the device path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReportInterface(());
 

@@ -4,7 +4,7 @@
 use super::{NotTheBoard, ReportInterface};
 use crate::io::descriptors::{HID, TO_HOST, carries_reports};
 
-// bDescriptorType, USB 2.0 table 9-5.
+// The types of descriptors, values of bDescriptorType (USB 2.0 table 9-5).
 const DEVICE: u8 = 1;
 const CONFIGURATION: u8 = 2;
 const INTERFACE: u8 = 4;

@@ -11,7 +11,7 @@ use crate::master::bus::Bus;
 use crate::master::handle::{End, Ending};
 use crate::master::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
 
-/// \[OURS] The longest value that an upload accepts, bytes.
+/// \[OURS] The longest value, answer of SDO information, or file that the master reads, bytes.
 pub const VALUE_BYTES_MAX: usize = 0x10_0000;
 
 /// The most bytes of a value for which [`NumberTransfer`] needs no allocation: the value is then kept as a number.
@@ -262,7 +262,7 @@ pub(super) async fn upload<V: Value>(
             .await?;
         match is_last {
             Ok(true) => break,
-            // Every segment must have data, so that the transfer ends.
+            // Every segment but the last one must have at least [`SEGMENT_BYTES_MIN`] bytes, so that the transfer ends.
             Ok(false) if value.len() - before >= SEGMENT_BYTES_MIN => {}
             Ok(false) => return sdo.fail(AbortCode::COMMAND).await,
             Err(code) => return sdo.fail(code).await,

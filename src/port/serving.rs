@@ -35,7 +35,8 @@ pub(super) struct Serving {
 }
 
 impl Serving {
-    /// Starts a thread with this name. Its function has to end when [`Shared::is_stopping`].
+    /// Starts a thread with this name. The function that it runs has to return once [`Shared::is_stopping`] returns
+    /// true.
     pub(super) fn start(
         name: &str,
         shared: Arc<Shared>,

@@ -1,5 +1,5 @@
 //! Detects whether a master sends frames to the simulated slaves, and whether a second one does so at the same time.
-//! Time is an argument.
+//! The caller passes the time to every call, so that tests need no clock.
 
 use std::time::{Duration, Instant};
 
@@ -98,8 +98,9 @@ mod tests {
     const ONE: [u8; 6] = [0x01, 1, 1, 1, 1, 1];
     const OTHER: [u8; 6] = [0x10, 0x20, 0x30, 0x40, 0x50, 0x60];
 
-    /// ECAT-15.22 A line is logged when a master appears, and when no frame has come from it for a while. A second one
-    /// at the same time is logged once, with both addresses. A master that replaces another one is no second master.
+    /// ECAT-15.22 A line is logged when a master appears, and when no frame has come from it for 2 s. A second master
+    /// that sends at the same time is logged once, with both addresses. A master that replaces another one does not
+    /// count as a second master.
     #[test]
     fn masters_come_and_go_and_two_are_told() {
         let begin = Instant::now();

@@ -189,8 +189,8 @@ mod tests {
         }
     }
 
-    /// ECAT-15.1 Answers have at least 60 bytes, padded with zeros. A frame without EtherCAT datagrams is not one of a
-    /// master.
+    /// ECAT-15.1 Answers have at least 60 bytes, padded with zeros. A frame without EtherCAT datagrams does not count
+    /// as a master's frame, so the server ignores it.
     #[test]
     fn answers_are_padded_and_other_frames_ignored() {
         let mut wire = Wire::new("drive*3", "");

@@ -1,4 +1,5 @@
-//! What a machine that is too slow for the cycle of its board has cost a host, by the counters of the link.
+//! Counts the reports and cycles that a host has missed because this machine is too slow for the cycle of its board.
+//! The numbers come from the counters of the link.
 
 use std::fmt;
 
@@ -26,7 +27,7 @@ impl Lateness {
     }
 }
 
-/// The end of a line of the log; nothing if the machine was never late.
+/// Writes both counts as the end of the log line about a session; writes nothing if both are 0.
 impl fmt::Display for Lateness {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {

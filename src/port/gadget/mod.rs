@@ -45,7 +45,8 @@ use service::{Endpoints, Port, Service};
 
 /// The pause between two attempts to open a lost board. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(500);
-/// The serial number of a board to which none was given: that of the first board of `usbip`. \[OURS]
+/// The serial number of a board whose identity has none. A USB/IP server (`port/usbip`) gives its first board the same
+/// one: the bus id. \[OURS]
 const SERIAL: &str = "1-1";
 /// The most bytes of a text that the kernel accepts for a USB device (`USB_MAX_STRING_LEN`).
 const TEXT_BYTES_MAX: usize = 126;
@@ -247,6 +248,10 @@ impl Server {
 
     /// Unplugs the board from its host, brings axes that the host has moved to a standstill, closes the link and
     /// removes the gadget.
+    ///
+    /// # Errors
+    /// [`ServeError::FunctionGone`]: the server had already ended by itself, because the kernel had taken the USB
+    /// function away.
     pub fn stop(mut self) -> Result<(), ServeError> {
         self.end();
         self.service.take_failure().map_or(Ok(()), |error| Err(ServeError::FunctionGone(error)))

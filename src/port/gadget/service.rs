@@ -411,7 +411,7 @@ impl Service {
     }
 }
 
-/// Whether the call may succeed when it is repeated.
+/// Whether an error of the link is temporary, so that the call of the link may succeed when it is repeated.
 const fn is_temporary(error: &LinkError) -> bool {
     matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
 }

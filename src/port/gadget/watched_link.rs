@@ -16,7 +16,7 @@ pub(super) struct WatchedLink {
     link: Arc<dyn Link>,
     slot: Option<SlotSize>,
     watch: Mutex<Watch>,
-    /// The sequence number of the next report.
+    /// The sequence number that follows the one of the last report read. A higher one shows that reports were dropped.
     next: AtomicU64,
 }
 

@@ -112,7 +112,8 @@ struct State {
     /// The board, or the reason why none is open.
     board: Result<Arc<Board>, String>,
     clients: Vec<Arc<Client>>,
-    /// The name of the client that is the writer, or a text if the server itself is; `None`: there is no writer.
+    /// The name of the client that is the writer. While the server itself is the writer, this is a text that says so,
+    /// and after which client it stops the axes. `None`: there is no writer. The text of a refusal names the writer.
     writer: Option<String>,
     /// The reports that the server itself reads while it is the writer: it needs them to bring the axes of a vanished
     /// writer to a standstill.
@@ -121,8 +122,8 @@ struct State {
     is_over: bool,
 }
 
-/// The state that the threads of a server share. Its lock is held only briefly: no link, no function of the program and
-/// no file is used while it is held.
+/// The state that the threads of a server share. Its lock is held only briefly: a thread that holds it calls no link
+/// and none of the caller's functions (such as [`ServeOptions::tell`]), and uses no file.
 pub(super) struct Hub {
     pub(super) options: ServeOptions,
     /// The log. No thread that serves the board or a client calls [`ServeOptions::tell`] itself.
@@ -209,7 +210,7 @@ impl Hub {
             Err(reason) => return Err((Refusal::NoBoard, reason.clone())),
             Ok(board) => Arc::clone(board),
         };
-        // The last free place is kept for a writer while there is none.
+        // While there is no writer, readers cannot have the last free place: it is kept for a writer.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
         if state.clients.len() + usize::from(kept) >= self.options.max_clients {
             return Err((Refusal::Full, String::new()));
@@ -239,9 +240,10 @@ impl Hub {
         Ok((client, board))
     }
 
-    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, has never
-    /// begun, or the board is gone. Otherwise, if the client was the writer, the server itself becomes the writer until
-    /// [`end_standstill`](Self::end_standstill), and the queue for its reports is returned.
+    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, no thread
+    /// could be started to serve it, or the board is lost. Otherwise, if the client was the writer, the server itself
+    /// becomes the writer until [`end_standstill`](Self::end_standstill), and the queue of reports for the server is
+    /// returned.
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
         let mut state = self.state.lock();
         state.clients.retain(|other| !Arc::ptr_eq(other, client));

@@ -48,10 +48,10 @@ pub(super) enum Look {
 }
 
 impl PendingConnection {
-    /// Sends the greeting to a new connection.
+    /// Sends the greeting to a new connection, and prepares the TLS handshake if `tls` is set.
     ///
     /// # Errors
-    /// Errors of the operating system.
+    /// The socket cannot be set up, the greeting cannot be sent, or the TLS session cannot be made.
     pub(super) fn greet(
         socket: TcpStream,
         from: SocketAddr,

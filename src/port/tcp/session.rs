@@ -152,7 +152,8 @@ impl<'a> Session<'a> {
         self.work();
     }
 
-    /// Executes a short part of the request in progress.
+    /// Executes the next step of the request in progress, if there is one. Between two steps the caller handles further
+    /// messages of the client.
     pub(super) fn work(&mut self) {
         let Some(pending) = self.pending.take() else { return };
         let request = pending.request;
@@ -179,8 +180,8 @@ impl<'a> Session<'a> {
     }
 
     fn read(&mut self, request: u64, left_ns: Option<u64>) -> Option<Work> {
-        // The last one or two steps are one read: a read with a very short time limit would advance the virtual time by
-        // more than this limit.
+        // A read is divided into steps of `TIME_STEP_NS`. A rest of up to two steps is one read. Otherwise the last
+        // read could have a very short limit, and any read advances the virtual time by at least 125 us.
         let step_ns = left_ns.map(|left| if left > 2 * TIME_STEP_NS { TIME_STEP_NS } else { left });
         let wait = step_ns.map_or(Wait::Forever, |step| Wait::at_most(Duration::from_nanos(step)));
         match self.board.link.read(&mut self.frame, wait) {

@@ -164,12 +164,13 @@ impl<E: Ends> Device<E> {
         false
     }
 
-    /// Whether an IN transfer is pending.
+    /// Whether an IN transfer waits for a report and the board does not hang.
     pub fn wants_report(&self) -> bool {
         !self.hangs && !self.reads.is_empty()
     }
 
-    /// Whether [`Self::begin_write`] has a frame.
+    /// Whether [`Self::begin_write`] would return a frame: one waits, no other one is being written, and the board does
+    /// not hang.
     pub fn has_frame(&self) -> bool {
         !self.hangs && !self.writing && !self.writes.is_empty()
     }
@@ -187,7 +188,8 @@ impl<E: Ends> Device<E> {
         begins
     }
 
-    /// The board has made a report.
+    /// Stores a report that was read from the board, and passes it to the oldest pending IN transfer. Without such a
+    /// transfer the report is kept until [`Self::deliver`] or a newer report. Ends the read of [`Self::begin_read`].
     pub fn report(&mut self, report: &Frame) {
         self.reading = false;
         if self.hangs {
@@ -199,7 +201,8 @@ impl<E: Ends> Device<E> {
         self.deliver();
     }
 
-    /// The board has no newer report: one that is kept goes to a pending transfer.
+    /// Ends the read of [`Self::begin_read`] without a new report from the board: a kept report that no transfer has
+    /// fetched goes to the oldest pending IN transfer.
     pub fn deliver(&mut self) {
         self.reading = false;
         if !self.report_waits || self.hangs {
@@ -219,7 +222,8 @@ impl<E: Ends> Device<E> {
         }
     }
 
-    /// The next frame for the board, if there is one and no other frame is being written.
+    /// Copies the next frame for the board into `frame`. Returns false if there is none, or another frame is being
+    /// written. After true the caller has to write the frame, and then call [`Self::written`] or [`Self::not_written`].
     pub fn begin_write(&mut self, frame: &mut Frame) -> bool {
         if !self.has_frame() {
             return false;
@@ -230,7 +234,8 @@ impl<E: Ends> Device<E> {
         true
     }
 
-    /// The board has taken the frame.
+    /// The board has accepted the frame of [`Self::begin_write`]. Completes the host's OUT transfer if this was its
+    /// last packet.
     pub fn written(&mut self) {
         self.writing = false;
         self.counters.frames += 1;
@@ -243,7 +248,8 @@ impl<E: Ends> Device<E> {
         self.unlink_now();
     }
 
-    /// The board has not taken the frame. It is kept, unless the host unlinks it.
+    /// The board has not accepted the frame of [`Self::begin_write`]. The frame is kept for the next attempt, unless
+    /// the host has asked to unlink its transfer.
     pub fn not_written(&mut self) {
         self.writing = false;
         self.unlink_now();

@@ -198,7 +198,8 @@ impl Board {
         self.state.lock().link.is_some()
     }
 
-    /// Attaches the board to a host, if it is connected and free.
+    /// Attaches the board to a host, if the board's link is open and no other host has attached the board. Otherwise
+    /// returns the stream again, with the reason.
     pub fn take(&self, stream: Stream) -> Result<Arc<Session>, (Stream, Refusal)> {
         let mut state = self.state.lock();
         if state.stopping {

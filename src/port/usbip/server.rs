@@ -50,7 +50,8 @@ pub struct Options {
     pub retry: Duration,
     /// How long a host that has attached a board may accept no bytes before its connection is closed; 30 s by default.
     pub send_timeout: Duration,
-    /// The virtual USB host controller of this machine to which all boards are attached, usually [`VHCI`](super::VHCI).
+    /// The sysfs folder of the virtual USB host controller of this machine to which the server attaches all boards,
+    /// usually [`VHCI`](super::VHCI). `None`: the server attaches no board by itself, and only clients attach them.
     pub attach: Option<PathBuf>,
 }
 

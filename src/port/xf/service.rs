@@ -21,7 +21,7 @@ use crate::xf::host::HostConfig;
 const IDLE_INTERVAL: Duration = Duration::from_millis(100);
 /// The longest wait on the chip during which no other event is handled. \[OURS]
 const WAIT_SLICE_NS: u64 = 20_000_000;
-/// How many messages are handled before other connections are checked. \[OURS]
+/// How many messages of the host are handled in a row before the server looks for new connections. \[OURS]
 const MESSAGES_IN_A_ROW_MAX: usize = 64;
 /// The pause after an error of `accept`, for example because no file descriptor was left. \[OURS]
 const ACCEPT_RETRY_PAUSE: Duration = Duration::from_millis(50);

@@ -169,7 +169,8 @@ pub const fn head(kind: u8, status: Status, len: usize) -> [u8; HEAD_LEN] {
     [kind, status as u8, len[0], len[1]]
 }
 
-/// The greeting message.
+/// The greeting: the message with which the server begins a connection. Its body of 8 bytes has [`MAGIC`], [`VERSION`]
+/// and [`EXCHANGE_MAX`].
 pub fn greeting() -> [u8; HEAD_LEN + 8] {
     let mut message = [0; HEAD_LEN + 8];
     message[..HEAD_LEN].copy_from_slice(&head(Kind::Greeting as u8, Status::Ok, 8));

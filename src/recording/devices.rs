@@ -112,8 +112,8 @@ pub(super) struct Devices {
     only: Option<Address>,
 }
 
-/// The capture cut the bytes of a frame off (snap length): `captured` bytes of the `length` bytes of its transfer are
-/// there.
+/// The error that the capture has cut off bytes of a frame (snap length): of the `length` bytes of the transfer it has
+/// only the first `captured`.
 pub(super) struct Cut {
     pub captured: usize,
     pub length: u32,

@@ -15,7 +15,8 @@ use super::file_formats::ecmrec::section::End;
 use super::lacks::Lacks;
 use super::reader::Recording;
 
-/// The longest block at the end of a file that is read. The last block of a recording has a few hundred bytes. \[OURS]
+/// The maximum length of a file's last block, bytes; a longer block is not read. The last block of a recording has a
+/// few hundred bytes. \[OURS]
 const LONGEST_END: u64 = 64 * 1024;
 /// How many bytes at the beginning of a file are read: more than the blocks before the first frame of a recording have.
 /// \[OURS]

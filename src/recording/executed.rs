@@ -98,8 +98,9 @@ impl Executed {
         waited < cycles || executed.checked_sub(executed_then) == Some(cycles)
     }
 
-    /// Whether one command was executed in each cycle since the last report with a certain result. If so, this report
-    /// is certain, too: only the reports between them were in flight at the same time as commands.
+    /// Whether one command was executed in each cycle since the last report with a certain result. If so, the result of
+    /// this report is certain, too. The results of the reports between the two did not fit only because commands were
+    /// in flight when the board made those reports.
     fn matches_last_certain(&self, (then_ns, executed_then): (i64, u64), at_ns: i64, executed: u64) -> bool {
         executed.checked_sub(executed_then) == Some(self.cycles(then_ns, at_ns))
     }

@@ -10,8 +10,9 @@ pub const LONGEST_SILENCE_NS: i64 = 3_600_000_000_000;
 const SILENCE_IN_ALL_NS: i64 = 25 * LONGEST_SILENCE_NS;
 /// A time between two frames up to this is no silence: it is always kept; ns.
 const SHORT_SILENCE_NS: i64 = 1_000_000_000;
-/// How much earlier than the previous frame a frame's time may be: a report may be read late by as many cycles as the
-/// host buffers. \[OURS]
+/// How much earlier than the previous frame a frame's time may be without counting as a jump of the clock, ns. A report
+/// has the time at which it was made, but the host may read it late, after commands that it wrote later. 5 s are enough
+/// for 31 buffered reports in cycles of up to 128 ms. \[OURS]
 const LATE_MAX_NS: i64 = 5_000_000_000;
 
 /// The jumps of a recording's clock.

@@ -41,7 +41,7 @@ pub enum MasterCommand {
     SetState(MasterState),
     /// Declare the kinds of eight slaves: slave `group * 8 + k + 1` is `kinds[k]`.
     SetAxis {
-        /// Byte 2: which eight slaves, 0..=4.
+        /// Byte 2 of the slot: the number of the group of eight slaves, 0..=4.
         group: u8,
         /// The kinds of the eight slaves. Kinds of slaves for which the board has no slot are ignored.
         kinds: [SlaveKind; 8],

@@ -101,7 +101,7 @@ macro_rules! command_ids {
             /// The 22 commands in the order of their codes.
             pub const ALL: [Self; [$($code),*].len()] = [$(Self::$name,)*];
 
-            /// The id with this code.
+            /// The command with this code on the wire; [`CommandId::Unknown`] if no guide lists the code.
             #[inline]
             pub const fn from_code(code: u8) -> Self {
                 BY_CODE[code as usize]

@@ -153,11 +153,13 @@ pub trait Model: Send + Sized + 'static {
     /// [`check`](super::dictionary::check) to it in a constant.
     fn objects() -> &'static [Object<Self>];
 
-    /// The PDOs that the device can have at power-on.
+    /// All PDOs that devices of this kind have at power-on. A single device may have only some of them, by its
+    /// configuration.
     fn pdos() -> &'static [Pdo<Self>];
 
-    /// PDOs that masters often map from the objects of this kind, whatever the PDO's index. A cycle transfers them as fast
-    /// as those of power-on.
+    /// The entries of PDOs that masters often map on devices of this kind; the index of such a PDO does not matter. For
+    /// a PDO with these entries, as for one of power-on, a cycle calls one function that copies the whole PDO, which is
+    /// faster than copying object by object.
     fn often_mapped() -> &'static [Pdo<Self>] {
         &[]
     }
@@ -295,7 +297,8 @@ pub trait Model: Send + Sized + 'static {
         error_name(code)
     }
 
-    /// Power-cycles the device: the AL state is Init afterwards.
+    /// Resets the parts of the device that a power cycle resets. The caller has already brought the device to Init. By
+    /// default nothing else is reset.
     fn restart(&mut self) {}
 
     /// Advances the axes by `dt_ns`.

@@ -131,7 +131,7 @@ pub(super) enum Answer {
     /// The request is refused.
     Stall {
         /// The direction in the setup packet: whether the data stage goes to the host. The kernel stalls endpoint 0
-        /// only by a transfer in this direction.
+        /// when the server tries a transfer in the other direction, so the stall needs to know it.
         to_host: bool,
     },
 }

@@ -5,8 +5,8 @@ use crate::recording::address::Address;
 /// The kind of a USB transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::recording) enum TransferKind {
-    /// An interrupt transfer. A transfer whose endpoint the capture does not show counts as one too: it may have a
-    /// frame, and its length tells.
+    /// An interrupt transfer. A transfer whose endpoint the capture does not show counts as one too, since it may carry
+    /// a frame; its length shows whether it does.
     Interrupt,
     Control,
     /// A bulk or isochronous transfer.

@@ -30,7 +30,8 @@ fn first_part<D: Device>(device: &D, at: ObjectAddress) -> Result<Part, AbortCod
     part_from(device, at, 0).ok_or(AbortCode::NO_SUB_INDEX)
 }
 
-/// The rows of an object that the device has.
+/// The rows of the object in the table of the dictionary, without rows that do not apply to this device
+/// ([`Object::only_if`]).
 fn rows<D: Device>(device: &D, index: u16) -> impl Iterator<Item = &'static Object<D>> {
     D::objects().iter().filter(move |row| row.index == index && row.only_if.is_none_or(|has| has(device)))
 }

@@ -17,7 +17,8 @@ use crate::slave::homing::method::Method;
 use crate::slave::process_data::{IMAGE_BYTES_MAX, MappingLimits, Pdo, rx_pdo, tx_pdo};
 use crate::slave::state_machine::OptionCodes;
 
-/// The identity. \[OURS] The manufacturer's ESI file has two identities; this is the one of its device type.
+/// The identity of the drive. \[OURS] The manufacturer's ESI file contradicts itself: this is the identity in its
+/// device type element; its defaults for object 0x1018 differ.
 pub(super) const IDENTITY: Identity = Identity {
     // Device profile 402, stepper.
     device_type: 0x0004_0192,
@@ -46,8 +47,8 @@ const _: () = assert!(PROCESS_DATA_BYTES_MAX <= IMAGE_BYTES_MAX, "the image has 
 const SUPPORTED_MODES: i64 = 0xA5;
 /// The synchronization type SYNC0 for 0x1C32:1 and 0x1C33:1.
 pub(super) const DC_SYNC0: u16 = 2;
-/// The supported synchronization types, 0x1C32:4 and 0x1C33:4: free run, sync manager event and SYNC0 (bits 0 to 2),
-/// and bit 15.
+/// The supported synchronization types, 0x1C32:4 and 0x1C33:4: the value 0x8007 of the manufacturer's ESI file. Bits 0
+/// to 2 are free run, sync manager event and SYNC0; bit 15 is copied as it is.
 const SYNC_TYPES: i64 = 0x8007;
 
 pub(super) const OUTPUT_SYNC_TYPE: Slot<u16> = slot(OBJECTS, 0x1C32, 1);

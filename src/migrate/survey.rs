@@ -54,7 +54,7 @@ pub struct Survey {
     changing_to: Option<MasterState>,
     pub(super) way: WayToOp,
     full_count: Option<u16>,
-    /// The command frames that waited at the newest report, and the frames written since then.
+    /// The number of command frames that waited in the FIFO at the newest report, and of those written since then.
     waiting: u16,
     sent_since: u16,
     /// For each command code: the time of the newest frame with it, and whether the program wrote it in a closed loop.

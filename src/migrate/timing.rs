@@ -164,9 +164,9 @@ impl HostTiming {
 /// A command frame of OP, with the state of the axes when it was written.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Write {
-    /// The command frames in the FIFO at the newest report.
+    /// The number of command frames in the FIFO at the newest report.
     pub(super) waiting: u16,
-    /// The command frames in the FIFO including those written since the newest report and this one.
+    /// The number of command frames in the FIFO, including this one and those written since the newest report.
     pub(super) sets: u16,
     /// Whether an axis was moving when the previous frame was written.
     pub(super) moved: bool,
@@ -181,7 +181,7 @@ pub(super) struct Clockwork {
     /// The time of the newest frame in OP, and of the newest command in OP.
     newest_ns: Option<i64>,
     newest_write_ns: Option<i64>,
-    /// The command frames that waited after the newest frame, and after the newest command.
+    /// The number of command frames that waited in the FIFO after the newest frame, and after the newest command.
     sets: u16,
     sets_written: u16,
 }

@@ -31,8 +31,8 @@ pub struct Entry {
 /// What a report shows about the execution of commands.
 #[derive(Debug, PartialEq)]
 pub enum ExecutionReport {
-    /// All command frames that were executed since the last report with this result (reports with the other results are
-    /// skipped). If `idle_since_ns` is set, the FIFO was empty before the first of these frames.
+    /// All command frames that are known to be executed since the last report with this result. If `idle_since_ns` is
+    /// set, the FIFO was empty before the first of them.
     Executed {
         /// The command frames, in the order of their execution.
         entries: Vec<Entry>,
@@ -72,7 +72,7 @@ impl Execution {
         self.executed.command(clears);
     }
 
-    /// Adds a report in OP.
+    /// Adds a report in OP. Returns which commands the board has executed, as far as the report shows it.
     pub fn report(&mut self, at_ns: i64, board: &MasterResponse) -> ExecutionReport {
         let waits = board.fifo_free < FIFO_ENTRIES;
         let last = match self.executed.report(at_ns, board) {

@@ -33,7 +33,7 @@ impl<T> InOrder<T> {
         if self.held.len() > WINDOW { self.pop() } else { None }
     }
 
-    /// Removes the earliest buffered frame.
+    /// Removes the earliest buffered frame. Call this at the end of the file until the result is `None`.
     pub fn pop(&mut self) -> Option<T> {
         self.held.pop_first().map(|(_, frame)| *frame)
     }

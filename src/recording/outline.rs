@@ -8,7 +8,7 @@ use super::file_formats::ecmrec::index::Index;
 /// What is in a recording in blocks (`.ecmrec`).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outline {
-    /// The number of frames.
+    /// The number of frames in all recordings of the file.
     pub frames: u64,
     /// The times of the earliest and the latest frame, in the file, ns; `None` without frames.
     pub times_ns: Option<(u64, u64)>,

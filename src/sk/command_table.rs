@@ -107,7 +107,7 @@ macro_rules! command_ids {
                 BY_CODE[code as usize]
             }
 
-            /// The code on the wire.
+            /// The code of the command on the wire: byte 0 of its slot.
             #[inline]
             pub const fn code(self) -> u8 {
                 match self {

@@ -145,12 +145,12 @@ pub struct RawSlot {
     pub id: u8,
     /// Byte 1: in a command the command index, in a response the index, the mode or an error code.
     pub index: u8,
-    /// Bytes 2..3: Parm.
+    /// Bytes 2..3: Parm, whose meaning depends on the command.
     #[doc(alias = "Pram")]
     pub parm: u16,
-    /// Bytes 4..7: Data1.
+    /// Bytes 4..7: Data1, whose meaning depends on the command.
     pub data1: u32,
-    /// Bytes 8..11: Data2.
+    /// Bytes 8..11: Data2, whose meaning depends on the command.
     pub data2: u32,
     /// Bytes 12..15: Data3, 0 in 12-byte mode.
     pub data3: u32,

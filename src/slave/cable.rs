@@ -45,7 +45,7 @@ pub struct Noise {
 }
 
 struct Shared {
-    /// The number of slaves in front of the cut.
+    /// The number of slaves in front of the cut; `u8::MAX`: the cable is not cut.
     reach: AtomicU8,
     /// The present [`Noise`]: `slave` in the upper 16 bits, `one_of` in the lower 16 bits; 0 if no frames are damaged.
     noise: AtomicU32,

@@ -69,7 +69,7 @@ pub struct Communication {
     pub sync_managers: [SyncManagerSettings; 4],
     /// The watchdog time for outputs, from registers 0x0400 and 0x0420, ns; `None`: the watchdog is off.
     pub watchdog_ns: Option<Ns>,
-    /// Activation of the sync unit, register 0x0981.
+    /// The activation of the sync unit, register 0x0981: bit 0 activates the unit, bit 1 switches SYNC0 on.
     pub dc_activation: u8,
     /// The cycle of SYNC0, register 0x09A0, ns.
     pub sync0_cycle_ns: u32,

@@ -109,7 +109,7 @@ impl<M: Model> Base<M> {
         M::TEST_MEMORY
     }
 
-    /// The content of the test object.
+    /// The content of the test object [`TEST_MEMORY`].
     const fn test_memory(&self) -> &[u8] {
         self.test_memory.as_slice()
     }
@@ -146,7 +146,7 @@ pub trait Model: Send + Sized + 'static {
     /// Whether the device has the test object [`TEST_MEMORY`].
     const TEST_MEMORY: bool = true;
 
-    /// The name of the factory firmware; `None`: the device has neither files nor bootstrap.
+    /// The content of the firmware file at the factory, as text; `None`: the device has neither files nor bootstrap.
     const FIRMWARE: Option<&'static str> = None;
 
     /// The object dictionary in ascending order of address, beginning with [`identity`]. Apply
@@ -164,10 +164,10 @@ pub trait Model: Send + Sized + 'static {
         &[]
     }
 
-    /// The common part of the device.
+    /// The part of the device that all kinds have in common: AL state, mapping, stored values.
     fn base(&self) -> &Base<Self>;
 
-    /// The common part of the device, mutable.
+    /// The part of the device that all kinds have in common, mutable.
     fn base_mut(&mut self) -> &mut Base<Self>;
 
     /// The axes of the device.
@@ -282,7 +282,7 @@ pub trait Model: Send + Sized + 'static {
         let _ = tell;
     }
 
-    /// Reports that process data have been exchanged.
+    /// Called after each exchange of process data. By default nothing is done.
     #[inline]
     fn note_exchange(&mut self) {}
 

@@ -186,9 +186,9 @@ const ANY_BYTES_MIN: usize = 4;
 /// One sub-index of a manufacturer-specific object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ManufacturerObject {
-    /// Index and sub-index.
+    /// The index and the sub-index of the object.
     pub address: ObjectAddress,
-    /// The data type.
+    /// The data type of the value.
     pub data: ManufacturerType,
     /// The SDO access rights. The text format shows [`Access::ReadWriteUpTo`] as `rw`.
     pub access: Access,

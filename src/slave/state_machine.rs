@@ -71,7 +71,7 @@ impl Ramp {
     }
 }
 
-/// What the power stage does.
+/// What the power stage does in a state of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Power {
     /// The power stage is off, and the motor has no torque.
@@ -158,7 +158,7 @@ impl StateMachine {
         self.state
     }
 
-    /// The latest controlword.
+    /// The latest controlword; after the loss of the master the command Quick stop.
     pub const fn controlword(&self) -> Controlword {
         self.controlword
     }
@@ -168,7 +168,7 @@ impl StateMachine {
         self.fault
     }
 
-    /// Applies new option codes.
+    /// Applies new option codes, which a master has written.
     pub const fn set_options(&mut self, options: OptionCodes) {
         self.options = options;
     }

@@ -56,7 +56,7 @@ impl Inputs {
         self.has(Input::NegativeLimit) && self.has(Input::PositiveLimit)
     }
 
-    /// The value of object 0x60FD.
+    /// The value of object 0x60FD (digital inputs), of which only bits 0 to 2 are used.
     pub fn bits(self) -> u32 {
         self.0.into()
     }
@@ -81,9 +81,9 @@ impl Inputs {
 pub enum HomeSwitch {
     /// A cam: active from `first` to `last`, both included.
     Cam {
-        /// The lowest count.
+        /// The lowest count at which the switch is active.
         first: i64,
-        /// The highest count.
+        /// The highest count at which the switch is active.
         last: i64,
     },
     /// A step: active at this count and above.
@@ -219,7 +219,7 @@ impl Switches {
         }
     }
 
-    /// The maximum distance of a homing run, counts.
+    /// The maximum distance of a homing run, forward and back added up, counts.
     pub const fn search_limit(&self) -> f64 {
         self.search_limit
     }

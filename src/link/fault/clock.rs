@@ -35,7 +35,8 @@ pub(super) struct Clock {
 #[derive(Clone, Copy)]
 pub(super) struct Call {
     pub(super) dir: Dir,
-    /// The number of cancellations in its direction when the call began.
+    /// The number of cancellations in its direction when the call began. A higher number later shows that the call was
+    /// cancelled.
     cancels: u64,
     /// When the timeout of the call passes; `None`: never.
     deadline: Option<Duration>,

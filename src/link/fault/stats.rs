@@ -18,9 +18,9 @@ pub struct FaultCounts {
 /// The faults that a link has injected since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultStats {
-    /// Faults of command frames.
+    /// The faults injected into command frames.
     pub write: FaultCounts,
-    /// Faults of reports.
+    /// The faults injected into reports.
     pub read: FaultCounts,
     /// Whether a fault has disconnected the board.
     pub disconnected: bool,

@@ -45,7 +45,7 @@ fn recorded() -> MutexGuard<'static, BTreeMap<PathBuf, Option<Progress>>> {
 /// Opens the file of a recording, and locks it against other recordings.
 pub(in crate::link) fn open(path: &Path) -> io::Result<RecordingFile> {
     let mut file = open_locked(path)?;
-    // A pipe or a device has no length.
+    // A pipe or a device has no earlier recording that could be continued or kept as `FILE.1`, and no length.
     if !file.metadata()?.is_file() {
         return Ok(RecordingFile { file, length: None, path: None, syncing: None });
     }

@@ -45,7 +45,7 @@ impl Loss {
         self.told = true;
     }
 
-    /// The error after which nothing more is written.
+    /// The error of a write after which nothing more is written; `None`: no write has failed.
     pub fn error(&self) -> Option<String> {
         self.failed.clone()
     }

@@ -29,7 +29,7 @@ const PACKET_LEN: usize = usbmon::HEADER_LEN + FRAME_LEN;
 /// The bytes of a block around its packet: type, length, interface, time in two halves, two lengths of the packet, and the
 /// length again.
 const AROUND_PACKET: usize = 32;
-/// The most frames of one write to the file.
+/// The most frames that fit into one write of [`BATCH_BYTES`].
 const BATCH_FRAMES: usize = BATCH_BYTES / (PACKET_LEN + AROUND_PACKET);
 /// How many frames at the end of the file can be rewritten to insert a late frame before them. On the real clock the
 /// reading thread may be late by a whole queue of reports (`queue=`, 32 by default), during which as many commands are

@@ -1,4 +1,4 @@
-//! The thread of the server. It owns the slaves and the sockets.
+//! The thread of the server of simulated slaves. It owns the slaves and the sockets of the network interfaces.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

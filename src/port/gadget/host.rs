@@ -26,7 +26,7 @@ const REPORT: u32 = 1;
 const FRAME: u32 = 2;
 const FRAME_BY_CONTROL: u32 = 3;
 
-/// The interrupt endpoints of a device controller.
+/// What [`Host`] needs of a device controller: its two interrupt endpoints, IN for reports and OUT for frames.
 pub(super) trait Controller {
     /// Whether the controller holds a report that the host has not fetched.
     fn is_sending(&self) -> bool;

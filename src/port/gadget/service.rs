@@ -116,12 +116,12 @@ impl Service {
         self.frames.notify_all();
     }
 
-    /// Closes the board, after the threads have ended.
+    /// Closes the link of the board. Called after the threads have ended, because they use it.
     pub(super) fn close_board(&self) {
         self.link().close_board();
     }
 
-    /// Why the server has ended by itself.
+    /// Takes the error for which the server has ended by itself; `None`: it has not.
     pub(super) fn take_failure(&self) -> Option<io::Error> {
         self.failure.lock().take()
     }

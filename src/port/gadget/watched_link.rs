@@ -31,7 +31,7 @@ impl WatchedLink {
         self.watch.lock().clone()
     }
 
-    /// Closes the board's own link.
+    /// Closes the wrapped link, and so the board. [`Link::close`] of this link does nothing.
     pub(super) fn close_board(&self) {
         self.link.close();
     }

@@ -181,7 +181,7 @@ impl SpiBoard {
         self.size.frame_len()
     }
 
-    /// The counters so far.
+    /// The counters since this value was made; [`Self::replace`] keeps them.
     pub const fn counters(&self) -> SpiBoardCounters {
         self.counters
     }

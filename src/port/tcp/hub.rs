@@ -84,7 +84,8 @@ impl Board {
             .config()
             .map(|config| KnownNetwork::of_slaves(config.slaves.iter().map(ToString::to_string)));
         let known = said.clone().or(shown.unwrap_or_default()).or(self.known.clone());
-        // A list that is too long is left out, because a part of it would be a wrong list.
+        // A list that does not fit into the Welcome (`TEXT_MAX`) is left out, because a part of it would be a wrong
+        // list.
         let whole = |text: String| if text.len() > TEXT_MAX { String::new() } else { text };
         KnownNetwork { slaves: whole(known.slaves), counts_per_unit: whole(known.counts_per_unit) }
     }

@@ -47,14 +47,14 @@ pub enum ClientMessage<'a> {
 pub enum ServerMessage {
     /// A request has succeeded.
     Done {
-        /// The number of the request.
+        /// The number of the request, counted from 1.
         request: u64,
-        /// The board's time after the request.
+        /// The board's time after the request; `None` if it is unknown.
         now: Option<Stamp>,
     },
     /// The answer to a request for the counters.
     Counted {
-        /// The number of the request.
+        /// The number of the request, counted from 1.
         request: u64,
         /// Reports that were dropped for the client.
         reports_dropped: u64,
@@ -63,9 +63,9 @@ pub enum ServerMessage {
     },
     /// A request has failed.
     Failed {
-        /// The number of the request.
+        /// The number of the request, counted from 1.
         request: u64,
-        /// The board's time after the request.
+        /// The board's time after the request; `None` if it is unknown.
         now: Option<Stamp>,
     },
     /// The server's last message: it ends the connection.

@@ -18,9 +18,9 @@ pub const INTERFACE_CLASS: [u8; 3] = [3, 0, 0];
 /// capture shows the value of the real board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// idVendor (SK-9).
+    /// idVendor; 0x16C0 on a real board (SK-9).
     pub vendor: u16,
-    /// idProduct (SK-9).
+    /// idProduct; 0x05DF on a real board (SK-9).
     pub product: u16,
     /// bcdDevice: the version of the firmware as the device reports it. \[OURS]
     pub release: u16,
@@ -28,7 +28,7 @@ pub struct Identity {
     pub interval: u8,
     /// The largest current that the board takes from the bus, in mA: 0..=500. \[OURS]
     pub power_ma: u16,
-    /// The usage page of the reports. \[OURS]
+    /// The HID usage page that the report descriptor gives to the reports. \[OURS]
     pub usage_page: u16,
     /// iManufacturer; empty for none. \[OURS]
     pub manufacturer: String,

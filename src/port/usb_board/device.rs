@@ -21,7 +21,7 @@ pub const TRANSFERS_AT_ONCE: usize = 256;
 #[error("the host has more than {TRANSFERS_AT_ONCE} transfers under way in one direction; wait for some of them first")]
 pub struct TooMany;
 
-/// Counters of the transfers.
+/// Counters of a host's transfers since the board was attached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Frames that the board has taken.
@@ -58,7 +58,7 @@ pub struct Device<E> {
     /// The host's request to unlink the transfer that is being written to the board. It is answered when the write has
     /// ended.
     unlinking: Option<Unlink>,
-    /// The newest report.
+    /// The newest report that was read from the board.
     report: Frame,
     /// Whether no transfer has fetched the newest report yet.
     report_waits: bool,
@@ -116,7 +116,7 @@ impl<E: Ends> Device<E> {
         self.hangs
     }
 
-    /// The counters so far.
+    /// The counters of transfers since the board was attached to this host.
     pub const fn counters(&self) -> Counters {
         self.counters
     }

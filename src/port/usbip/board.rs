@@ -28,14 +28,14 @@ pub type Opener = Box<dyn Fn() -> Result<Arc<dyn Link>, LinkError> + Send + Sync
 pub enum Event {
     /// A host has attached a board.
     Attached {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// The host that has attached it.
         host: String,
     },
     /// A host no longer has its board.
     Ended {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// Why the host no longer has the board.
         why: SessionEnd,
@@ -44,14 +44,14 @@ pub enum Event {
     },
     /// A board is lost. The server tries to open it again.
     Lost {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// The error that has shown the loss.
         why: String,
     },
     /// A lost board is open again.
     Reopened {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
     },
     /// A client was rejected before it had attached a board.
@@ -63,14 +63,14 @@ pub enum Event {
     },
     /// A board could not be attached to this machine.
     NotAttached {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// Why the board could not be attached.
         why: String,
     },
     /// A lost board still cannot be opened. Each reason is reported once.
     ReopenFailed {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// Why the board cannot be opened.
         why: String,

@@ -65,7 +65,7 @@ impl fmt::Display for Listen {
     }
 }
 
-/// A listening socket.
+/// The socket on which the server of a chip listens.
 pub(super) enum Listener {
     Tcp(TcpListener),
     #[cfg(unix)]

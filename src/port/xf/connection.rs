@@ -8,7 +8,7 @@ use rustix::event::{PollFd, PollFlags};
 use super::address::Stream;
 use super::wire::{self, BadRequest, EXCHANGE_MAX, HEAD_LEN, Kind, Status};
 
-/// The longest message, bytes.
+/// The length of the longest message with its head, bytes.
 const MESSAGE_MAX: usize = HEAD_LEN + EXCHANGE_MAX;
 
 /// The reason why a host has left.

@@ -48,7 +48,7 @@ pub(super) struct Service {
 
 /// The chip that the server gives to one host at a time, and its link.
 struct Served {
-    /// `None` while the link is being opened again.
+    /// The link to the chip; `None` while the link is being opened again after a failure.
     link: Option<Box<dyn ChipLink>>,
     config: HostConfig,
     has_int0: bool,

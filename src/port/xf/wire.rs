@@ -68,7 +68,7 @@ pub enum Status {
     Busy = 2,
     /// The line that the request needs, INT0, INT1 or reset, is not connected.
     NoLine = 3,
-    /// The chip cannot be reached.
+    /// The link between the server and the chip has failed, or cannot be opened.
     Chip = 4,
     /// The server is being stopped.
     Ends = 5,
@@ -105,17 +105,17 @@ pub enum BadRequest {
         "no request has the kind {kind}; they are 1 exchange, 2 wait for INT0, 3 read INT1, 4 delay, 5 close, 6 reset"
     )]
     Kind {
-        /// The kind in the head.
+        /// The number of the kind in the head of the message.
         kind: u8,
     },
     /// The body is longer or shorter than required.
     #[error("request {kind} has a body of {found} bytes, which has to have {wanted}; see docs/XF-PORT.md")]
     Length {
-        /// The kind of the request.
+        /// The number of the kind of the request.
         kind: u8,
         /// The length of the body, in bytes.
         found: usize,
-        /// The required length, as text.
+        /// The required length in bytes, as text, such as `1 or more`.
         wanted: &'static str,
     },
     /// The requested wait is too long.

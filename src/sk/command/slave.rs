@@ -111,7 +111,7 @@ pub enum SlaveCommand {
 }
 
 impl SlaveCommand {
-    /// The command's id.
+    /// The command's id, byte 0 of its slot.
     pub const fn id(&self) -> CommandId {
         match self {
             Self::GetStatus => CommandId::GetStatus,

@@ -173,12 +173,12 @@ impl Dp3clAlarm {
         matches!(self, Self::OverCurrent | Self::OverVoltage | Self::OpenMotor)
     }
 
-    /// The alarm as a fault for the state machine.
+    /// The fault that the alarm raises in the CiA 402 state machine.
     pub(super) const fn fault(self) -> DeviceFault {
         DeviceFault { code: self.error_code(), resettable: !self.needs_restart() }
     }
 
-    /// The LED alarm with that error code.
+    /// The first alarm with this error code. It is the only one for the codes of alarms that the LED flashes.
     pub(super) fn of_error_code(code: u16) -> Option<Self> {
         Self::ALL.into_iter().find(|alarm| alarm.error_code() == code)
     }
@@ -218,7 +218,7 @@ impl Alarms {
         self.count = self.count.saturating_add(1);
     }
 
-    /// Ends the present alarm.
+    /// Ends the present alarm. It stays in the history.
     pub(super) const fn clear(&mut self) {
         self.present = None;
     }

@@ -85,7 +85,7 @@ impl Motion {
         self.profile.velocity()
     }
 
-    /// Statusword bits 10 to 13.
+    /// Statusword bits 10 to 13, whose meaning depends on the mode of operation.
     pub(super) const fn bits(&self) -> u16 {
         self.bits
     }

@@ -128,7 +128,7 @@ pub(super) fn settings(values: &Values) -> Settings {
 }
 
 impl Dp3cl {
-    /// A ramp from the objects, command units/s².
+    /// The value of an object with a ramp, command units/s²; at least 1, so that every motion ends.
     pub(super) fn ramp(&self, slot: Slot<u32>) -> f64 {
         self.base().values.get(slot).max(1).into()
     }

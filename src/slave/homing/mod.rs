@@ -117,7 +117,7 @@ pub struct Homing {
     phase: Phase,
     /// The settings from the start of the last run.
     settings: HomingSettings,
-    /// Bit 4 of the last controlword.
+    /// Bit 4 (start of homing) of the last controlword, to detect its rise.
     start_bit: bool,
     halted: bool,
 }

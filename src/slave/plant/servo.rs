@@ -200,7 +200,7 @@ impl Servo {
         self.span.ns = 0;
     }
 
-    /// The position, whole counts.
+    /// The actual position of the shaft, whole counts.
     pub const fn position(&self) -> i64 {
         self.whole
     }
@@ -210,7 +210,7 @@ impl Servo {
         self.fraction
     }
 
-    /// The velocity, counts/s.
+    /// The actual velocity of the shaft, counts/s.
     pub const fn velocity(&self) -> f64 {
         self.velocity
     }

@@ -135,7 +135,7 @@ impl MappingList {
         if self.is_assignment() { 2 } else { 4 }
     }
 
-    /// The active items: as many as the count says.
+    /// The active items of the list: as many as its count (sub-index 0) says.
     fn items(&self) -> &[u32] {
         &self.items[..usize::from(self.count).min(ITEMS_ROOM)]
     }

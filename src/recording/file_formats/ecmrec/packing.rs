@@ -80,7 +80,7 @@ impl Packer {
         self.before.iter_mut().for_each(|before| before.begin(at_ns));
     }
 
-    /// Appends the packed packets to `out`.
+    /// Packs the packets of one block or piece, and appends the result to `out`.
     pub fn pack<'a>(&mut self, packets: impl Iterator<Item = Packet<'a>> + Clone, out: &mut Vec<u8>) {
         let (mut count, mut words) = (0, 0);
         for packet in packets.clone() {

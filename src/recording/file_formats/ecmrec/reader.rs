@@ -24,7 +24,7 @@ pub(in crate::recording::file_formats) struct Reader {
     what: What,
     /// The offset of the present block.
     block_at: u64,
-    /// Whether a section has begun.
+    /// Whether a recording has begun: its section block was read, or was lost and replaced.
     in_section: bool,
     /// `number`: the number of the last block of packets that was read. `next_piece`: the piece that can be read next
     /// although it needs earlier ones, by the number of its block and its number among the pieces of that block.

@@ -105,7 +105,7 @@ impl Survey {
         &self.clockwork.timing
     }
 
-    /// Processes the next frame of the run.
+    /// Processes the next frame of the run. Returns the values that the frame shows, for a plot.
     pub fn frame(&mut self, observed: &TimedFrame) -> Seen {
         let place = Place { frame: observed.number, at_ns: observed.at_ns };
         self.last_ns = observed.at_ns;
@@ -222,7 +222,8 @@ impl Survey {
         }
     }
 
-    /// Counts the slaves when the program leaves PreOP, since all of them are declared then.
+    /// Counts the declared slaves of each kind as features. Called when the program leaves PreOP, since all slaves are
+    /// declared then.
     fn leaves_pre_op(&mut self, place: Place) {
         for slave in 1..=SLAVES {
             self.network.kinds[slave - 1] = self.kinds.of(slave);
@@ -274,7 +275,7 @@ impl Survey {
     fn is_closed_loop(&mut self, place: Place, id: CommandId, waiting: u16) -> bool {
         let recent_ns = CLOSED_LOOP_CYCLES * self.cycle_ns();
         let newest = &mut self.newest_uses[usize::from(id.code())];
-        // The slots of one frame count as one use.
+        // The same command in several slots of one frame counts as one use.
         if newest.0 != place.at_ns {
             let is_recent = place.at_ns.saturating_sub(newest.0) <= recent_ns;
             *newest = (place.at_ns, is_recent && waiting <= CLOSED_LOOP_SETS);

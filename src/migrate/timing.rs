@@ -150,7 +150,7 @@ pub struct HostTiming {
 impl HostTiming {
     /// The longest stall; `None` if there is no sign of one.
     pub fn stall(&self, cycle_ns: i64) -> Option<Stall> {
-        // One cycle between two reports is normal.
+        // One cycle between two reports is normal, so it does not count as a part of the stall.
         let silence = self.long_silences.stall(cycle_ns, cycle_ns, SeenBy::Silence);
         let usual_ns = self.pauses.percentile(50).unwrap_or(0);
         let late = self.late_writes.stall(usual_ns, cycle_ns, SeenBy::LateWrite);

@@ -58,7 +58,7 @@ impl Drop for Serving {
         self.shared.is_stopping.store(true, Ordering::Release);
         self.shared.waker.wake();
         if let Some(thread) = self.thread.take() {
-            // A panic of that thread was printed when it happened.
+            // An error is ignored: it means that the thread has panicked, and that was printed when it happened.
             let _ = thread.join();
         }
         self.teller.end();

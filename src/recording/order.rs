@@ -48,7 +48,7 @@ mod tests {
     fn frames_are_sorted_by_time_and_then_as_they_came() {
         let mut order = InOrder::default();
         let mut sorted = Vec::new();
-        // Each block of 16 times is in reverse order, and each time occurs twice.
+        // The test data: the times are in reverse order within each block of 16 times, and each time occurs twice.
         let times = (0..5000_i64).map(|n| n / 32 * 16 + 15 - n / 2 % 16);
         for (number, at_ns) in times.enumerate() {
             sorted.extend(order.push(at_ns, (at_ns, number)));

@@ -1,4 +1,5 @@
-//! What is in a recording in blocks, by its index, without reading its frames.
+//! Lists what is in a recording in blocks (`.ecmrec`): frames, times, recordings, blocks. It reads the index and not
+//! the frames.
 
 use std::io;
 use std::path::Path;

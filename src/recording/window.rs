@@ -20,7 +20,7 @@ const ORDERS_MAX: usize = 64;
 /// state of the network), and the blocks of the stretch. Read it as a [`Recording`](super::Recording).
 pub struct WindowOf {
     file: File,
-    /// What is left to read: offset and length.
+    /// The ranges of the file that are left to read: offset and length, bytes.
     parts: VecDeque<(u64, u64)>,
     frames: u64,
 }

@@ -72,7 +72,7 @@ pub enum MasterCommand {
     Other(RawSlot),
 }
 
-/// SK-8: the board itself has six digital outputs.
+/// The bits of LIO_WR that have an output: the board itself has six digital outputs (SK-8).
 const LOCAL_OUTPUTS_MASK: u32 = 0x3F;
 
 impl MasterCommand {

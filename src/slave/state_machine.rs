@@ -239,7 +239,7 @@ impl StateMachine {
         let reset = std::mem::take(&mut self.reset_requested);
         let command = Command::of(self.controlword);
         match (self.state, command) {
-            // Transition 1.
+            // Transition 1: the end of the self test.
             (NotReadyToSwitchOn, _) => self.go_delayed(SwitchOnDisabled, self.times.self_test_ns, dt_ns),
             (SwitchOnDisabled, Command::Shutdown) => self.go(ReadyToSwitchOn), // transition 2
             // Transitions 7 and 10.

@@ -5,13 +5,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// The numbers of injected faults in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultCounts {
-    /// Number of frames that were lost.
+    /// Number of frames that the link has dropped.
     pub dropped: u64,
-    /// Number of frames in which one bit was flipped.
+    /// Number of frames in which the link has flipped one bit.
     pub corrupted: u64,
-    /// Number of frames that arrived twice.
+    /// Number of frames that the link has passed on twice.
     pub duplicated: u64,
-    /// Number of frames that were delayed.
+    /// Number of frames that the link has delayed.
     pub delayed: u64,
 }
 

@@ -27,7 +27,7 @@ use crate::recording::meta::APPLICATION;
 /// The state of the recordings of this process in one file.
 #[derive(Clone, Debug)]
 struct Progress {
-    /// [`RecordMeta::base_ns`] of the latest recording.
+    /// [`RecordMeta::base_ns`] of the latest recording: what is added to its link's times to get the times in the file.
     base_ns: u64,
     /// The URI of the link that is recorded.
     link: String,
@@ -92,13 +92,13 @@ fn begin(path: &Path, file: File) -> io::Result<File> {
         return Ok(file);
     }
     check_replaceable(path)?;
-    // If `path` is a symbolic link, its target is renamed.
+    // If `path` is a symbolic link, its target is renamed and the link stays.
     let target = fs::canonicalize(path)?;
     let kept = kept_path(&target);
     if kept.exists() {
         check_replaceable(&kept)?;
     }
-    // Windows does not rename a file that is open.
+    // Windows does not rename a file that is open, so it is closed first.
     drop(file);
     fs::rename(&target, &kept)?;
     log::info!("{} was a recording already: it is {} now", target.display(), kept.display());
@@ -268,7 +268,8 @@ impl RecordingFile {
         if let Some(path) = &self.path
             && let Some(Some(progress)) = recorded().get_mut(path)
         {
-            // A recording without frames ends at its own beginning.
+            // The next recording continues the times from this end. A recording without frames ends at its own
+            // beginning.
             progress.last = Some((last_ns.max(progress.base_ns), Instant::now()));
         }
     }

@@ -147,7 +147,7 @@ impl RecordMeta {
         let (clock, base_ns) = if virtual_time {
             (Clock::Virtual, 0)
         } else {
-            // The clock of a machine that was never set may show a time before 1970.
+            // The clock of a machine that was never set may show a time before 1970, which is taken as 1970.
             let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
             (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
         };

@@ -12,7 +12,8 @@ const SILENCE: Duration = Duration::from_secs(2);
 /// \[OURS]
 const FIRST_FRAME: Duration = Duration::from_secs(10);
 
-/// The masters that send frames to the interfaces of a server.
+/// What is known of the masters that send frames to the interfaces of a server, from the times and source addresses of
+/// these frames.
 pub(super) struct Masters {
     interface: String,
     /// When the log is to ask whether the master is connected; `None`: the log has asked, or a frame has come.

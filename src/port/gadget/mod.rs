@@ -281,7 +281,7 @@ impl Server {
     fn end(&mut self) {
         self.service.stop();
         for thread in self.threads.drain(..) {
-            // A panic of that thread was printed when it happened.
+            // An error is ignored: it means that the thread has panicked, and that was printed when it happened.
             let _ = thread.join();
         }
         self.service.close_board();

@@ -117,7 +117,7 @@ impl<'a> Session<'a> {
                 }
                 return Ok(());
             }
-            // The protocol allows a client only one request in progress.
+            // The protocol allows a client only one request in progress, so a second one ends its session.
             _ if self.is_busy() => return Err(out_of_turn),
             Message::Count { request } => {
                 let counts = self.board.counts().since(&self.before);

@@ -170,7 +170,7 @@ fn configuration(identity: &Identity, report_len: u8) -> [u8; CONFIGURATION_LEN]
     let packet = (FRAME_LEN as u16).to_le_bytes();
     let [class, subclass, protocol] = INTERFACE_CLASS;
     let interval = identity.interval;
-    // bMaxPower is in units of 2 mA.
+    // bMaxPower is in units of 2 mA, so it is half of the current.
     let power = (identity.power_ma / 2) as u8;
     let parts: [&[u8]; 5] = [
         &[9, CONFIGURATION, total[0], total[1], 1, CONFIGURATION_VALUE, 0, ATTRIBUTES, power],

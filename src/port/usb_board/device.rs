@@ -142,7 +142,7 @@ impl<E: Ends> Device<E> {
     }
 
     /// The host unlinks a transfer. Returns `true` if the frame of this transfer is being written to the board. Then
-    /// the write should be cancelled, and [`Self::written`] or [`Self::not_written`] makes the answer.
+    /// the write should be cancelled, and [`Self::written`] or [`Self::not_written`] answers the request to unlink.
     pub fn unlink(&mut self, sequence: u32, victim: u32) -> bool {
         if self.writing && self.unlinking.is_none() && self.writes.is_first(victim) {
             self.unlinking = Some(Unlink { sequence, victim });

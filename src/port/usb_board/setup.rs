@@ -120,7 +120,7 @@ impl Setup {
             (TO_ENDPOINT, 1 | 3) if value == ENDPOINT_HALT => {
                 Request::SetHalt { endpoint: bytes[4], halted: code == 3 }
             }
-            // There is one interface, number 0.
+            // The board has one interface, number 0. A request to another one is unknown.
             (FROM_INTERFACE | TO_INTERFACE | CLASS_FROM_INTERFACE | CLASS_TO_INTERFACE, _) if index != 0 => {
                 Request::Unknown
             }

@@ -227,7 +227,8 @@ fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> R
             for option in &statistics.options {
                 match option {
                     InterfaceStatisticsOption::IsbIfDrop(n) => missing = *n,
-                    // The comment has the form `570 frames are missing: why`.
+                    // The comment has the form `570 frames are missing: why`, so the reason stands after the first
+                    // colon.
                     InterfaceStatisticsOption::Comment(words) => {
                         why = words.split_once(": ").map(|(_, why)| why.to_owned());
                     }
@@ -259,7 +260,8 @@ fn nanoseconds(units: u128, interface: &InterfaceDescriptionBlock<'_>) -> u64 {
     for option in &interface.options {
         match option {
             InterfaceDescriptionOption::IfTsResol(exponent) => resolution = *exponent,
-            // The option's value is a signed number of seconds, which the crate returns as unsigned.
+            // The option's value is a signed number of seconds, which the crate returns as unsigned, so it is converted
+            // back.
             InterfaceDescriptionOption::IfTsOffset(seconds) => offset_s = i128::from(*seconds as i64),
             _ => {}
         }

@@ -9,7 +9,8 @@ const HISTORY: usize = 5;
 /// codes from 0xFF00 for the manufacturer and says that 0x603F shows only the main number.
 const MAKER_CODES: u16 = 0xFF00;
 
-/// An alarm of the drive.
+/// An alarm of the drive. The value of a variant is the number of the alarm, or the number of LED flashes of an alarm
+/// without one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u16)]
 pub enum Dp3clAlarm {
@@ -62,7 +63,7 @@ pub enum Dp3clAlarm {
 }
 
 impl Dp3clAlarm {
-    /// Every alarm.
+    /// Every alarm of the drive, in the order of this enum.
     pub const ALL: [Self; 22] = [
         Self::InvalidChange,
         Self::UnknownState,

@@ -32,7 +32,7 @@ impl Stopwatch {
     }
 }
 
-/// The state of the modes of operation.
+/// The state of the modes of operation: the requested and the active mode, the targets, and the position demand.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
     /// The mode that was written to 0x6060.

@@ -313,7 +313,7 @@ impl Servo {
             torque: self.torque_limit * self.acceleration * substep_s,
             friction: self.dry_friction * self.acceleration * substep_s,
             friction_wanted: self.dry_friction * self.acceleration * substep_s / FRICTION_FADE,
-            // A blocked shaft has no speed.
+            // A blocked shaft has no speed, so nothing of the speed remains after a sub-step.
             decay: if self.jammed { 0.0 } else { 1.0 / (1.0 + self.viscous_rate * substep_s) },
             torque_per_change: 1.0 / (self.acceleration * substep_s),
         }

@@ -23,7 +23,7 @@ use super::header::BYTES_MAX;
 /// The most packets of a block that are read; more are an error. \[OURS] Blocks that this crate writes have a fortieth
 /// of this.
 const PACKETS_MAX: usize = 1 << 16;
-/// Bytes of a word.
+/// The size of a word in bytes. Differences between packets are stored word by word.
 const WORD: usize = size_of::<u32>();
 
 const FROM_BOARD: u8 = 1;

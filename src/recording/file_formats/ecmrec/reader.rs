@@ -166,7 +166,7 @@ impl Reader {
                 self.tell_lost(None);
                 self.items.push_back(Item::Counts { missing, why: why.filter(|_| missing > 0) });
             }),
-            // An index only helps to find blocks. It has no packets.
+            // An index only helps to find blocks and has no packets, so it is skipped.
             Some(Kind::Index) => Some(()),
             None => None,
         };

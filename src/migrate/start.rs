@@ -58,7 +58,8 @@ pub struct Start {
     pub recorded: Option<(i64, Place)>,
     /// The estimated time over a chip, in nanoseconds: [`time_to_op_ns`].
     pub chip_ns: i64,
-    /// The value of `state_timeout_ms=` for the links, if a change of state may take longer than the default timeout.
+    /// The value of `state_timeout_ms=` for the links, if a change of state may take longer than the default timeout;
+    /// `None`: the default is enough.
     pub timeout_ms: Option<i64>,
 }
 
@@ -185,7 +186,7 @@ pub(super) struct WayToOp {
 }
 
 impl WayToOp {
-    /// The longest start to OP, in nanoseconds, and the report that showed OP.
+    /// The longest start to OP, in nanoseconds, and the report that showed OP. `None` if no SET_STATE has led to OP.
     pub(super) const fn longest(&self) -> Option<(i64, Place)> {
         self.longest
     }

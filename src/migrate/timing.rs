@@ -41,7 +41,8 @@ impl Levels {
         self.0[usize::from(waiting.min(FIFO_ENTRIES))] += 1;
     }
 
-    /// The percentile of the FIFO levels, in command frames; `None` if there were no reports in OP.
+    /// The percentile of the FIFO levels, in command frames; `None` if there were no reports in OP. `per_cent` is 0 to
+    /// 100.
     pub fn percentile(&self, per_cent: u64) -> Option<u16> {
         let total: u64 = self.0.iter().sum();
         let wanted = total.saturating_mul(per_cent.min(100)).div_ceil(100).max(1);
@@ -109,8 +110,8 @@ impl Longest {
         }
     }
 
-    /// The longest stall, if the first `usual_ns` of each pause or silence are normal. A stall of up to half a cycle does
-    /// not count.
+    /// The longest stall, if the first `usual_ns` of each pause or silence are normal. A stall of up to half a cycle
+    /// does not count. `None`: there is no longer one.
     fn stall(&self, usual_ns: i64, cycle_ns: i64, seen_by: SeenBy) -> Option<Stall> {
         let stalls = (0_u16..).zip(&self.0).filter_map(|(sets, longest)| {
             let (ns, ended) = (*longest)?;
@@ -211,7 +212,8 @@ impl Clockwork {
         self.timing.levels.add(waiting);
     }
 
-    /// Processes a command frame in OP. Returns the pause before it, if the motion was not over.
+    /// Processes a command frame in OP. Returns the pause before it, if the motion was not over. Otherwise returns
+    /// `None`.
     pub(super) fn command(&mut self, place: Place, write: Write, cycle_ns: i64) -> Option<Stretch> {
         let Write { waiting, sets, moved, gap_since_ns } = write;
         self.passed(place, sets);

@@ -36,7 +36,7 @@ pub(super) struct Serving {
 
 impl Serving {
     /// Starts a thread with this name. The function that it runs has to return once [`Shared::is_stopping`] returns
-    /// true.
+    /// true. Fails if the system provides no thread.
     pub(super) fn start(
         name: &str,
         shared: Arc<Shared>,

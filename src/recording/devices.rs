@@ -148,7 +148,7 @@ impl Devices {
 
     /// Processes a packet of the capture. A frame is added to `pending`. With `waits` a frame to the board stays there
     /// until its transfer has ended, which shows whether the board got it; recordings of this crate have no ends of
-    /// transfers.
+    /// transfers. Fails if the capture has only a part of the bytes of a frame.
     pub fn take(
         &mut self,
         event: &UsbEvent<'_>,

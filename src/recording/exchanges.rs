@@ -59,6 +59,7 @@ impl<R: Read> Exchanges<R> {
     }
 
     /// The metadata in the header. If a file has several recordings, these are the metadata of the last packet read.
+    /// `None` if the file has none.
     pub const fn meta(&self) -> Option<&RecordMeta> {
         self.meta.as_ref()
     }

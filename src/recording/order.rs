@@ -26,7 +26,7 @@ impl<T> Default for InOrder<T> {
 
 impl<T> InOrder<T> {
     /// Adds the next frame of the file and its time in nanoseconds. Returns the earliest buffered frame once more than
-    /// 1024 are buffered.
+    /// 1024 are buffered. Otherwise returns `None`.
     pub fn push(&mut self, at_ns: i64, frame: T) -> Option<T> {
         self.held.insert((at_ns, self.pushed), Box::new(frame));
         self.pushed += 1;

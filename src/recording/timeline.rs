@@ -63,13 +63,13 @@ impl<T> Default for Timeline<T> {
 
 impl<T> Timeline<T> {
     /// Adds the next frame of the file with its time in nanoseconds. Returns the frame before it, with its time since
-    /// the first frame in nanoseconds.
+    /// the first frame in nanoseconds. `None` after the first frame.
     pub fn push(&mut self, at_ns: u64, frame: T) -> Option<(i64, T)> {
         let (before_ns, before) = self.held.replace((at_ns, frame))?;
         Some((self.place(before_ns, Some(at_ns)), before))
     }
 
-    /// Removes the last frame, with its time since the first frame in nanoseconds.
+    /// Removes the last frame, with its time since the first frame in nanoseconds. `None`: no frame is left.
     pub fn pop(&mut self) -> Option<(i64, T)> {
         let (at_ns, frame) = self.held.take()?;
         Some((self.place(at_ns, None), frame))

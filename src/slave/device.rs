@@ -261,7 +261,7 @@ pub trait Model: Send + Sized + 'static {
     }
 
     /// The time after SafeOP that the device waits for the first SYNC0 pulse, ns, see
-    /// [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns).
+    /// [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns). `None`: it has no such limit.
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
     }
@@ -307,7 +307,8 @@ pub trait Model: Send + Sized + 'static {
         self.axes_mut().iter_mut().for_each(|axis| axis.step(dt_ns));
     }
 
-    /// The first half of [`Self::step_axes`] by `dt_ns`, see [`Slave::begin_step`](super::Slave::begin_step).
+    /// The first half of [`Self::step_axes`] by `dt_ns`, see [`Slave::begin_step`](super::Slave::begin_step). Returns
+    /// the motor that the caller has to run; `None`: no motor is left to run.
     #[inline]
     fn begin_axes(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         match self.axes_mut() {
@@ -319,7 +320,8 @@ pub trait Model: Send + Sized + 'static {
         }
     }
 
-    /// Starts or ends a fault in the device, see [`Slave::apply_fault`](super::Slave::apply_fault).
+    /// Starts or ends a fault in the device, see [`Slave::apply_fault`](super::Slave::apply_fault). Returns false if
+    /// the device has no such axis or channel.
     fn apply_fault(&mut self, fault: Fault) -> bool {
         apply_fault(self, fault)
     }

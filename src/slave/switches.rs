@@ -251,8 +251,8 @@ impl Switches {
         self.next_index(position.wrapping_sub(1), true) == Some(position)
     }
 
-    /// The first count behind `from`, in the direction of `to` and not beyond it, at which a switch changes or, if `index`
-    /// is true, the index pulse comes.
+    /// The first count behind `from`, in the direction of `to` and not beyond it, at which a switch changes or, if
+    /// `index` is true, the index pulse comes. `None`: there is no such count on the way.
     pub fn next(&self, from: i64, to: i64, index: bool) -> Option<i64> {
         let up = to > from;
         let ahead = |at: &i64| if up { from < *at && *at <= to } else { to <= *at && *at < from };
@@ -269,12 +269,14 @@ impl Switches {
     }
 
     /// The first count behind `from`, in the direction of `to` and not beyond it, at which the index pulse comes.
+    /// `None`: there is no such count on the way.
     pub fn next_pulse(&self, from: i64, to: i64) -> Option<i64> {
         let up = to > from;
         self.next_index(from, up).filter(|at| if up { *at <= to } else { to <= *at })
     }
 
-    /// The count of the next index pulse behind `from`, upwards or downwards.
+    /// The count of the next index pulse behind `from`, upwards or downwards. `None`: the index pulse is not wired, or
+    /// is stuck.
     fn next_index(&self, from: i64, up: bool) -> Option<i64> {
         let index = self.index.filter(|_| self.stuck[Input::Index as usize].is_none())?;
         let way = if up { index.wrapping_sub(from) } else { from.wrapping_sub(index) }.rem_euclid(self.turn);

@@ -35,14 +35,16 @@ struct Progress {
     last: Option<(u64, Instant)>,
 }
 
-/// The files to which this process has recorded; `None` for a file that is just being created.
+/// The files to which this process has recorded, so that its next recording to one of them is appended; `None` for a
+/// file that is just being created.
 static RECORDED: Mutex<BTreeMap<PathBuf, Option<Progress>>> = Mutex::new(BTreeMap::new());
 
 fn recorded() -> MutexGuard<'static, BTreeMap<PathBuf, Option<Progress>>> {
     RECORDED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Opens the file of a recording, and locks it against other recordings.
+/// Opens the file of a recording, and locks it against other recordings. Fails if the system cannot open the file,
+/// another recording is writing to it, or it is no recording of ecmsk.
 pub(in crate::link) fn open(path: &Path) -> io::Result<RecordingFile> {
     let mut file = open_locked(path)?;
     // A pipe or a device has no earlier recording that could be continued or kept as `FILE.1`, and no length.
@@ -187,7 +189,7 @@ pub(in crate::link) struct RecordingFile {
     file: File,
     /// The length after the last write that succeeded; `None` for a pipe or device, which has no length.
     length: Option<u64>,
-    /// The absolute path; `None` for a pipe or device.
+    /// The absolute path, which is the key of the file in [`RECORDED`]; `None` for a pipe or device.
     path: Option<PathBuf>,
     /// Syncs the file to the disk; `None` for a pipe or device, and if the system provides no thread.
     syncing: Option<Syncing>,
@@ -297,7 +299,8 @@ impl Sink {
         matches!(self, Self::File(file) if file.is_on_disk())
     }
 
-    /// Replaces the last `back` bytes by `bytes`; `back` must be 0 if written bytes cannot be replaced.
+    /// Replaces the last `back` bytes by `bytes`; `back` must be 0 if written bytes cannot be replaced. Fails if the
+    /// bytes cannot be written, for example on a full disk.
     pub(super) fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
         match self {
             Self::File(file) => file.put(back, bytes),

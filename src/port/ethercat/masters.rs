@@ -59,7 +59,7 @@ impl Masters {
     }
 
     /// Detects two masters by their alternating source addresses: a master that replaces another one does not
-    /// alternate.
+    /// alternate. Returns the log line about the two masters when they are detected first, otherwise `None`.
     fn compare(&mut self, source: MacAddress) -> Option<String> {
         let first = *self.source.get_or_insert(source);
         if source != first {

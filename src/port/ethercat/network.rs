@@ -183,7 +183,7 @@ mod tests {
             Some((datagram.data.to_vec(), datagram.working_counter))
         }
 
-        /// The number of slaves that answer a broadcast.
+        /// The number of slaves that answer a broadcast. `None`: the frame does not come back.
         fn count(&mut self) -> Option<u16> {
             Some(self.send(Command::Brd, u32::from(AL_STATUS) << 16, &[0; 2])?.1)
         }

@@ -186,7 +186,7 @@ impl Service {
 
     /// Checks the links of the interfaces. Returns the name of one that has disappeared. If an interface of a ring has
     /// no link, the slave at that end closes its port. With a single interface nothing is done: without a link no
-    /// frames come.
+    /// frames come. `None`: no interface has disappeared.
     fn look_at_links(&mut self, now: Instant) -> Option<String> {
         self.next_look = now + LINK_PERIOD;
         let is_ring = self.ports.len() > 1;

@@ -179,7 +179,8 @@ impl Host {
         }
     }
 
-    /// Handles an event of the USB function other than a request.
+    /// Handles an event of the USB function other than a request. Returns how the event has changed the presence of the
+    /// host; `None`: it has not.
     pub(super) fn event(&mut self, event: Event, now: Duration, controller: &mut dyn Controller) -> Option<Change> {
         match event {
             Event::Enabled => {

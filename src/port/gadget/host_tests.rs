@@ -76,7 +76,8 @@ impl Board {
         self.host.report(&Frame::from_bytes([fill; FRAME_LEN]), self.now, &mut self.ends);
     }
 
-    /// The host fetches the report that the controller holds.
+    /// The host fetches the report that the controller holds. Returns the first byte of the report; `None`: the
+    /// controller holds none.
     fn fetch(&mut self) -> Option<u8> {
         let report = self.ends.report.take();
         if report.is_some() {

@@ -111,7 +111,7 @@ pub struct InMemory {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// The board has answered a request on endpoint 0 with a stall.
+/// The error that the board has answered a request on endpoint 0 with a stall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stalled;
 

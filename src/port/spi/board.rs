@@ -244,7 +244,7 @@ impl SpiBoard {
         MasterResponse::decode(&self.report.slot(self.size, 0)).state.state() == Some(MasterState::Op)
     }
 
-    /// Reads a report if there is a new one. Returns whether there was one.
+    /// Reads a report if a new one comes within `wait`. Returns whether one has come.
     fn read_report(&mut self, wait: Wait) -> bool {
         match self.link.read(&mut self.report, wait) {
             Ok(report) => {

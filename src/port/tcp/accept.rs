@@ -208,7 +208,8 @@ fn accept_pending(listener: &TcpListener, pool: &mut PendingPool, shared: &Share
     true
 }
 
-/// Makes a pending connection a client with a thread, or returns it after a refusal.
+/// Makes a pending connection a client with a thread, or returns it after a refusal. `None`: the client is lost,
+/// because the system provides no thread or file handle for it.
 fn start_client(
     pending: Box<PendingConnection>,
     hello: Introduction,

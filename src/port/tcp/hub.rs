@@ -244,7 +244,7 @@ impl Hub {
     /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, no thread
     /// could be started to serve it, or the board is lost. Otherwise, if the client was the writer, the server itself
     /// becomes the writer until [`end_standstill`](Self::end_standstill), and the queue of reports for the server is
-    /// returned.
+    /// returned. In all other cases the result is `None`.
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
         let mut state = self.state.lock();
         state.clients.retain(|other| !Arc::ptr_eq(other, client));

@@ -123,7 +123,8 @@ impl InMemoryClient<'_> {
         keeps
     }
 
-    /// Like [`say`](Self::say), but a request that takes several steps is only begun.
+    /// Like [`say`](Self::say), but a request that takes several steps is only begun. Returns whether the client is
+    /// still connected.
     pub fn begin(&mut self, what: ClientMessage<'_>, bytes: usize) -> bool {
         self.requests += 1;
         let request = self.requests;

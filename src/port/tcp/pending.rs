@@ -140,7 +140,7 @@ impl PendingConnection {
         }
     }
 
-    /// Checks the client's proof, if the server has a secret.
+    /// Checks the client's proof that it knows the secret, if the server has one. A wrong proof is refused.
     fn check(&self, hello: Introduction, options: &ServeOptions) -> Look {
         let key = options.secret.as_ref().zip(self.material.as_ref());
         let known = key.is_none_or(|(secret, material)| secret.is_proof(Side::Client, material, &hello.proof));

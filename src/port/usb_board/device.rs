@@ -285,8 +285,8 @@ impl<E: Ends> Device<E> {
             if rest >= FRAME_LEN {
                 return;
             }
-            // A transfer without bytes is one packet without bytes. A transfer whose packets are all full ends with the
-            // last of them.
+            // A transfer without bytes is one packet without bytes: a short one, which hangs the board. A transfer
+            // whose packets are all full ends with the last of them, without an empty packet.
             if rest > 0 || write.bytes.is_empty() {
                 self.hang();
             }

@@ -141,7 +141,8 @@ struct State {
 }
 
 impl Board {
-    /// A board whose link is open. Its bus id is made from `index`, counted from 0.
+    /// A board whose link is open. Its bus id is made from `index`, counted from 0. Fails if the identity does not fit
+    /// into USB descriptors.
     pub fn new(
         index: u16,
         identity: Identity,
@@ -284,7 +285,7 @@ impl Board {
     }
 
     /// Tries to open the link; `told` is the reason for a failure that was reported last: the same reason is not
-    /// reported again.
+    /// reported again. Returns whether the link is open now.
     fn open_again(&self, told: &mut String) -> bool {
         match (self.opener)() {
             Ok(link) => {

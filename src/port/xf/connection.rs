@@ -84,7 +84,7 @@ impl Connection {
     }
 
     /// Whether a whole message has been received, which [`Self::answer`] then answers. The result is false until the
-    /// answer to the previous message is sent.
+    /// answer to the previous message is sent. The error says why the host has left, or what is wrong with its message.
     pub fn next(&mut self, now: Instant) -> Result<bool, Left> {
         self.incoming.copy_within(self.used..self.held, 0);
         self.held -= std::mem::take(&mut self.used);

@@ -125,7 +125,8 @@ impl Service {
         }
     }
 
-    /// Handles the host's messages. Returns the reason if the host has left.
+    /// Handles the host's messages. Returns the reason if the host has left. `None`: it has not, and at present there
+    /// is no further message, or the others have their turn first.
     fn serve_host(&mut self) -> Option<Left> {
         let host = self.host.as_mut()?;
         for _ in 0..MESSAGES_IN_A_ROW_MAX {

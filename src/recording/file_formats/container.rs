@@ -76,7 +76,8 @@ impl<R: Read> Blocks<R> {
         Self { input: Input::new(source, name), parser: None }
     }
 
-    /// Reads the next block and parses it; `None` at the end of the file.
+    /// Reads the next block and parses it; `None` at the end of the file. Fails if the file cannot be read or a block
+    /// is damaged.
     pub fn next(&mut self) -> Result<Option<Item<'_>>, RecordError> {
         let Self { input, parser } = self;
         let parser = match parser {

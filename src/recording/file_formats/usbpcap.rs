@@ -93,7 +93,8 @@ pub(super) fn event(packet: &[u8]) -> Option<UsbEvent<'_>> {
 }
 
 /// Decodes a packet of a control transfer. Since USBPcap 1.5 the bytes of an OUT transfer follow the setup packet, and
-/// those of an IN transfer are in the last packet. Older versions have the bytes in a packet of their own.
+/// those of an IN transfer are in the last packet. Older versions have the bytes in a packet of their own. `None`: the
+/// stage is another one, or the packet has no whole setup packet.
 fn control(event: UsbEvent<'_>, stage: u8) -> Option<UsbEvent<'_>> {
     let event = UsbEvent { kind: TransferKind::Control, ..event };
     match stage {

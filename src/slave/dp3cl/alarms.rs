@@ -179,7 +179,8 @@ impl Dp3clAlarm {
         DeviceFault { code: self.error_code(), resettable: !self.needs_restart() }
     }
 
-    /// The first alarm with this error code. It is the only one for the codes of alarms that the LED flashes.
+    /// The first alarm with this error code. It is the only one for the codes of alarms that the LED flashes. `None`:
+    /// no alarm has it.
     pub(super) fn of_error_code(code: u16) -> Option<Self> {
         Self::ALL.into_iter().find(|alarm| alarm.error_code() == code)
     }
@@ -230,7 +231,7 @@ impl Alarms {
         (self.present, self.count) = (None, 0);
     }
 
-    /// The present alarm.
+    /// The present alarm. `None`: there is no alarm.
     pub(super) const fn present(&self) -> Option<Dp3clAlarm> {
         self.present
     }

@@ -169,7 +169,8 @@ impl Homing {
         }
     }
 
-    /// Completes homing once the shaft has stopped at home. Returns the new home position.
+    /// Completes homing once the shaft has stopped at home. Returns the new home position. `None`: home was not found,
+    /// homing is completed already, or halt is commanded.
     pub fn arrive(&mut self) -> Option<HomePosition> {
         let (at, _) = self.destination()?;
         self.phase = Phase::Attained;

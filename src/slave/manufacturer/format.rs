@@ -219,7 +219,7 @@ fn word(text: &str) -> (&str, &str) {
     (word, rest.trim_start())
 }
 
-/// Parses an unsigned integer, hexadecimal with 0x.
+/// Parses an unsigned integer, hexadecimal with 0x. `None`: the text is no such number.
 fn whole(text: &str) -> Option<u64> {
     let (digits, radix) = text.strip_prefix("0x").or(text.strip_prefix("0X")).map_or((text, 10), |hex| (hex, 16));
     // `from_str_radix` alone would accept a plus sign, so the characters are checked too.

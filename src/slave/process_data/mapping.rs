@@ -140,7 +140,7 @@ impl MappingList {
         &self.items[..usize::from(self.count).min(ITEMS_ROOM)]
     }
 
-    /// The value at a sub-index, and its size in bytes.
+    /// The value at a sub-index, and its size in bytes. `None`: the object has no such sub-index.
     fn value(&self, sub: u8) -> Option<(u32, usize)> {
         match sub {
             0 => Some((self.count.into(), 1)),
@@ -179,7 +179,8 @@ impl Mapping {
         self.lists.iter().map(|list| list.index).filter(|index| *index >= from).min()
     }
 
-    /// The description of a mapping or assignment object for SDO information.
+    /// The description of a mapping or assignment object for SDO information. `None`: none of them has
+    /// this index.
     pub fn describe_object(&self, index: u16) -> Option<ObjectDescription<'static>> {
         let list = self.list(index)?;
         let (code, data_type) = if list.is_assignment() {
@@ -190,7 +191,8 @@ impl Mapping {
         Some(ObjectDescription { index, data_type, max_sub: list.items_max, code, name: list.name() })
     }
 
-    /// The description of a sub-index of a mapping or assignment object for SDO information.
+    /// The description of a sub-index of a mapping or assignment object for SDO information. `None`: the device has no
+    /// such object or sub-index.
     pub fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'static>> {
         let list = self.list(at.index)?;
         let (_, bytes) = list.value(at.sub)?;

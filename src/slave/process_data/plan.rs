@@ -215,8 +215,8 @@ impl<D: Model> Plan<D> {
     }
 }
 
-/// A single step for a whole PDO, if the PDO has the entries of a power-on PDO or of one in [`Model::often_mapped`]. The PDO
-/// has to begin at a byte boundary, because the function of the step copies whole bytes.
+/// A single step for a whole PDO, if the PDO has the entries of a power-on PDO or of one in [`Model::often_mapped`].
+/// The PDO has to begin at a byte boundary, because the function of the step copies whole bytes. Otherwise `None`.
 fn whole_pdo<D: Model>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
     let of_power_on = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries);
     let pdo = of_power_on.or_else(|| D::often_mapped().iter().find(|pdo| pdo.entries == entries))?;

@@ -46,6 +46,7 @@ impl Buffers {
     }
 
     /// Adds a transfer of which no byte was moved yet: `bytes` come from the host, and `length` bytes may go to it.
+    /// Fails if [`TRANSFERS_AT_ONCE`] transfers are pending in this direction.
     pub fn push(&mut self, sequence: u32, length: usize, bytes: &[u8]) -> Result<(), TooMany> {
         if self.waiting.len() >= TRANSFERS_AT_ONCE {
             return Err(TooMany);

@@ -49,7 +49,7 @@ impl Reader {
         bytes.starts_with(&MAGIC) || places(bytes).any(|at| begins(&at))
     }
 
-    /// The next item; `None` at the end of the file.
+    /// The next item; `None` at the end of the file. Fails if the file cannot be read; damaged bytes are skipped.
     pub fn next<R: Read>(&mut self, input: &mut Input<R>) -> Result<Option<Item<'_>>, RecordError> {
         loop {
             if let Some(item) = self.items.pop_front() {

@@ -177,7 +177,7 @@ fn beside_process_data_ns(command_ns: i64, cycle_ns: i64) -> i64 {
 /// Measures how long a program's start to OP takes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct WayToOp {
-    /// The requested state, and the time of the first request.
+    /// The requested state, and the time of the first request. `None`: no change of state is in progress.
     asked: Option<(MasterState, i64)>,
     /// The time that earlier changes of state of the same start took, in nanoseconds. What the program does between
     /// them does not count.

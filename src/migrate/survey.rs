@@ -28,11 +28,11 @@ const MOVING_CYCLES: i64 = 10;
 /// Values that one frame shows, for a plot over time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
-    /// For a report in OP: the command frames that wait in the board's FIFO.
+    /// For a report in OP: the command frames that wait in the board's FIFO. Otherwise `None`.
     pub level: Option<u16>,
-    /// For a command in OP: the pause before it, if the motion was not over.
+    /// For a command in OP: the pause before it, if the motion was not over. Otherwise `None`.
     pub pause: Option<Stretch>,
-    /// For a command in OP: the time for which the FIFO was empty during a motion.
+    /// For a command in OP: the time for which the FIFO was empty during a motion. Otherwise `None`.
     pub gap: Option<Stretch>,
 }
 
@@ -45,12 +45,13 @@ pub struct Survey {
     pub(super) usage: Usage,
     clockwork: Clockwork,
     pub(super) network: Network,
-    /// The network with the most process data per time, of those that have reached SafeOP.
+    /// The network with the most process data per time, of those that have reached SafeOP. `None`: no network has
+    /// reached SafeOP yet.
     pub(super) largest: Option<Network>,
-    /// The interval from the first to the last frame of OP.
+    /// The interval from the first to the last frame of OP. `None`: there was no frame of OP yet.
     pub(super) op: Option<Stretch>,
     state: StateByte,
-    /// The state of the last SET_STATE, until a report shows that it is reached or failed.
+    /// The state of the last SET_STATE, until a report shows that it is reached or failed. Otherwise `None`.
     changing_to: Option<MasterState>,
     pub(super) way: WayToOp,
     full_count: Option<u16>,

@@ -139,10 +139,10 @@ pub struct HostTiming {
     pub repeated_cycles: u64,
     /// The number of gaps: periods of such cycles without a target in between.
     pub gaps: u64,
-    /// The longest gap in nanoseconds, and the frame with the target that ended it.
+    /// The longest gap in nanoseconds, and the frame with the target that ended it. `None`: there was no gap.
     pub longest_gap: Option<(i64, Place)>,
     /// The longest pause within a motion, in nanoseconds, and the frame at its end: targets still waited, or an axis
-    /// had stopped before its target.
+    /// had stopped before its target. `None`: there was no pause within a motion.
     pub longest_pause: Option<(i64, Place)>,
     late_writes: Longest,
     long_silences: Longest,
@@ -171,7 +171,7 @@ pub(super) struct Write {
     pub(super) sets: u16,
     /// Whether an axis was moving when the previous frame was written.
     pub(super) moved: bool,
-    /// The time since which an axis stands before its target because the FIFO is empty.
+    /// The time since which an axis stands before its target because the FIFO is empty. `None`: no axis does.
     pub(super) gap_since_ns: Option<i64>,
 }
 
@@ -179,7 +179,8 @@ pub(super) struct Write {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clockwork {
     pub(super) timing: HostTiming,
-    /// The time of the newest frame in OP, and of the newest command in OP.
+    /// The time of the newest frame in OP, and of the newest command in OP. `None` before the first one since OP was
+    /// entered.
     newest_ns: Option<i64>,
     newest_write_ns: Option<i64>,
     /// The number of command frames that waited in the FIFO after the newest frame, and after the newest command.

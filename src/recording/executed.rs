@@ -29,12 +29,14 @@ pub struct Executed {
     /// The number of the first command whose fate is known. A loss (FIFO full or CRC error) leaves open which of the
     /// earlier commands the board has refused; a command that clears the FIFO removes the earlier ones.
     known_from: u64,
-    /// The FIFO-full count and the CRC error count of the last report, to notice losses.
+    /// The FIFO-full count and the CRC error count of the last report, to notice losses. `None`: no report has come
+    /// yet.
     losses: Option<(u16, u8)>,
     /// The last report: its time in nanoseconds, the number of commands executed by then, and the number that waited in
-    /// the FIFO.
+    /// the FIFO. `None`: no report has come since OP began.
     previous: Option<(i64, u64, u64)>,
     /// The last report whose result is certain: its time in nanoseconds, and the number of commands executed by then.
+    /// `None`: no result was certain yet.
     last_certain: Option<(i64, u64)>,
 }
 

@@ -53,7 +53,8 @@ pub struct Execution {
     executed: Executed,
     /// The commands that perhaps still wait for their execution, with the times at which they were sent, oldest first.
     sent: VecDeque<(i64, Orders)>,
-    /// The time of the last report that showed what was executed, and whether commands waited in the FIFO then.
+    /// The time of the last report that showed what was executed, and whether commands waited in the FIFO then. `None`:
+    /// there was none yet, or commands were lost since then.
     before: Option<(i64, bool)>,
 }
 

@@ -86,7 +86,7 @@ pub struct Lacks {
     pub not_ended: u64,
     /// The number of frames that passed the link and are not in the recording.
     pub missing: u64,
-    /// Why frames are missing, as the recorder has noted it in the file.
+    /// Why frames are missing, as the recorder has noted it in the file. `None`: the file gives no reason.
     pub why: Option<String>,
     /// The damaged parts of a recording in blocks (`.ecmrec`), which the reader skips. Reading other formats ends with
     /// an error at the first damage.

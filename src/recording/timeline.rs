@@ -44,11 +44,11 @@ impl std::fmt::Display for Jumps {
 /// counts as passed. A silence counts as an hour at most, and all silences together as 25 hours.
 #[derive(Debug)]
 pub struct Timeline<T> {
-    /// The time and the frame read last. It is held back until the following frame is read, because only that one shows whether
-    /// this time is an outlier.
+    /// The time and the frame read last. It is held back until the following frame is read, because only that one shows
+    /// whether this time is an outlier. `None`: no frame was read yet.
     held: Option<(u64, T)>,
     /// The latest time of the recording's clock, ns, and the offset that turns a time of this clock into the time since
-    /// the first frame, ns.
+    /// the first frame, ns. `None` before the first frame.
     clock: Option<(i128, i128)>,
     latest_ns: i64,
     silence_left_ns: i64,

@@ -26,12 +26,12 @@ type Bits = [u64; 4];
 /// The scripted responses of one slave to changes of state and SDOs.
 #[derive(Clone, Copy, Default)]
 struct ScriptedAnswers {
-    /// An AL state that the slave refuses, with the AL status code of the refusal.
+    /// An AL state that the slave refuses, with the AL status code of the refusal. `None`: it refuses none.
     refuse: Option<(AlState, AlStatus)>,
     sdo_delay_ns: Ns,
     /// The abort code with which the slave aborts every SDO transfer; `None`: no script demands aborts.
     sdo_abort: Option<AbortCode>,
-    /// An object whose SDO transfers are aborted, with the abort code.
+    /// An object whose SDO transfers are aborted, with the abort code. `None`: there is no such object.
     object_abort: Option<(ObjectAddress, AbortCode)>,
 }
 

@@ -119,7 +119,8 @@ impl Command {
 pub struct StateMachine {
     times: TransitionTimes,
     options: OptionCodes,
-    /// The transition in progress, if it takes time: its target state and the remaining time, ns.
+    /// The transition in progress, if it takes time: its target state and the remaining time, ns. `None`: there is no
+    /// such transition.
     delayed: Option<(DriveState, Ns)>,
     state: DriveState,
     controlword: Controlword,
@@ -128,8 +129,8 @@ pub struct StateMachine {
     /// Set when the master is lost in Operation enabled or Quick stop active: after the quick stop the drive goes to Switch on
     /// disabled, even if the quick stop option code says that it stays in Quick stop active.
     ends_switched_off: bool,
-    /// In Operation enabled after the command Shutdown or Disable operation: the ramp on which the motor brakes, and the state
-    /// to which the drive goes afterwards.
+    /// In Operation enabled after the command Shutdown or Disable operation: the ramp on which the motor brakes, and
+    /// the state to which the drive goes afterwards. Otherwise `None`.
     braking: Option<(Ramp, DriveState)>,
     /// In Fault reaction active: the ramp on which the motor brakes; `None` if it coasts.
     reaction: Option<Ramp>,

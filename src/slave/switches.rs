@@ -98,16 +98,16 @@ pub enum HomeSwitch {
 /// [`Travel::limits_stop_motion`] says whether limit switches act in CSP, CSV and CST; homing always uses them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Travel {
-    /// The negative limit switch is active at this count and below.
+    /// The negative limit switch is active at this count and below. `None`: it is not wired.
     pub negative_limit: Option<i64>,
-    /// The positive limit switch is active at this count and above.
+    /// The positive limit switch is active at this count and above. `None`: it is not wired.
     pub positive_limit: Option<i64>,
-    /// The range in which the home switch is active.
+    /// The range in which the home switch is active. `None`: it is not wired.
     pub home: Option<HomeSwitch>,
     /// The position of the index pulse within a turn: it comes at every count with this remainder modulo the counts per
-    /// turn.
+    /// turn. `None`: there is no index pulse.
     pub index: Option<u32>,
-    /// Mechanical end stops: the lowest and the highest count that the shaft can reach.
+    /// Mechanical end stops: the lowest and the highest count that the shaft can reach. `None`: there are no end stops.
     pub stops: Option<(i64, i64)>,
     /// The maximum distance of a homing run, counts: all motion of the run added up, forward and back. A longer run ends in a
     /// homing error.

@@ -20,10 +20,10 @@ pub(super) struct Masters {
     asks: Option<Instant>,
     /// When the last frame came; `None`: there is no master.
     last_frame: Option<Instant>,
-    /// The source address of the present master's first frame.
+    /// The source address of the present master's first frame. `None`: no such frame has come yet.
     source: Option<MacAddress>,
     /// A second source address that was seen after `source`. If `source` then comes again, the two addresses belong to
-    /// two masters that send at the same time.
+    /// two masters that send at the same time. `None`: there was only one address.
     other: Option<MacAddress>,
     is_other_told: bool,
 }

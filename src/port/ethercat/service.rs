@@ -34,7 +34,7 @@ pub(super) struct Port {
     pub(super) _claim: Claim,
     /// Whether the cable at this end counts as connected in the simulated network.
     pub(super) is_connected: bool,
-    /// When the last frame arrived at this interface.
+    /// When the last frame arrived at this interface. `None`: none has arrived yet.
     pub(super) last_frame: Option<Instant>,
 }
 

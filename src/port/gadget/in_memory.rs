@@ -21,7 +21,7 @@ use crate::threads;
 #[derive(Default)]
 struct Wires {
     is_plugged_in: bool,
-    /// The report that the controller has for the host.
+    /// The report that the controller has for the host. `None`: the controller holds none.
     report: Option<Frame>,
     /// Whether the OUT endpoint is ready to accept a frame of the host.
     is_receiving: bool,

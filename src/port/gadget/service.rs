@@ -51,7 +51,7 @@ struct Bus {
     transfers: Box<dyn Endpoints>,
     /// Whether a frame is being handed to the board.
     is_writing: bool,
-    /// The error of a write after which the board is lost.
+    /// The error of a write after which the board is lost. `None`: no write has failed.
     lost: Option<LinkError>,
 }
 

@@ -26,7 +26,8 @@ pub(super) struct Board {
     known: KnownNetwork,
     /// The state of the network as the passing frames show it; empty if the slot size is unknown.
     watch: Mutex<Watch>,
-    /// Detects alarms and failed changes of state for the log.
+    /// Detects alarms and failed changes of state for the log. `None`: the slot size is unknown, so reports cannot be
+    /// decoded.
     troubles: Option<Mutex<FrameWatch>>,
     /// The board's time in the newest report.
     newest: AtomicU64,
@@ -117,7 +118,7 @@ struct State {
     /// and after which client it stops the axes. `None`: there is no writer. The text of a refusal names the writer.
     writer: Option<String>,
     /// The reports that the server itself reads while it is the writer: it needs them to bring the axes of a vanished
-    /// writer to a standstill.
+    /// writer to a standstill. `None`: the server is not the writer.
     server_reports: Option<Arc<ReportQueue>>,
     is_stopping: bool,
     is_over: bool,

@@ -58,7 +58,7 @@ pub enum ServerMessage {
         request: u64,
         /// Reports that were dropped for the client.
         reports_dropped: u64,
-        /// The counters of the board, if its link has them.
+        /// The counters of the board, if its link has them. Otherwise `None`.
         board: Option<Counters>,
     },
     /// A request has failed.

@@ -27,10 +27,11 @@ pub(super) struct PendingConnection {
     channel: Channel,
     inbox: Inbox,
     out: Out,
-    /// The TLS session until its handshake is complete.
+    /// The TLS session until its handshake is complete. `None`: the server uses no TLS, or the handshake is complete.
     handshake: Option<Box<Connection>>,
     material: Option<Material>,
-    /// For a refused connection: how long it may still take to receive the reason.
+    /// For a refused connection: how long it may still take to receive the reason. `None`: the connection was not
+    /// refused.
     refused_until: Option<Instant>,
 }
 

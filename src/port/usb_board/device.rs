@@ -56,7 +56,7 @@ pub struct Device<E> {
     /// Whether the oldest frame is being written to the board.
     writing: bool,
     /// The host's request to unlink the transfer that is being written to the board. It is answered when the write has
-    /// ended.
+    /// ended. `None`: the host has made no such request.
     unlinking: Option<Unlink>,
     /// The newest report that was read from the board.
     report: Frame,

@@ -43,7 +43,7 @@ pub(super) struct Connection {
     /// The range of `outgoing` that was not sent yet.
     unsent: std::ops::Range<usize>,
     /// Since when the connection waits for the host: for its first request, for the rest of a message, or until it
-    /// reads an answer.
+    /// reads an answer. `None`: it does not wait for the host.
     owes_since: Option<Instant>,
     /// Whether the host has sent a whole message. A connection without one may be from a program that is not a host (a
     /// port scan), so it must not keep others from the chip.

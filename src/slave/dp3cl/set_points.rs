@@ -30,8 +30,8 @@ pub(super) struct Move {
 pub(super) struct SetPoints {
     /// The present motion to a set-point; `None`: all set-points are reached or cancelled.
     current: Option<Move>,
-    /// The set-point that starts when the present motion ends: whether it is relative, and its values. Only used in the variant
-    /// `one_deep_buffer` of the drive.
+    /// The set-point that starts when the present motion ends: whether it is relative, and its values. Only used in the
+    /// variant `one_deep_buffer` of the drive. `None`: there is none.
     buffered: Option<(bool, SetPointValues)>,
     /// The target of the newest set-point. Relative set-points are added to it \[OURS].
     last_target: i64,

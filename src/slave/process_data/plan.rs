@@ -57,7 +57,8 @@ pub(in crate::slave) struct Plan<D> {
     output_bytes: usize,
     /// Whether some bits of the input image belong to no object. They have to be 0, so the image is cleared first.
     has_padding: bool,
-    /// If all inputs are a single PDO that one function copies, that function; the same for all outputs.
+    /// If all inputs are a single PDO that one function copies, that function; the same for all outputs. Otherwise
+    /// `None`.
     all_inputs: Option<fn(&D, &mut [u8])>,
     all_outputs: Option<fn(&mut D, &[u8])>,
 }

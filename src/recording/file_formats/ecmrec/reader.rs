@@ -30,9 +30,9 @@ pub(in crate::recording::file_formats) struct Reader {
     /// although it needs earlier ones, by the number of its block and its number among the pieces of that block.
     number: u32,
     next_piece: (u32, u32),
-    /// The time of the latest packet, ns.
+    /// The time of the latest packet, ns. `None`: no packet was read yet.
     latest_ns: Option<u64>,
-    /// The unreadable bytes since the last block that was read.
+    /// The unreadable bytes since the last block that was read. `None`: there are none.
     lost: Option<Lost>,
     /// The number of packets returned so far. It is the transfer id of the next packet.
     packets: u64,

@@ -28,7 +28,7 @@ const MOVING_CYCLES: i64 = 10;
 /// Values that one frame shows, for a plot over time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
-    /// For a report in OP: the command frames that wait in the board's FIFO. Otherwise `None`.
+    /// For a report in OP: the number of command frames that wait in the board's FIFO. Otherwise `None`.
     pub level: Option<u16>,
     /// For a command in OP: the pause before it, if the motion was not over. Otherwise `None`.
     pub pause: Option<Stretch>,
@@ -63,7 +63,7 @@ pub struct Survey {
     /// For each slave: its target, and when the target changed last.
     targets: [Option<(i32, i64)>; SLAVES],
     gaps: [GapFinder; SLAVES],
-    /// The reports with an empty FIFO since the newest command.
+    /// The number of reports with an empty FIFO since the newest command.
     idle_reports: u32,
     sent_ns: i64,
     pub(super) commands: u64,

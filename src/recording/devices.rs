@@ -75,14 +75,14 @@ impl fmt::Display for CapturedDevice {
 /// its own; the packets of all other devices are counted together in [`Self::other_devices`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skipped {
-    /// Frames that the board did not get, because the host cancelled the transfer or the transfer failed.
+    /// The number of frames that the board did not get, because the host cancelled the transfer or the transfer failed.
     pub taken_back: u64,
-    /// Reads that ended without a report: cancelled, failed or empty. A program that closes its board cancels its
-    /// pending reads, so a few are normal.
+    /// The number of reads that ended without a report: cancelled, failed or empty. A program that closes its board
+    /// cancels its pending reads, so a few are normal.
     pub without_report: u64,
-    /// Interrupt transfers whose length is not that of a frame.
+    /// The number of interrupt transfers whose length is not that of a frame.
     pub other_lengths: u64,
-    /// Packets of control, bulk and isochronous transfers that carry no frame.
+    /// The number of packets of control, bulk and isochronous transfers that carry no frame.
     pub other_transfers: u64,
     /// Packets of other devices: those without frames, those whose descriptor shows that they are no board, and those
     /// that were not selected.

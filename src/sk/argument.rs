@@ -106,7 +106,7 @@ pub struct CycleTime(u32);
 impl CycleTime {
     /// 1000 us, the board's cycle time until SET_DC changes it.
     pub const DEFAULT: Self = Self(1000);
-    /// SK-4 `[OURS]`: no cycle is longer than a second.
+    /// The upper limit of a cycle time, in microseconds. SK-4 `[OURS]`: no cycle is longer than a second.
     const MAX_US: u32 = 1_000_000;
 
     /// The cycle time of `us` microseconds; `None` unless that is 250 * 2^n and at most 1 s.

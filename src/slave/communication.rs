@@ -11,7 +11,7 @@ use crate::ethercat::Ns;
 pub struct SyncManagerSettings {
     /// Start address in the memory of the slave controller.
     pub start: u16,
-    /// Length, bytes.
+    /// The length of the area in the memory of the slave controller, bytes.
     pub length: u16,
     /// The control byte: buffer mode, direction, watchdog.
     pub control: u8,

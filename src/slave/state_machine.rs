@@ -19,11 +19,11 @@ pub struct DeviceFault {
 /// The durations of a drive's transitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TransitionTimes {
-    /// Transition 1, self test: from power-on to Switch on disabled.
+    /// The duration of transition 1, the self test from power-on to Switch on disabled, ns.
     pub self_test_ns: Ns,
-    /// Transition 3: the power stage charges.
+    /// The duration of transition 3, in which the power stage charges, ns.
     pub switch_on_ns: Ns,
-    /// Transition 4: the motor is energised and the brake opens.
+    /// The duration of transition 4, in which the motor is energised and the brake opens, ns.
     pub enable_ns: Ns,
 }
 

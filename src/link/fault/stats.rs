@@ -29,9 +29,9 @@ pub struct FaultStats {
 /// Counters of the calls and faults in one direction.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
-    /// Calls that succeeded.
+    /// The number of calls in this direction that succeeded.
     pub(super) done: AtomicU64,
-    /// Calls that ended with an error.
+    /// The number of calls in this direction that ended with an error.
     pub(super) failed: AtomicU64,
     pub(super) dropped: AtomicU64,
     pub(super) corrupted: AtomicU64,

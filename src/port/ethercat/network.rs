@@ -18,7 +18,7 @@ pub struct Network {
     told: Told,
     /// Log lines that [`Self::take_lines`] has not returned yet.
     lines: Vec<String>,
-    /// The time of the newest frame or of the newest call of [`Self::advance`].
+    /// The time of the newest frame or of the newest call of [`Self::advance`], ns since the slaves were switched on.
     now: Ns,
 }
 

@@ -100,9 +100,9 @@ impl fmt::Display for Why {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Gone {
     pub why: Why,
-    /// Frames that the board has accepted from this host.
+    /// The number of frames that the board has accepted from this host.
     pub frames: u64,
-    /// Reports that this host has fetched.
+    /// The number of reports that this host has fetched.
     pub reports: u64,
     /// Whether the board hung, because the host has sent a short packet.
     pub hung: bool,

@@ -8,9 +8,9 @@ use crate::link::LinkStats;
 /// Counters of a link that rise when this machine is too slow to read every report or to run every cycle in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Lateness {
-    /// Reports that a newer one has replaced before the server read them.
+    /// The number of reports that a newer one has replaced before the server read them.
     reports: u64,
-    /// Cycles that the engine has skipped, because its thread ran too late (NIC-2.4).
+    /// The number of cycles that the engine has skipped, because its thread ran too late (NIC-2.4).
     cycles: u64,
 }
 

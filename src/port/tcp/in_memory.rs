@@ -56,7 +56,7 @@ pub enum ServerMessage {
     Counted {
         /// The number of the request, counted from 1.
         request: u64,
-        /// Reports that were dropped for the client.
+        /// The number of reports that were dropped for the client.
         reports_dropped: u64,
         /// The counters of the board, if its link has them. Otherwise `None`.
         board: Option<Counters>,

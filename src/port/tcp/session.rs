@@ -13,7 +13,8 @@ use crate::tcp::{Inbox, PROOF_LEN};
 
 /// How often a write that waits for the board checks whether its client has cancelled it. \[OURS]
 const WRITE_SLICE: Duration = Duration::from_millis(10);
-/// How far the board's time advances in one step of a request on virtual time. \[OURS]
+/// How far the board's time advances in one step of a request on virtual time, ns: 100 ms. Between two steps the server
+/// can notice that the client has gone. \[OURS]
 const TIME_STEP_NS: u64 = 100_000_000;
 /// The keep-alive times that a client may ask for, ms: the range of the key `keepalive_ms` of its link.
 const KEEPALIVE_RANGE_MS: std::ops::RangeInclusive<u32> = 50..=3_600_000;

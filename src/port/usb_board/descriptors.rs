@@ -72,7 +72,7 @@ pub enum IdentityError {
 /// The most UTF-16 units in a string descriptor: its length is one byte, 255 at most, of which two bytes are the
 /// header, and each unit takes two bytes.
 const TEXT_UNITS_MAX: usize = 126;
-/// Indices of the string descriptors.
+/// The indices of the string descriptors, by which other descriptors refer to them.
 const MANUFACTURER: u8 = 1;
 const NAME: u8 = 2;
 const SERIAL: u8 = 3;

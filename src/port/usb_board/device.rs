@@ -24,19 +24,20 @@ pub struct TooMany;
 /// Counters of a host's transfers since the board was attached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Frames that the board has taken.
+    /// The number of frames that the board has accepted.
     pub frames: u64,
-    /// Reports that the host has received.
+    /// The number of reports that the host has received.
     pub reports: u64,
-    /// Reports that were replaced by a newer one before the host fetched them.
+    /// The number of reports that were replaced by a newer one before the host fetched them.
     pub superseded: u64,
-    /// Reports that were longer than the host's transfer.
+    /// The number of reports that were longer than the host's IN transfer, which then ends with an error.
     pub overflows: u64,
-    /// OUT packets of fewer than 512 bytes: 0 or 1, see [`Device::hangs`].
+    /// The number of OUT packets of fewer than 512 bytes: 0 or 1, since the board hangs after the first one
+    /// ([`Device::hangs`]).
     pub short_packets: u64,
-    /// OUT transfers that the host has unlinked.
+    /// The number of OUT transfers that the host has unlinked before the board has accepted them.
     pub writes_unlinked: u64,
-    /// Control requests that were stalled.
+    /// The number of control requests that were answered with a stall.
     pub refused: u64,
 }
 

@@ -27,10 +27,10 @@ pub mod report {
     pub const OUTPUT: u8 = 2;
 }
 
-/// ENDPOINT_HALT, USB 2.0 table 9-6.
+/// The feature ENDPOINT_HALT of CLEAR_FEATURE and SET_FEATURE (USB 2.0, table 9-6).
 const ENDPOINT_HALT: u16 = 0;
 
-/// bmRequestType: direction, type and recipient.
+/// Values of bmRequestType: the direction, type and recipient of a request.
 const TO_DEVICE: u8 = 0x00;
 const TO_INTERFACE: u8 = 0x01;
 const TO_ENDPOINT: u8 = 0x02;

@@ -97,7 +97,7 @@ pub enum BadRequest {
     /// The head gives a length that no valid message has, so it is unknown where the next message begins.
     #[error("a message of {found} bytes: an exchange has {EXCHANGE_MAX} at most; send more as several exchanges")]
     TooLong {
-        /// The length of the body that the head gives.
+        /// The length of the body that the head gives, in bytes.
         found: usize,
     },
     /// No kind of request has this number.

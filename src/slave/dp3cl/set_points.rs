@@ -33,7 +33,7 @@ pub(super) struct SetPoints {
     /// The set-point that starts when the present motion ends: whether it is relative, and its values. Only used in the
     /// variant `one_deep_buffer` of the drive. `None`: there is none.
     buffered: Option<(bool, SetPointValues)>,
-    /// The target of the newest set-point. Relative set-points are added to it \[OURS].
+    /// The target of the newest set-point, command units. Relative set-points are added to it \[OURS].
     last_target: i64,
     new_bit: bool,
     acknowledged: bool,

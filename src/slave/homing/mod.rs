@@ -57,7 +57,7 @@ pub enum HomingError {
     /// The method needs an input that is not wired.
     #[error("homing method {method} needs the {}, which is not wired; choose another method", .input.name())]
     NotWired {
-        /// The homing method.
+        /// The homing method, a value of 0x6098.
         method: i8,
         /// The input that is not wired.
         input: Input,
@@ -87,7 +87,7 @@ pub enum HomingError {
 pub struct HomePosition {
     /// Home, in counts of the shaft.
     pub at: i64,
-    /// The new position actual value at home.
+    /// The new position actual value at home, counts: the home offset 0x607C.
     pub offset: i32,
 }
 

@@ -140,7 +140,8 @@ pub trait Model: Send + Sized + 'static {
     /// Whether the device supports SDO complete access.
     const COMPLETE_ACCESS: bool = true;
 
-    /// Whether an expired watchdog for outputs is an error in SafeOP too.
+    /// Whether an expired watchdog for outputs is an error in SafeOP too: the device then stays in SafeOP and reports
+    /// AL status code 0x001B. Otherwise only a device in OP reports it.
     const WATCHDOG_IN_SAFEOP: bool = false;
 
     /// Whether the device has the test object [`TEST_MEMORY`].

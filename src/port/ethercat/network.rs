@@ -363,7 +363,7 @@ mod tests {
             wire.send(Command::Apwr, n | u32::from(AL_CONTROL) << 16, &[state, 0]);
             wire.wait(5);
         };
-        // One slave changes its state up and down for two seconds.
+        // For two seconds one slave goes to PreOP and back to Init, again and again.
         for _ in 0..200 {
             request(&mut wire, 0, 2);
             request(&mut wire, 0, 1);

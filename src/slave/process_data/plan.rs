@@ -317,7 +317,7 @@ pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u
 }
 
 /// Defines a power-on RxPDO: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, where `true` means that the PDO is
-/// assigned. Its [`Mover`](super::Mover) is straight-line code, because the compiler knows the objects.
+/// assigned. Its [`Mover`] is straight-line code, because the compiler knows the objects.
 macro_rules! rx_pdo {
     ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
         $crate::slave::process_data::Pdo {

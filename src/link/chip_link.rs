@@ -160,7 +160,8 @@ pub(crate) fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig 
     }
 }
 
-/// The deadline of an answer, as a number of exchanges of the longest packet. \[OURS]
+/// The least time after which an answer of the chip counts as missing, as a number of exchanges of the longest packet.
+/// It matters on a slow SPI clock, where exchanges take long. \[OURS]
 const EXCHANGES_TO_ANSWER: Ns = 10;
 
 /// The default deadlines of the driver. On a slow SPI clock the deadline of an answer is longer:

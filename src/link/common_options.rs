@@ -23,7 +23,7 @@ pub struct CommonOptions {
     pub read_timeout: Option<Duration>,
     /// The time limit of a write while the board does not accept the frame (`write_timeout_ms=`).
     pub write_timeout: Duration,
-    /// Faults to inject (`fault.*`).
+    /// The faults that the link injects into frames (`fault.*`); none by default.
     pub fault: FaultOptions,
 }
 

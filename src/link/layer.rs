@@ -11,7 +11,7 @@ use crate::sk::Frame;
 /// This trait also passes [`Link::vanish`] on to the inner link. With the default of [`Link::vanish`] a layer would
 /// close the inner link instead.
 pub trait Layer: Send + Sync {
-    /// The wrapped link.
+    /// The wrapped link, to which all calls go that the layer does not change.
     fn inner(&self) -> &dyn Link;
 
     /// [`Link::info`] of this layer; by default that of the inner link.

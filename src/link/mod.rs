@@ -113,21 +113,21 @@ pub struct ReadMeta {
 /// Counters of a link since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkStats {
-    /// Command frames written.
+    /// The number of command frames written.
     pub written: u64,
-    /// Reports handed to the program.
+    /// The number of reports handed to the program.
     pub read: u64,
-    /// Reports dropped because the program did not read them in time; the oldest are dropped first.
+    /// The number of reports dropped because the program did not read them in time; the oldest are dropped first.
     pub reports_dropped: u64,
-    /// Writes that ended with an error.
+    /// The number of writes that ended with an error.
     pub write_errors: u64,
-    /// Reads that ended with an error.
+    /// The number of reads that ended with an error.
     pub read_errors: u64,
-    /// Empty or short USB transfers, which are not whole reports and were skipped.
+    /// The number of empty or short USB transfers, which are not whole reports and were skipped.
     pub reports_short: u64,
-    /// USB transfers that failed on the bus and were started again.
+    /// The number of USB transfers that failed on the bus and were started again.
     pub transfers_failed: u64,
-    /// Frames missing from the recording because the file could not be written fast enough or at all.
+    /// The number of frames missing from the recording because the file could not be written fast enough or at all.
     pub record_dropped: u64,
     /// Faults injected by the keys `fault.*`.
     pub faults: fault::FaultStats,

@@ -15,7 +15,7 @@ use crate::xf::host::HostConfig;
 pub const INT0_IDLE_NS: Ns = 100_000;
 /// Idle time after each packet without INT0, in nanoseconds (XF EN 1706).
 pub const IDLE_NS: Ns = HostConfig::DEFAULT.idle_ns;
-/// The tenths of a cycle that the exchanges may take at the lowest recommended clock. \[OURS]
+/// How many tenths of a cycle the exchanges may take at the lowest recommended SPI clock. \[OURS]
 const USED_TENTHS: Ns = 9;
 /// Clocks are rounded up to multiples of this, in Hz.
 const CLOCK_STEP_HZ: u32 = 1000;

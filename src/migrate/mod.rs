@@ -69,9 +69,9 @@ pub struct Place {
 /// An interval of time between two frames, in nanoseconds since the first frame of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
-    /// The time of the first frame in the interval.
+    /// The time of the first frame in the interval, in nanoseconds since the first frame of the run.
     pub from_ns: i64,
-    /// The time of the last frame in the interval.
+    /// The time of the last frame in the interval, in nanoseconds since the first frame of the run.
     pub to_ns: i64,
 }
 

@@ -39,8 +39,8 @@ pub struct Ahead {
 /// The links with which the program opens a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Links {
-    /// The link to the chip on the machine. INT0 at line 24 is an example, and so are the pins of the board's own
-    /// inputs and outputs, if the program uses them.
+    /// The link to the chip on the machine. The line of INT0 (24) is only an example. So are the pins of the board's
+    /// own inputs and outputs, which the link has if the program uses them.
     pub machine: String,
     /// The link to a model of the chip whose simulated slaves are of the same kinds as the recorded ones.
     pub model: String,

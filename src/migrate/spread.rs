@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use super::Place;
 
-/// Width of the bins for durations up to [`FINE_MAX_NS`]. \[OURS]
+/// The width of the histogram's bins for durations up to [`FINE_MAX_NS`], ns. \[OURS]
 const FINE_NS: i64 = 10_000;
-/// The longest duration in a bin of the width [`FINE_NS`]. Longer durations have bins of the width [`COARSE_NS`]. \[OURS]
+/// The longest duration in a bin of the width [`FINE_NS`], ns. Longer durations have bins of the width [`COARSE_NS`].
+/// \[OURS]
 const FINE_MAX_NS: i64 = 1_000_000_000;
 const COARSE_NS: i64 = 100_000_000;
 

@@ -58,7 +58,8 @@ pub struct Start {
     pub recorded: Option<(i64, Place)>,
     /// The estimated time over a chip, in nanoseconds: [`time_to_op_ns`].
     pub chip_ns: i64,
-    /// The value of `state_timeout_ms=` for the links, if a change of state may take longer than the default timeout.
+    /// The value of `state_timeout_ms=` for the links, if a change of state may take longer than the default timeout;
+    /// `None`: the default is enough.
     pub timeout_ms: Option<i64>,
 }
 
@@ -176,7 +177,7 @@ fn beside_process_data_ns(command_ns: i64, cycle_ns: i64) -> i64 {
 /// Measures how long a program's start to OP takes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct WayToOp {
-    /// The requested state, and the time of the first request.
+    /// The requested state, and the time of the first request. `None`: no change of state is in progress.
     asked: Option<(MasterState, i64)>,
     /// The time that earlier changes of state of the same start took, in nanoseconds. What the program does between
     /// them does not count.
@@ -185,7 +186,7 @@ pub(super) struct WayToOp {
 }
 
 impl WayToOp {
-    /// The longest start to OP, in nanoseconds, and the report that showed OP.
+    /// The longest start to OP, in nanoseconds, and the report that showed OP. `None` if no SET_STATE has led to OP.
     pub(super) const fn longest(&self) -> Option<(i64, Place)> {
         self.longest
     }

@@ -28,11 +28,11 @@ const MOVING_CYCLES: i64 = 10;
 /// Values that one frame shows, for a plot over time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
-    /// For a report in OP: the command frames that wait in the board's FIFO.
+    /// For a report in OP: the number of command frames that wait in the board's FIFO. Otherwise `None`.
     pub level: Option<u16>,
-    /// For a command in OP: the pause before it, if the motion was not over.
+    /// For a command in OP: the pause before it, if the motion was not over. Otherwise `None`.
     pub pause: Option<Stretch>,
-    /// For a command in OP: the time for which the FIFO was empty during a motion.
+    /// For a command in OP: the time for which the FIFO was empty during a motion. Otherwise `None`.
     pub gap: Option<Stretch>,
 }
 
@@ -45,16 +45,17 @@ pub struct Survey {
     pub(super) usage: Usage,
     clockwork: Clockwork,
     pub(super) network: Network,
-    /// The network with the most process data per time, of those that have reached SafeOP.
+    /// The network with the most process data per time, of those that have reached SafeOP. `None`: no network has
+    /// reached SafeOP yet.
     pub(super) largest: Option<Network>,
-    /// The interval from the first to the last frame of OP.
+    /// The interval from the first to the last frame of OP. `None`: there was no frame of OP yet.
     pub(super) op: Option<Stretch>,
     state: StateByte,
-    /// The state of the last SET_STATE, until a report shows that it is reached or failed.
+    /// The state of the last SET_STATE, until a report shows that it is reached or failed. Otherwise `None`.
     changing_to: Option<MasterState>,
     pub(super) way: WayToOp,
     full_count: Option<u16>,
-    /// The command frames that waited at the newest report, and the frames written since then.
+    /// The number of command frames that waited in the FIFO at the newest report, and of those written since then.
     waiting: u16,
     sent_since: u16,
     /// For each command code: the time of the newest frame with it, and whether the program wrote it in a closed loop.
@@ -62,7 +63,7 @@ pub struct Survey {
     /// For each slave: its target, and when the target changed last.
     targets: [Option<(i32, i64)>; SLAVES],
     gaps: [GapFinder; SLAVES],
-    /// The reports with an empty FIFO since the newest command.
+    /// The number of reports with an empty FIFO since the newest command.
     idle_reports: u32,
     sent_ns: i64,
     pub(super) commands: u64,
@@ -105,7 +106,7 @@ impl Survey {
         &self.clockwork.timing
     }
 
-    /// Processes the next frame of the run.
+    /// Processes the next frame of the run. Returns the values that the frame shows, for a plot.
     pub fn frame(&mut self, observed: &TimedFrame) -> Seen {
         let place = Place { frame: observed.number, at_ns: observed.at_ns };
         self.last_ns = observed.at_ns;
@@ -222,7 +223,8 @@ impl Survey {
         }
     }
 
-    /// Counts the slaves when the program leaves PreOP, since all of them are declared then.
+    /// Counts the declared slaves of each kind as features. Called when the program leaves PreOP, since all slaves are
+    /// declared then.
     fn leaves_pre_op(&mut self, place: Place) {
         for slave in 1..=SLAVES {
             self.network.kinds[slave - 1] = self.kinds.of(slave);
@@ -274,7 +276,7 @@ impl Survey {
     fn is_closed_loop(&mut self, place: Place, id: CommandId, waiting: u16) -> bool {
         let recent_ns = CLOSED_LOOP_CYCLES * self.cycle_ns();
         let newest = &mut self.newest_uses[usize::from(id.code())];
-        // The slots of one frame count as one use.
+        // The same command in several slots of one frame counts as one use.
         if newest.0 != place.at_ns {
             let is_recent = place.at_ns.saturating_sub(newest.0) <= recent_ns;
             *newest = (place.at_ns, is_recent && waiting <= CLOSED_LOOP_SETS);

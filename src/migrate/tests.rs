@@ -194,7 +194,8 @@ fn a_program_that_gives_up() {
     let op = Subject::State(MasterState::Op);
     let mut run = Run::in_op(2, 1000);
     run.master(MasterCommand::SetState(MasterState::PreOp)).pass(MS).report(StateByte::reached(MasterState::PreOp), 0);
-    // A recording does not show how long the program would wait.
+    // A recording does not show how long the program would wait for OP, so the verdict differs even without any exposed
+    // use.
     let found = item(&run.found(), op);
     assert_eq!((found.verdict, found.count.exposed), (Verdict::Differs(Row::Start), 0));
     run.master(MasterCommand::SetState(MasterState::Op)).pass(500 * MS);

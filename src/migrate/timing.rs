@@ -41,7 +41,8 @@ impl Levels {
         self.0[usize::from(waiting.min(FIFO_ENTRIES))] += 1;
     }
 
-    /// The percentile of the FIFO levels, in command frames; `None` if there were no reports in OP.
+    /// The percentile of the FIFO levels, in command frames; `None` if there were no reports in OP. `per_cent` is 0 to
+    /// 100.
     pub fn percentile(&self, per_cent: u64) -> Option<u16> {
         let total: u64 = self.0.iter().sum();
         let wanted = total.saturating_mul(per_cent.min(100)).div_ceil(100).max(1);
@@ -109,8 +110,8 @@ impl Longest {
         }
     }
 
-    /// The longest stall, if the first `usual_ns` of each pause or silence are normal. A stall of up to half a cycle does
-    /// not count.
+    /// The longest stall, if the first `usual_ns` of each pause or silence are normal. A stall of up to half a cycle
+    /// does not count. `None`: there is no longer one.
     fn stall(&self, usual_ns: i64, cycle_ns: i64, seen_by: SeenBy) -> Option<Stall> {
         let stalls = (0_u16..).zip(&self.0).filter_map(|(sets, longest)| {
             let (ns, ended) = (*longest)?;
@@ -138,10 +139,10 @@ pub struct HostTiming {
     pub repeated_cycles: u64,
     /// The number of gaps: periods of such cycles without a target in between.
     pub gaps: u64,
-    /// The longest gap in nanoseconds, and the frame with the target that ended it.
+    /// The longest gap in nanoseconds, and the frame with the target that ended it. `None`: there was no gap.
     pub longest_gap: Option<(i64, Place)>,
     /// The longest pause within a motion, in nanoseconds, and the frame at its end: targets still waited, or an axis
-    /// had stopped before its target.
+    /// had stopped before its target. `None`: there was no pause within a motion.
     pub longest_pause: Option<(i64, Place)>,
     late_writes: Longest,
     long_silences: Longest,
@@ -150,7 +151,7 @@ pub struct HostTiming {
 impl HostTiming {
     /// The longest stall; `None` if there is no sign of one.
     pub fn stall(&self, cycle_ns: i64) -> Option<Stall> {
-        // One cycle between two reports is normal.
+        // One cycle between two reports is normal, so it does not count as a part of the stall.
         let silence = self.long_silences.stall(cycle_ns, cycle_ns, SeenBy::Silence);
         let usual_ns = self.pauses.percentile(50).unwrap_or(0);
         let late = self.late_writes.stall(usual_ns, cycle_ns, SeenBy::LateWrite);
@@ -164,13 +165,13 @@ impl HostTiming {
 /// A command frame of OP, with the state of the axes when it was written.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Write {
-    /// The command frames in the FIFO at the newest report.
+    /// The number of command frames in the FIFO at the newest report.
     pub(super) waiting: u16,
-    /// The command frames in the FIFO including those written since the newest report and this one.
+    /// The number of command frames in the FIFO, including this one and those written since the newest report.
     pub(super) sets: u16,
     /// Whether an axis was moving when the previous frame was written.
     pub(super) moved: bool,
-    /// The time since which an axis stands before its target because the FIFO is empty.
+    /// The time since which an axis stands before its target because the FIFO is empty. `None`: no axis does.
     pub(super) gap_since_ns: Option<i64>,
 }
 
@@ -178,10 +179,11 @@ pub(super) struct Write {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clockwork {
     pub(super) timing: HostTiming,
-    /// The time of the newest frame in OP, and of the newest command in OP.
+    /// The time of the newest frame in OP, and of the newest command in OP. `None` before the first one since OP was
+    /// entered.
     newest_ns: Option<i64>,
     newest_write_ns: Option<i64>,
-    /// The command frames that waited after the newest frame, and after the newest command.
+    /// The number of command frames that waited in the FIFO after the newest frame, and after the newest command.
     sets: u16,
     sets_written: u16,
 }
@@ -211,7 +213,8 @@ impl Clockwork {
         self.timing.levels.add(waiting);
     }
 
-    /// Processes a command frame in OP. Returns the pause before it, if the motion was not over.
+    /// Processes a command frame in OP. Returns the pause before it, if the motion was not over. Otherwise returns
+    /// `None`.
     pub(super) fn command(&mut self, place: Place, write: Write, cycle_ns: i64) -> Option<Stretch> {
         let Write { waiting, sets, moved, gap_since_ns } = write;
         self.passed(place, sets);

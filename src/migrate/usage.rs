@@ -50,7 +50,8 @@ impl Subject {
         }
     }
 
-    /// The sort key of the feature.
+    /// The sort key of the feature: the place of its group in the list of features, then a number within the group,
+    /// such as a command code or an object address.
     const fn order(self) -> (u8, u64) {
         const fn object(address: ObjectAddress) -> u64 {
             (address.index as u64) << 8 | address.sub as u64

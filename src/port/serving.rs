@@ -35,7 +35,8 @@ pub(super) struct Serving {
 }
 
 impl Serving {
-    /// Starts a thread with this name. Its function has to end when [`Shared::is_stopping`].
+    /// Starts a thread with this name. The function that it runs has to return once [`Shared::is_stopping`] returns
+    /// true. Fails if the system provides no thread.
     pub(super) fn start(
         name: &str,
         shared: Arc<Shared>,
@@ -57,7 +58,7 @@ impl Drop for Serving {
         self.shared.is_stopping.store(true, Ordering::Release);
         self.shared.waker.wake();
         if let Some(thread) = self.thread.take() {
-            // A panic of that thread was printed when it happened.
+            // An error is ignored: it means that the thread has panicked, and that was printed when it happened.
             let _ = thread.join();
         }
         self.teller.end();

@@ -1,5 +1,5 @@
-//! Stopping the axes of whoever has commanded them and has vanished: a server brings them to a standstill, as the native API
-//! does when a program closes it.
+//! Stops the axes of a client or host that has vanished without closing the board. A server brings these axes to a
+//! standstill in the same way as `Ecm::close` of the native API.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +12,8 @@ use crate::sk::{FifoAction, Frame, MasterCommand};
 /// The timeout for writing a frame to a board that makes no reports. \[OURS]
 const CLEAR_WRITE_MAX: Duration = Duration::from_millis(200);
 
-/// A board whose commander `who` has vanished. The server alone uses `link` meanwhile; closing it leaves the board open.
+/// A board whose client or host, `who`, has vanished. Until the axes stand still, only the server uses `link`. Closing
+/// this link leaves the board open.
 pub(super) struct LeftBoard<'a> {
     pub(super) link: Arc<dyn Link>,
     /// Returns the state of the network (slaves, axes, FIFO) that frames and reports up to the newest one have shown.

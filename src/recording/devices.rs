@@ -75,14 +75,14 @@ impl fmt::Display for CapturedDevice {
 /// its own; the packets of all other devices are counted together in [`Self::other_devices`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skipped {
-    /// Frames that the board did not get, because the host cancelled the transfer or the transfer failed.
+    /// The number of frames that the board did not get, because the host cancelled the transfer or the transfer failed.
     pub taken_back: u64,
-    /// Reads that ended without a report: cancelled, failed or empty. A program that closes its board cancels its
-    /// pending reads, so a few are normal.
+    /// The number of reads that ended without a report: cancelled, failed or empty. A program that closes its board
+    /// cancels its pending reads, so a few are normal.
     pub without_report: u64,
-    /// Interrupt transfers whose length is not that of a frame.
+    /// The number of interrupt transfers whose length is not that of a frame.
     pub other_lengths: u64,
-    /// Packets of control, bulk and isochronous transfers that carry no frame.
+    /// The number of packets of control, bulk and isochronous transfers that carry no frame.
     pub other_transfers: u64,
     /// Packets of other devices: those without frames, those whose descriptor shows that they are no board, and those
     /// that were not selected.
@@ -112,8 +112,8 @@ pub(super) struct Devices {
     only: Option<Address>,
 }
 
-/// The capture cut the bytes of a frame off (snap length): `captured` bytes of the `length` bytes of its transfer are
-/// there.
+/// The error that the capture has cut off bytes of a frame (snap length): of the `length` bytes of the transfer it has
+/// only the first `captured`.
 pub(super) struct Cut {
     pub captured: usize,
     pub length: u32,
@@ -148,7 +148,7 @@ impl Devices {
 
     /// Processes a packet of the capture. A frame is added to `pending`. With `waits` a frame to the board stays there
     /// until its transfer has ended, which shows whether the board got it; recordings of this crate have no ends of
-    /// transfers.
+    /// transfers. Fails if the capture has only a part of the bytes of a frame.
     pub fn take(
         &mut self,
         event: &UsbEvent<'_>,

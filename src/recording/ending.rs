@@ -15,7 +15,8 @@ use super::file_formats::ecmrec::section::End;
 use super::lacks::Lacks;
 use super::reader::Recording;
 
-/// The longest block at the end of a file that is read. The last block of a recording has a few hundred bytes. \[OURS]
+/// The maximum length of a file's last block, bytes; a longer block is not read. The last block of a recording has a
+/// few hundred bytes. \[OURS]
 const LONGEST_END: u64 = 64 * 1024;
 /// How many bytes at the beginning of a file are read: more than the blocks before the first frame of a recording have.
 /// \[OURS]
@@ -75,7 +76,7 @@ fn lacks_of_blocks(file: &mut File, length: u64) -> io::Result<Option<Lacks>> {
     }))
 }
 
-/// The length of the block at the beginning of `bytes`.
+/// The length of the block at the beginning of `bytes`. `None`: too few bytes are there for the length.
 fn block_len(bytes: &[u8]) -> Option<usize> {
     let length = bytes.get(4..)?.first_chunk()?;
     usize::try_from(u32::from_le_bytes(*length)).ok().filter(|length| *length >= 12)

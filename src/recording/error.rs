@@ -8,7 +8,7 @@ pub enum RecordError {
     /// The operating system reports an error.
     #[error("{name}: {message}; check the path and who may read it")]
     Io {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
         /// The message of the operating system.
         message: String,
@@ -16,7 +16,7 @@ pub enum RecordError {
     /// The beginning of the file is not that of a capture.
     #[error("{name} is neither a pcapng nor a pcap file; make one with the link key record= or with Wireshark")]
     NotACapture {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
     },
     /// The file ends inside a block.
@@ -24,7 +24,7 @@ pub enum RecordError {
         "{name} ends in the middle of the block at byte {offset}; the frames before it are whole; close the link, or stop the capture, before copying its file"
     )]
     Truncated {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
         /// The offset of the block in the file, bytes.
         offset: u64,
@@ -32,7 +32,7 @@ pub enum RecordError {
     /// A block is malformed.
     #[error("{name} is damaged at byte {offset}: {reason}; the frames before it are whole; record again")]
     Malformed {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
         /// The offset of the block in the file, bytes.
         offset: u64,
@@ -44,7 +44,7 @@ pub enum RecordError {
         "{name} holds no USB traffic (link types 220 and 189 of Linux, 249 of Windows) but {found}; record with record= or capture usbmon or USBPcap"
     )]
     NoUsb {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
         /// The link types in the file.
         found: String,
@@ -55,7 +55,7 @@ pub enum RecordError {
          does Wireshark"
     )]
     OfChip {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
     },
     /// The file is a recording of Ethernet frames.
@@ -64,7 +64,7 @@ pub enum RecordError {
          show them"
     )]
     OfNetwork {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
     },
     /// The file has USB traffic, but none of a board.
@@ -72,7 +72,7 @@ pub enum RecordError {
         "{name} holds no frames of a board (interrupt transfers of 512 bytes) but {found}; capture the bus of the board (16c0:05df) while the program runs"
     )]
     NoBoard {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
         /// The devices in the file.
         found: String,
@@ -80,7 +80,7 @@ pub enum RecordError {
     /// Several devices may be the board.
     #[error("{name} holds {found}, each of which may be the board; choose one with --device {example}")]
     SeveralBoards {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
         /// The devices that may be the board.
         found: String,
@@ -90,7 +90,7 @@ pub enum RecordError {
     /// The selected device has no frames.
     #[error("{name} holds no frames of device {asked} but {found}; name one that has some with --device")]
     NoSuchDevice {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
         /// The address of the selected device.
         asked: Address,
@@ -102,7 +102,7 @@ pub enum RecordError {
         "{name}: the frame at byte {offset} was captured to {captured} of {length} bytes; capture whole packets (snap length 0)"
     )]
     Cut {
-        /// The name of the file.
+        /// The name of the file, for the message.
         name: String,
         /// The offset of the block in the file, bytes.
         offset: u64,

@@ -28,7 +28,7 @@ pub struct Exchanges<R> {
     lacks: Lacks,
     /// Whether the recorder of this crate wrote the current section, and its end has not been read yet.
     unended: bool,
-    /// The time of the first packet in the file, ns.
+    /// The time of the first packet in the file, ns. `None`: no packet was read yet.
     first_ns: Option<u64>,
     ended: bool,
 }
@@ -59,6 +59,7 @@ impl<R: Read> Exchanges<R> {
     }
 
     /// The metadata in the header. If a file has several recordings, these are the metadata of the last packet read.
+    /// `None` if the file has none.
     pub const fn meta(&self) -> Option<&RecordMeta> {
         self.meta.as_ref()
     }

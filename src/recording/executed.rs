@@ -29,12 +29,14 @@ pub struct Executed {
     /// The number of the first command whose fate is known. A loss (FIFO full or CRC error) leaves open which of the
     /// earlier commands the board has refused; a command that clears the FIFO removes the earlier ones.
     known_from: u64,
-    /// The FIFO-full count and the CRC error count of the last report, to notice losses.
+    /// The FIFO-full count and the CRC error count of the last report, to notice losses. `None`: no report has come
+    /// yet.
     losses: Option<(u16, u8)>,
     /// The last report: its time in nanoseconds, the number of commands executed by then, and the number that waited in
-    /// the FIFO.
+    /// the FIFO. `None`: no report has come since OP began.
     previous: Option<(i64, u64, u64)>,
     /// The last report whose result is certain: its time in nanoseconds, and the number of commands executed by then.
+    /// `None`: no result was certain yet.
     last_certain: Option<(i64, u64)>,
 }
 
@@ -98,8 +100,9 @@ impl Executed {
         waited < cycles || executed.checked_sub(executed_then) == Some(cycles)
     }
 
-    /// Whether one command was executed in each cycle since the last report with a certain result. If so, this report
-    /// is certain, too: only the reports between them were in flight at the same time as commands.
+    /// Whether one command was executed in each cycle since the last report with a certain result. If so, the result of
+    /// this report is certain, too. The results of the reports between the two did not fit only because commands were
+    /// in flight when the board made those reports.
     fn matches_last_certain(&self, (then_ns, executed_then): (i64, u64), at_ns: i64, executed: u64) -> bool {
         executed.checked_sub(executed_then) == Some(self.cycles(then_ns, at_ns))
     }

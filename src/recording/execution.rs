@@ -31,18 +31,18 @@ pub struct Entry {
 /// What a report shows about the execution of commands.
 #[derive(Debug, PartialEq)]
 pub enum ExecutionReport {
-    /// All command frames that were executed since the last report that showed it. If `idle_since_ns` is set, the FIFO was
-    /// empty before the first of them.
+    /// All command frames that are known to be executed since the last report with this result. If `idle_since_ns` is
+    /// set, the FIFO was empty before the first of them.
     Executed {
         /// The command frames, in the order of their execution.
         entries: Vec<Entry>,
         /// The time of the first cycle that found the FIFO empty, in nanoseconds; `None` if no cycle did.
         idle_since_ns: Option<i64>,
     },
-    /// Nothing yet; a later report will show it (see [`LastExecuted::Ambiguous`]).
+    /// It is not yet known which commands were executed; a later report will show it (see [`LastExecuted::Ambiguous`]).
     Later,
-    /// Nothing, because earlier commands were lost or the FIFO was cleared. This ends with the report that shows the
-    /// execution of a command sent later.
+    /// It cannot be known which commands were executed, because earlier ones were lost or the FIFO was cleared. This
+    /// ends with the report that shows the execution of a command sent later.
     Unknown,
 }
 
@@ -51,9 +51,10 @@ pub enum ExecutionReport {
 pub struct Execution {
     cycle_ns: i64,
     executed: Executed,
-    /// The commands that may not be executed yet, with the times at which they were sent, oldest first.
+    /// The commands that perhaps still wait for their execution, with the times at which they were sent, oldest first.
     sent: VecDeque<(i64, Orders)>,
-    /// The time of the last report that showed what was executed, and whether commands waited in the FIFO then.
+    /// The time of the last report that showed what was executed, and whether commands waited in the FIFO then. `None`:
+    /// there was none yet, or commands were lost since then.
     before: Option<(i64, bool)>,
 }
 
@@ -72,7 +73,7 @@ impl Execution {
         self.executed.command(clears);
     }
 
-    /// Adds a report in OP.
+    /// Adds a report in OP. Returns which commands the board has executed, as far as the report shows it.
     pub fn report(&mut self, at_ns: i64, board: &MasterResponse) -> ExecutionReport {
         let waits = board.fifo_free < FIFO_ENTRIES;
         let last = match self.executed.report(at_ns, board) {

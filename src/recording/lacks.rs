@@ -22,7 +22,7 @@ pub struct Lost {
 /// The stretches of a recording that cannot be read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Damage {
-    /// The number of stretches.
+    /// The number of stretches that cannot be read, also those that [`Self::first`] does not list.
     pub count: u64,
     /// The sum of all stretches: their bytes and frames, from the earliest to the latest time.
     pub whole: Lost,
@@ -64,7 +64,7 @@ impl Damage {
     }
 }
 
-/// Writes one line, without the name of the file.
+/// Writes one line for messages, which name the file themselves.
 impl fmt::Display for Damage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let named = self.first.iter().take(Self::NAMED).map(|lost| self.stretch(lost));
@@ -86,7 +86,7 @@ pub struct Lacks {
     pub not_ended: u64,
     /// The number of frames that passed the link and are not in the recording.
     pub missing: u64,
-    /// Why frames are missing, as the recorder has noted it in the file.
+    /// Why frames are missing, as the recorder has noted it in the file. `None`: the file gives no reason.
     pub why: Option<String>,
     /// The damaged parts of a recording in blocks (`.ecmrec`), which the reader skips. Reading other formats ends with
     /// an error at the first damage.
@@ -108,7 +108,7 @@ impl Lacks {
     }
 }
 
-/// Writes one line, without the name of the file.
+/// Writes one line for messages, which name the file themselves.
 impl fmt::Display for Lacks {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.damage.count > 0 {

@@ -40,7 +40,7 @@ pub struct RecordMeta {
     /// The link's time at which the board was opened, ns. Times in warnings and scripts count from it. `None` if the
     /// recording does not have it.
     pub opened_ns: Option<u64>,
-    /// The link's URI in normal form.
+    /// The link's URI in normal form: keys in a fixed order, keys with their default values left out.
     pub link: String,
 }
 

@@ -26,14 +26,14 @@ impl<T> Default for InOrder<T> {
 
 impl<T> InOrder<T> {
     /// Adds the next frame of the file and its time in nanoseconds. Returns the earliest buffered frame once more than
-    /// 1024 are buffered.
+    /// 1024 are buffered. Otherwise returns `None`.
     pub fn push(&mut self, at_ns: i64, frame: T) -> Option<T> {
         self.held.insert((at_ns, self.pushed), Box::new(frame));
         self.pushed += 1;
         if self.held.len() > WINDOW { self.pop() } else { None }
     }
 
-    /// Removes the earliest buffered frame.
+    /// Removes the earliest buffered frame. Call this at the end of the file until the result is `None`.
     pub fn pop(&mut self) -> Option<T> {
         self.held.pop_first().map(|(_, frame)| *frame)
     }
@@ -48,7 +48,7 @@ mod tests {
     fn frames_are_sorted_by_time_and_then_as_they_came() {
         let mut order = InOrder::default();
         let mut sorted = Vec::new();
-        // Each block of 16 times is in reverse order, and each time occurs twice.
+        // The test data: the times are in reverse order within each block of 16 times, and each time occurs twice.
         let times = (0..5000_i64).map(|n| n / 32 * 16 + 15 - n / 2 % 16);
         for (number, at_ns) in times.enumerate() {
             sorted.extend(order.push(at_ns, (at_ns, number)));

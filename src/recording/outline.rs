@@ -1,4 +1,5 @@
-//! What is in a recording in blocks, by its index, without reading its frames.
+//! Lists what is in a recording in blocks (`.ecmrec`): frames, times, recordings, blocks. It reads the index and not
+//! the frames.
 
 use std::io;
 use std::path::Path;
@@ -8,7 +9,7 @@ use super::file_formats::ecmrec::index::Index;
 /// What is in a recording in blocks (`.ecmrec`).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outline {
-    /// The number of frames.
+    /// The number of frames in all recordings of the file.
     pub frames: u64,
     /// The times of the earliest and the latest frame, in the file, ns; `None` without frames.
     pub times_ns: Option<(u64, u64)>,

@@ -25,7 +25,7 @@ pub(super) struct PendingFrames {
 struct Waiting {
     /// The frame; `None` if its transfer was cancelled.
     frame: Option<Recorded>,
-    /// The id of the transfer whose end the frame waits for.
+    /// The id of the transfer whose end the frame waits for. `None`: the frame waits for none.
     until: Option<u64>,
 }
 

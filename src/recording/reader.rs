@@ -231,6 +231,10 @@ impl<R: Read> Iterator for Recording<R> {
 /// Finds the board in a capture: the device that looks most like a board, by its frames, and by its descriptor if the
 /// capture has it. `None` if the file is a recording of this crate: that has only one board, and only its beginning is
 /// read. A damaged capture is searched up to the damaged block.
+///
+/// # Errors
+/// [`RecordError::NoBoard`]: no device looks like a board. [`RecordError::SeveralBoards`]: several devices look equally
+/// like a board. Any other [`RecordError`]: the file cannot be read or is no capture.
 pub fn board_in(path: &Path) -> Result<Option<Address>, RecordError> {
     board_of(Recording::open(path)?)
 }

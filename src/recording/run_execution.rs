@@ -72,7 +72,7 @@ impl RunExecution {
         self.kinds.of(slave)
     }
 
-    /// The cycle time in nanoseconds.
+    /// The cycle time that the last SET_DC has set, or else the default of 1 ms, in nanoseconds.
     pub const fn cycle_ns(&self) -> i64 {
         self.cycle_ns
     }

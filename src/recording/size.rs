@@ -64,7 +64,7 @@ impl SizeFinder {
     }
 }
 
-/// The size that a frame shows by its length, its CRC or its slots.
+/// The size that a frame shows by its length, its CRC or its slots; `None` if these fit both sizes or neither.
 fn own_size(frame: &Frame, len: usize) -> Option<SlotSize> {
     if len < SlotSize::Bytes16.frame_len() {
         return Some(SlotSize::Bytes12);

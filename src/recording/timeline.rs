@@ -10,8 +10,9 @@ pub const LONGEST_SILENCE_NS: i64 = 3_600_000_000_000;
 const SILENCE_IN_ALL_NS: i64 = 25 * LONGEST_SILENCE_NS;
 /// A time between two frames up to this is no silence: it is always kept; ns.
 const SHORT_SILENCE_NS: i64 = 1_000_000_000;
-/// How much earlier than the previous frame a frame's time may be: a report may be read late by as many cycles as the
-/// host buffers. \[OURS]
+/// How much earlier than the previous frame a frame's time may be without counting as a jump of the clock, ns. A report
+/// has the time at which it was made, but the host may read it late, after commands that it wrote later. 5 s are enough
+/// for 31 buffered reports in cycles of up to 128 ms. \[OURS]
 const LATE_MAX_NS: i64 = 5_000_000_000;
 
 /// The jumps of a recording's clock.
@@ -43,11 +44,11 @@ impl std::fmt::Display for Jumps {
 /// counts as passed. A silence counts as an hour at most, and all silences together as 25 hours.
 #[derive(Debug)]
 pub struct Timeline<T> {
-    /// The time and the frame read last. It is held back until the following frame is read, because only that one shows whether
-    /// this time is an outlier.
+    /// The time and the frame read last. It is held back until the following frame is read, because only that one shows
+    /// whether this time is an outlier. `None`: no frame was read yet.
     held: Option<(u64, T)>,
     /// The latest time of the recording's clock, ns, and the offset that turns a time of this clock into the time since
-    /// the first frame, ns.
+    /// the first frame, ns. `None` before the first frame.
     clock: Option<(i128, i128)>,
     latest_ns: i64,
     silence_left_ns: i64,
@@ -62,13 +63,13 @@ impl<T> Default for Timeline<T> {
 
 impl<T> Timeline<T> {
     /// Adds the next frame of the file with its time in nanoseconds. Returns the frame before it, with its time since
-    /// the first frame in nanoseconds.
+    /// the first frame in nanoseconds. `None` after the first frame.
     pub fn push(&mut self, at_ns: u64, frame: T) -> Option<(i64, T)> {
         let (before_ns, before) = self.held.replace((at_ns, frame))?;
         Some((self.place(before_ns, Some(at_ns)), before))
     }
 
-    /// Removes the last frame, with its time since the first frame in nanoseconds.
+    /// Removes the last frame, with its time since the first frame in nanoseconds. `None`: no frame is left.
     pub fn pop(&mut self) -> Option<(i64, T)> {
         let (at_ns, frame) = self.held.take()?;
         Some((self.place(at_ns, None), frame))

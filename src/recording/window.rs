@@ -9,8 +9,9 @@ use super::file_formats::ecmrec::header::{HEADER_LEN, Header};
 use super::file_formats::ecmrec::index::{BlockAt, Index};
 use super::timeline::LONGEST_SILENCE_NS;
 
-/// Of the blocks with commands for the board itself, the number of first ones and of last ones that are read. \[OURS] A
-/// program that configures a board and runs needs a few.
+/// The number of blocks with commands for the board itself that are read from the beginning of the recording, and from
+/// its end as well; further ones between them are left out. \[OURS] A program that configures the board and then runs
+/// makes only a few such blocks.
 const ORDERS_MAX: usize = 64;
 
 /// The part of a recording that is needed to understand the frames in a stretch of time, as a source of bytes.
@@ -19,7 +20,7 @@ const ORDERS_MAX: usize = 64;
 /// state of the network), and the blocks of the stretch. Read it as a [`Recording`](super::Recording).
 pub struct WindowOf {
     file: File,
-    /// What is left to read: offset and length.
+    /// The ranges of the file that are left to read: offset and length, bytes.
     parts: VecDeque<(u64, u64)>,
     frames: u64,
 }
@@ -27,7 +28,11 @@ pub struct WindowOf {
 impl WindowOf {
     /// Opens the part of a recording for the stretch from `from_ns` to `to_ns`, both included, ns since the first frame
     /// of the recording. `None` if this part is the whole file, or cannot be found without reading all frames: the file
-    /// has another format, or the clock was set during the recording.
+    /// has another format than `.ecmrec`, or the clock was set during the recording, so that the times of its blocks do
+    /// not rise evenly.
+    ///
+    /// # Errors
+    /// The file cannot be read, or a block that the part needs is damaged.
     pub fn open(path: &Path, from_ns: i64, to_ns: i64) -> io::Result<Option<Self>> {
         let Some((mut file, index)) = Index::open(path)? else { return Ok(None) };
         let Some(first) = index.blocks.first().filter(|_| is_even(&index.blocks)) else { return Ok(None) };

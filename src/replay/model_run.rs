@@ -9,8 +9,9 @@ use crate::engine::Board;
 use crate::link::Dir;
 use crate::sk::Frame;
 
-/// If a recorded model ran longer than this before its first frame, the model of the replay does not run for as long
-/// first: the offset between the clocks is then chosen from the cycles alone. \[OURS]
+/// The longest time, ns, for which the model of the replay runs before the first frame, so that its clock then shows
+/// the same time as that of the recorded model did. If the recorded model ran for longer before its first frame, the
+/// offset between the two clocks is chosen from the cycles alone. \[OURS]
 const RUN_BEFORE_MAX_NS: i64 = 60_000_000_000;
 /// How long after a cycle a recorded model may have made the report of that cycle. \[OURS]
 const LATE_MAX_NS: u64 = 1_000_000_000;

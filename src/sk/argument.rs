@@ -25,7 +25,8 @@ pub enum Argument {
 /// The target of one axis and, for a pulse module (HSP), its digital outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AxisTarget {
-    /// CSP: the absolute target position in counts. CSV: the target velocity in counts/s, as the drive scales it.
+    /// CSP: the absolute target position in counts. CSV: the target velocity, object 0x60FF, in the velocity unit of
+    /// the drive: counts/s unless the drive scales it.
     pub target: i32,
     /// Digital outputs of an HSP, bit k is output k; a drive ignores them.
     pub outputs: u16,
@@ -105,7 +106,7 @@ pub struct CycleTime(u32);
 impl CycleTime {
     /// 1000 us, the board's cycle time until SET_DC changes it.
     pub const DEFAULT: Self = Self(1000);
-    /// SK-4 `[OURS]`: no cycle is longer than a second.
+    /// The upper limit of a cycle time, in microseconds. SK-4 `[OURS]`: no cycle is longer than a second.
     const MAX_US: u32 = 1_000_000;
 
     /// The cycle time of `us` microseconds; `None` unless that is 250 * 2^n and at most 1 s.
@@ -179,10 +180,10 @@ impl fmt::Display for TorquePercent {
 /// The argument of a command that the guides do not allow. The modelled board rejects such a command with this reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum InvalidArgument {
-    /// SET_STATE: Data1 is not 1, 2, 4 or 8.
+    /// SET_STATE: Data1, the requested state, is not 1 (Init), 2 (PreOP), 4 (SafeOP) or 8 (OP).
     State(u32),
-    /// SET_AXIS: the group of eight slaves, which is the low byte of Parm, is above 4: with groups 0 to 4 all 40 slaves are
-    /// declared.
+    /// SET_AXIS: byte 2 of the slot, the number of the group of eight slaves, is above 4. The groups 0 to 4 have all 40
+    /// slaves.
     Group(u8),
     /// SET_AXIS: the nibble of this slave is 4..=14, which stands for no kind.
     Kind {
@@ -191,14 +192,14 @@ pub enum InvalidArgument {
         /// The value of the nibble, 4..=14.
         nibble: u8,
     },
-    /// SET_DC: Data1 is not 250 us * 2^n or more than 1 s.
+    /// SET_DC: Data1, the cycle time in microseconds, is not 250 us * 2^n, or is more than 1 s.
     CycleTime(u32),
-    /// SET_FIFO: the action, which is the low byte of Parm, is neither 1 (clear) nor 2 (set the threshold).
+    /// SET_FIFO: byte 2 of the slot, the action ([`FifoAction`]), is neither 1 nor 2.
     FifoAction(u8),
     /// SET_FIFO 2 with Data1 = 0: the FIFO starts once fewer entries than Data1 are free, so with 0 it would never
     /// start.
     ZeroThreshold,
-    /// DRIVE_MODE: Data1 is not 8, 9 or 10.
+    /// DRIVE_MODE: Data1, the mode of operation, is not 8 (CSP), 9 (CSV) or 10 (CST).
     DriveMode(u32),
     /// SDO_RD, SDO_WR: the slave number is 0, or above 40 (30 in 16-byte mode).
     SdoSlave(u16),

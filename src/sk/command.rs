@@ -41,7 +41,7 @@ pub enum MasterCommand {
     SetState(MasterState),
     /// Declare the kinds of eight slaves: slave `group * 8 + k + 1` is `kinds[k]`.
     SetAxis {
-        /// Byte 2: which eight slaves, 0..=4.
+        /// Byte 2 of the slot: the number of the group of eight slaves, 0..=4.
         group: u8,
         /// The kinds of the eight slaves. Kinds of slaves for which the board has no slot are ignored.
         kinds: [SlaveKind; 8],
@@ -72,7 +72,7 @@ pub enum MasterCommand {
     Other(RawSlot),
 }
 
-/// SK-8: the board itself has six digital outputs.
+/// The bits of LIO_WR that have an output: the board itself has six digital outputs (SK-8).
 const LOCAL_OUTPUTS_MASK: u32 = 0x3F;
 
 impl MasterCommand {
@@ -164,7 +164,7 @@ impl MasterCommand {
         }
     }
 
-    /// The command's id.
+    /// The command's id, byte 0 of its slot.
     pub const fn id(&self) -> CommandId {
         match self {
             Self::GetStatus => CommandId::GetStatus,

@@ -101,13 +101,13 @@ macro_rules! command_ids {
             /// The 22 commands in the order of their codes.
             pub const ALL: [Self; [$($code),*].len()] = [$(Self::$name,)*];
 
-            /// The id with this code.
+            /// The command with this code on the wire; [`CommandId::Unknown`] if no guide lists the code.
             #[inline]
             pub const fn from_code(code: u8) -> Self {
                 BY_CODE[code as usize]
             }
 
-            /// The code on the wire.
+            /// The code of the command on the wire: byte 0 of its slot.
             #[inline]
             pub const fn code(self) -> u8 {
                 match self {

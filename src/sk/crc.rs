@@ -42,7 +42,7 @@ pub enum CrcPolicy {
 /// The error that byte 3 of a frame is not its CRC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CrcError {
-    /// The CRC over the frame's bytes.
+    /// The CRC that was calculated over the frame, with byte 3 taken as 0.
     pub expected: u8,
     /// The value of byte 3.
     pub found: u8,
@@ -64,7 +64,7 @@ pub enum CrcStatus {
     Right(u8),
     /// Byte 3 is 0 and the frame's CRC is not: most likely the sender does not fill in a CRC.
     Absent {
-        /// The CRC over the frame's bytes.
+        /// The CRC that was calculated over the frame, with byte 3 taken as 0.
         expected: u8,
     },
     /// Byte 3 is neither 0 nor the frame's CRC.

@@ -10,7 +10,7 @@ use super::{
 };
 
 impl SlotSize {
-    /// The slot size that is not this one.
+    /// The other of the two slot sizes.
     pub const fn other(self) -> Self {
         match self {
             Self::Bytes12 => Self::Bytes16,

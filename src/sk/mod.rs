@@ -62,5 +62,5 @@ pub use state::{MasterState, StateByte};
 
 /// The board's vendor and product id on USB (SK-9). Many hobby devices use the same ids.
 pub const BOARD_IDS: (u16, u16) = (0x16C0, 0x05DF);
-/// Byte 0 of slot 0 of every response in OP: "master cyclic response" (UG17 2.1.1).
+/// Byte 0 of slot 0 of every response in OP: "master cyclic response", whatever the command was (UG17 2.1.1).
 pub const MASTER_CYCLIC: u8 = 0xBF;

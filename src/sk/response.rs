@@ -39,9 +39,9 @@ pub struct MasterResponse {
     /// Byte 1, the error code. With firmware 1.7 it counts command frames with a wrong CRC and wraps, so only a change
     /// of it shows errors on the wire. With firmware 1.5 it is a reject code whose values are not published.
     pub error: u8,
-    /// Byte 2: the current state.
+    /// Byte 2: the current state of the network, or a failure.
     pub state: StateByte,
-    /// Bytes 4..7: the result of the last command for the board itself.
+    /// Bytes 4..7: the result of the last command for the board itself. Its meaning depends on the command.
     pub result: u32,
     /// Bytes 8..9: in OP the number of free entries of the command FIFO, 0..=160.
     pub fifo_free: u16,
@@ -87,7 +87,7 @@ pub struct SlaveResponse {
 /// The slot of a servo drive or a stepper in a response (UG17 2.1.15).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DriveResponse {
-    /// Bytes 0..1: the id and the index.
+    /// Bytes 0..1: the id of the last command executed for the slave, and its index (firmware 1.7).
     pub head: SlaveResponse,
     /// Bytes 2..3: the statusword, object 0x6041.
     pub statusword: Statusword,
@@ -127,7 +127,7 @@ impl DriveResponse {
 /// The slot of an IO slave in a response (UG17 2.1.13).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct IoResponse {
-    /// Bytes 0..1: the id and the index.
+    /// Bytes 0..1: the id of the last command executed for the slave, and its index (firmware 1.7).
     pub head: SlaveResponse,
     /// Bytes 4..5: the inputs, or the outputs in the answer to IO_WR. Bit k is input (output) k.
     pub bits: u16,
@@ -157,7 +157,7 @@ pub struct HspAxis {
 /// The slot of an HSP in a response (UG17 2.1.15, tables 2.15 and 2.16).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HspResponse {
-    /// Bytes 0..1: the id and the index.
+    /// Bytes 0..1: the id of the last command executed for the slave, and its index (firmware 1.7).
     pub head: SlaveResponse,
     /// Bytes 2..3: the statusword of axis 1. The slot does not contain the statusword of axis 2.
     pub statusword: Statusword,

@@ -108,15 +108,15 @@ pub struct TwoChannelSlot {
     pub id: u8,
     /// Byte 1: the command index or, with firmware 1.5, the mode of operation.
     pub index: u8,
-    /// Bytes 2..3: in a response the statusword of axis 1.
+    /// Bytes 2..3: in a response the statusword of axis 1, in a command unused.
     pub parm: U16Le,
-    /// Bytes 4..7: target or position of axis 1.
+    /// Bytes 4..7: axis 1: its target in a command, its actual position in a response.
     pub counts1: I32Le,
-    /// Bytes 8..9: outputs or inputs of axis 1.
+    /// Bytes 8..9: axis 1: its digital outputs in a command, its digital inputs in a response.
     pub bits1: U16Le,
-    /// Bytes 10..13: target or position of axis 2 (unaligned).
+    /// Bytes 10..13 (unaligned): axis 2: its target in a command, its actual position in a response.
     pub counts2: I32Le,
-    /// Bytes 14..15: outputs or inputs of axis 2.
+    /// Bytes 14..15: axis 2: its digital outputs in a command, its digital inputs in a response.
     pub bits2: U16Le,
 }
 
@@ -145,12 +145,12 @@ pub struct RawSlot {
     pub id: u8,
     /// Byte 1: in a command the command index, in a response the index, the mode or an error code.
     pub index: u8,
-    /// Bytes 2..3: Parm.
+    /// Bytes 2..3: Parm, whose meaning depends on the command.
     #[doc(alias = "Pram")]
     pub parm: u16,
-    /// Bytes 4..7: Data1.
+    /// Bytes 4..7: Data1, whose meaning depends on the command.
     pub data1: u32,
-    /// Bytes 8..11: Data2.
+    /// Bytes 8..11: Data2, whose meaning depends on the command.
     pub data2: u32,
     /// Bytes 12..15: Data3, 0 in 12-byte mode.
     pub data3: u32,

@@ -315,7 +315,7 @@ impl Axis {
         self.motion == Motion::Follow
     }
 
-    /// The present targets.
+    /// The present targets of the cyclic modes.
     pub const fn targets(&self) -> &Targets {
         &self.targets
     }

@@ -192,7 +192,8 @@ impl AxisSlots {
         }
     }
 
-    /// The axis settings from the stored values. Position limits and the monitoring of the following error are off.
+    /// The axis settings from the stored values. Position limits and the monitoring of the following error are off; a
+    /// kind of device that has their objects sets them itself.
     pub(super) fn settings(&self, values: &Values) -> Settings {
         Settings {
             following_window: NO_FOLLOWING_WINDOW,

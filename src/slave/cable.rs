@@ -26,12 +26,12 @@ type Bits = [u64; 4];
 /// The scripted responses of one slave to changes of state and SDOs.
 #[derive(Clone, Copy, Default)]
 struct ScriptedAnswers {
-    /// An AL state that the slave refuses, with the AL status code of the refusal.
+    /// An AL state that the slave refuses, with the AL status code of the refusal. `None`: it refuses none.
     refuse: Option<(AlState, AlStatus)>,
     sdo_delay_ns: Ns,
     /// The abort code with which the slave aborts every SDO transfer; `None`: no script demands aborts.
     sdo_abort: Option<AbortCode>,
-    /// An object whose SDO transfers are aborted, with the abort code.
+    /// An object whose SDO transfers are aborted, with the abort code. `None`: there is no such object.
     object_abort: Option<(ObjectAddress, AbortCode)>,
 }
 
@@ -45,7 +45,7 @@ pub struct Noise {
 }
 
 struct Shared {
-    /// The number of slaves in front of the cut.
+    /// The number of slaves in front of the cut; `u8::MAX`: the cable is not cut.
     reach: AtomicU8,
     /// The present [`Noise`]: `slave` in the upper 16 bits, `one_of` in the lower 16 bits; 0 if no frames are damaged.
     noise: AtomicU32,

@@ -11,7 +11,7 @@ use crate::ethercat::Ns;
 pub struct SyncManagerSettings {
     /// Start address in the memory of the slave controller.
     pub start: u16,
-    /// Length, bytes.
+    /// The length of the area in the memory of the slave controller, bytes.
     pub length: u16,
     /// The control byte: buffer mode, direction, watchdog.
     pub control: u8,
@@ -69,7 +69,7 @@ pub struct Communication {
     pub sync_managers: [SyncManagerSettings; 4],
     /// The watchdog time for outputs, from registers 0x0400 and 0x0420, ns; `None`: the watchdog is off.
     pub watchdog_ns: Option<Ns>,
-    /// Activation of the sync unit, register 0x0981.
+    /// The activation of the sync unit, register 0x0981: bit 0 activates the unit, bit 1 switches SYNC0 on.
     pub dc_activation: u8,
     /// The cycle of SYNC0, register 0x09A0, ns.
     pub sync0_cycle_ns: u32,

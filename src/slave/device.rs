@@ -109,7 +109,7 @@ impl<M: Model> Base<M> {
         M::TEST_MEMORY
     }
 
-    /// The content of the test object.
+    /// The content of the test object [`TEST_MEMORY`].
     const fn test_memory(&self) -> &[u8] {
         self.test_memory.as_slice()
     }
@@ -140,32 +140,35 @@ pub trait Model: Send + Sized + 'static {
     /// Whether the device supports SDO complete access.
     const COMPLETE_ACCESS: bool = true;
 
-    /// Whether an expired watchdog for outputs is an error in SafeOP too.
+    /// Whether an expired watchdog for outputs is an error in SafeOP too: the device then stays in SafeOP and reports
+    /// AL status code 0x001B. Otherwise only a device in OP reports it.
     const WATCHDOG_IN_SAFEOP: bool = false;
 
     /// Whether the device has the test object [`TEST_MEMORY`].
     const TEST_MEMORY: bool = true;
 
-    /// The name of the factory firmware; `None`: the device has neither files nor bootstrap.
+    /// The content of the firmware file at the factory, as text; `None`: the device has neither files nor bootstrap.
     const FIRMWARE: Option<&'static str> = None;
 
     /// The object dictionary in ascending order of address, beginning with [`identity`]. Apply
     /// [`check`](super::dictionary::check) to it in a constant.
     fn objects() -> &'static [Object<Self>];
 
-    /// The PDOs that the device can have at power-on.
+    /// All PDOs that devices of this kind have at power-on. A single device may have only some of them, by its
+    /// configuration.
     fn pdos() -> &'static [Pdo<Self>];
 
-    /// PDOs that masters often map from the objects of this kind, whatever the PDO's index. A cycle transfers them as fast
-    /// as those of power-on.
+    /// The entries of PDOs that masters often map on devices of this kind; the index of such a PDO does not matter. For
+    /// a PDO with these entries, as for one of power-on, a cycle calls one function that copies the whole PDO, which is
+    /// faster than copying object by object.
     fn often_mapped() -> &'static [Pdo<Self>] {
         &[]
     }
 
-    /// The common part of the device.
+    /// The part of the device that all kinds have in common: AL state, mapping, stored values.
     fn base(&self) -> &Base<Self>;
 
-    /// The common part of the device, mutable.
+    /// The part of the device that all kinds have in common, mutable.
     fn base_mut(&mut self) -> &mut Base<Self>;
 
     /// The axes of the device.
@@ -259,7 +262,7 @@ pub trait Model: Send + Sized + 'static {
     }
 
     /// The time after SafeOP that the device waits for the first SYNC0 pulse, ns, see
-    /// [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns).
+    /// [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns). `None`: it has no such limit.
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
     }
@@ -280,7 +283,7 @@ pub trait Model: Send + Sized + 'static {
         let _ = tell;
     }
 
-    /// Reports that process data have been exchanged.
+    /// Called after each exchange of process data. By default nothing is done.
     #[inline]
     fn note_exchange(&mut self) {}
 
@@ -295,7 +298,8 @@ pub trait Model: Send + Sized + 'static {
         error_name(code)
     }
 
-    /// Power-cycles the device: the AL state is Init afterwards.
+    /// Resets the parts of the device that a power cycle resets. The caller has already brought the device to Init. By
+    /// default nothing else is reset.
     fn restart(&mut self) {}
 
     /// Advances the axes by `dt_ns`.
@@ -304,7 +308,8 @@ pub trait Model: Send + Sized + 'static {
         self.axes_mut().iter_mut().for_each(|axis| axis.step(dt_ns));
     }
 
-    /// The first half of [`Self::step_axes`] by `dt_ns`, see [`Slave::begin_step`](super::Slave::begin_step).
+    /// The first half of [`Self::step_axes`] by `dt_ns`, see [`Slave::begin_step`](super::Slave::begin_step). Returns
+    /// the motor that the caller has to run; `None`: no motor is left to run.
     #[inline]
     fn begin_axes(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         match self.axes_mut() {
@@ -316,7 +321,8 @@ pub trait Model: Send + Sized + 'static {
         }
     }
 
-    /// Starts or ends a fault in the device, see [`Slave::apply_fault`](super::Slave::apply_fault).
+    /// Starts or ends a fault in the device, see [`Slave::apply_fault`](super::Slave::apply_fault). Returns false if
+    /// the device has no such axis or channel.
     fn apply_fault(&mut self, fault: Fault) -> bool {
         apply_fault(self, fault)
     }

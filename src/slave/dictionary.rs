@@ -62,10 +62,10 @@ pub trait Device: Sized + 'static {
     /// The table of objects, ascending by address. Apply [`check`] to it in a constant.
     fn objects() -> &'static [Object<Self>];
 
-    /// The stored values.
+    /// The stored values of the device's objects, for uploads.
     fn values(&self) -> &Values;
 
-    /// The stored values, mutable for downloads.
+    /// The stored values of the device's objects, mutable for downloads.
     fn values_mut(&mut self) -> &mut Values;
 
     /// The AL state, which decides whether some objects can be written.
@@ -176,7 +176,7 @@ pub(super) struct Place {
     pub(super) cell: usize,
 }
 
-/// The location of the sub-index with an address.
+/// Finds a sub-index by its address: its row in the table, and its cell in [`Values`]. The error is the abort code.
 pub(super) fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<Place, AbortCode> {
     let (row, offset) = find_row(device, at)?;
     Ok(Place { row, cell: cell_of::<D>(row, offset) })

@@ -45,7 +45,7 @@ pub struct HspConfig {
     pub channels: Channels,
     /// The position of each channel at power-on, pulses.
     pub positions: [i64; AXES_MAX],
-    /// The pulse generator of every channel.
+    /// The configuration of the pulse generator, the same for every channel.
     pub train: PulseTrain,
     /// The durations of the transitions of every channel's CiA 402 state machine.
     pub times: TransitionTimes,

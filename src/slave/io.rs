@@ -16,7 +16,7 @@ pub const PRODUCT_CODE: u32 = 0x494F_3136;
 pub const REVISION: u32 = 0x0001_0000;
 
 const IDENTITY: Identity = Identity {
-    // Device profile 401, digital inputs and outputs.
+    // The device profile is 401 (0x0191); 0x0003 stands for digital inputs and outputs.
     device_type: 0x0003_0191,
     name: "IO16 simulated digital IO",
     vendor_id: VENDOR_ID,

@@ -186,9 +186,9 @@ const ANY_BYTES_MIN: usize = 4;
 /// One sub-index of a manufacturer-specific object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ManufacturerObject {
-    /// Index and sub-index.
+    /// The index and the sub-index of the object.
     pub address: ObjectAddress,
-    /// The data type.
+    /// The data type of the value.
     pub data: ManufacturerType,
     /// The SDO access rights. The text format shows [`Access::ReadWriteUpTo`] as `rw`.
     pub access: Access,
@@ -252,6 +252,7 @@ impl ManufacturerObjects {
     }
 
     /// The description of an object for SDO information. \[OURS] An object with several sub-indices is a record.
+    /// `None`: there is no such object here.
     pub(super) fn describe_object(&self, index: u16) -> Option<ObjectDescription<'_>> {
         let objects = || self.objects.iter().filter(|object| object.address.index == index);
         let (first, last) = (objects().next()?, objects().next_back()?);
@@ -263,7 +264,7 @@ impl ManufacturerObjects {
         Some(ObjectDescription { index, data_type, max_sub, code, name: &first.name })
     }
 
-    /// The description of a sub-index for SDO information.
+    /// The description of a sub-index for SDO information. `None`: there is no such sub-index here.
     pub(super) fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'_>> {
         let object = &self.objects[self.find(at).ok()?];
         let bits = match (object.data, object.data.bytes()) {

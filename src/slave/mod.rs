@@ -86,7 +86,7 @@ pub const AXES_MAX: usize = 2;
 pub struct SdoValue {
     /// The number of bytes, out of 4, that belong to the value.
     pub size: u8,
-    /// The value, zero-extended.
+    /// The bytes of the value as a little-endian number, zero-extended.
     pub bits: u32,
 }
 

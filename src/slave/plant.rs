@@ -100,12 +100,12 @@ impl Plant {
         }
     }
 
-    /// The position, whole counts.
+    /// The actual position of the shaft, or the number of pulses sent, whole counts.
     pub const fn position(&self) -> i64 {
         either!(self, it => it.position())
     }
 
-    /// The velocity, counts/s.
+    /// The actual velocity of the shaft, or the rate of the pulses, counts/s.
     pub const fn velocity(&self) -> f64 {
         either!(self, it => it.velocity())
     }

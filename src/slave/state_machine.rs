@@ -19,11 +19,11 @@ pub struct DeviceFault {
 /// The durations of a drive's transitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TransitionTimes {
-    /// Transition 1, self test: from power-on to Switch on disabled.
+    /// The duration of transition 1, the self test from power-on to Switch on disabled, ns.
     pub self_test_ns: Ns,
-    /// Transition 3: the power stage charges.
+    /// The duration of transition 3, in which the power stage charges, ns.
     pub switch_on_ns: Ns,
-    /// Transition 4: the motor is energised and the brake opens.
+    /// The duration of transition 4, in which the motor is energised and the brake opens, ns.
     pub enable_ns: Ns,
 }
 
@@ -71,7 +71,7 @@ impl Ramp {
     }
 }
 
-/// What the power stage does.
+/// What the power stage does in a state of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Power {
     /// The power stage is off, and the motor has no torque.
@@ -119,7 +119,8 @@ impl Command {
 pub struct StateMachine {
     times: TransitionTimes,
     options: OptionCodes,
-    /// The transition in progress, if it takes time: its target state and the remaining time, ns.
+    /// The transition in progress, if it takes time: its target state and the remaining time, ns. `None`: there is no
+    /// such transition.
     delayed: Option<(DriveState, Ns)>,
     state: DriveState,
     controlword: Controlword,
@@ -128,8 +129,8 @@ pub struct StateMachine {
     /// Set when the master is lost in Operation enabled or Quick stop active: after the quick stop the drive goes to Switch on
     /// disabled, even if the quick stop option code says that it stays in Quick stop active.
     ends_switched_off: bool,
-    /// In Operation enabled after the command Shutdown or Disable operation: the ramp on which the motor brakes, and the state
-    /// to which the drive goes afterwards.
+    /// In Operation enabled after the command Shutdown or Disable operation: the ramp on which the motor brakes, and
+    /// the state to which the drive goes afterwards. Otherwise `None`.
     braking: Option<(Ramp, DriveState)>,
     /// In Fault reaction active: the ramp on which the motor brakes; `None` if it coasts.
     reaction: Option<Ramp>,
@@ -158,7 +159,7 @@ impl StateMachine {
         self.state
     }
 
-    /// The latest controlword.
+    /// The latest controlword; after the loss of the master the command Quick stop.
     pub const fn controlword(&self) -> Controlword {
         self.controlword
     }
@@ -168,7 +169,7 @@ impl StateMachine {
         self.fault
     }
 
-    /// Applies new option codes.
+    /// Applies new option codes, which a master has written.
     pub const fn set_options(&mut self, options: OptionCodes) {
         self.options = options;
     }
@@ -239,7 +240,7 @@ impl StateMachine {
         let reset = std::mem::take(&mut self.reset_requested);
         let command = Command::of(self.controlword);
         match (self.state, command) {
-            // Transition 1.
+            // Transition 1: the end of the self test.
             (NotReadyToSwitchOn, _) => self.go_delayed(SwitchOnDisabled, self.times.self_test_ns, dt_ns),
             (SwitchOnDisabled, Command::Shutdown) => self.go(ReadyToSwitchOn), // transition 2
             // Transitions 7 and 10.

@@ -56,7 +56,7 @@ impl Inputs {
         self.has(Input::NegativeLimit) && self.has(Input::PositiveLimit)
     }
 
-    /// The value of object 0x60FD.
+    /// The value of object 0x60FD (digital inputs), of which only bits 0 to 2 are used.
     pub fn bits(self) -> u32 {
         self.0.into()
     }
@@ -81,9 +81,9 @@ impl Inputs {
 pub enum HomeSwitch {
     /// A cam: active from `first` to `last`, both included.
     Cam {
-        /// The lowest count.
+        /// The lowest count at which the switch is active.
         first: i64,
-        /// The highest count.
+        /// The highest count at which the switch is active.
         last: i64,
     },
     /// A step: active at this count and above.
@@ -98,16 +98,16 @@ pub enum HomeSwitch {
 /// [`Travel::limits_stop_motion`] says whether limit switches act in CSP, CSV and CST; homing always uses them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Travel {
-    /// The negative limit switch is active at this count and below.
+    /// The negative limit switch is active at this count and below. `None`: it is not wired.
     pub negative_limit: Option<i64>,
-    /// The positive limit switch is active at this count and above.
+    /// The positive limit switch is active at this count and above. `None`: it is not wired.
     pub positive_limit: Option<i64>,
-    /// The range in which the home switch is active.
+    /// The range in which the home switch is active. `None`: it is not wired.
     pub home: Option<HomeSwitch>,
     /// The position of the index pulse within a turn: it comes at every count with this remainder modulo the counts per
-    /// turn.
+    /// turn. `None`: there is no index pulse.
     pub index: Option<u32>,
-    /// Mechanical end stops: the lowest and the highest count that the shaft can reach.
+    /// Mechanical end stops: the lowest and the highest count that the shaft can reach. `None`: there are no end stops.
     pub stops: Option<(i64, i64)>,
     /// The maximum distance of a homing run, counts: all motion of the run added up, forward and back. A longer run ends in a
     /// homing error.
@@ -219,7 +219,7 @@ impl Switches {
         }
     }
 
-    /// The maximum distance of a homing run, counts.
+    /// The maximum distance of a homing run, forward and back added up, counts.
     pub const fn search_limit(&self) -> f64 {
         self.search_limit
     }
@@ -251,8 +251,8 @@ impl Switches {
         self.next_index(position.wrapping_sub(1), true) == Some(position)
     }
 
-    /// The first count behind `from`, in the direction of `to` and not beyond it, at which a switch changes or, if `index`
-    /// is true, the index pulse comes.
+    /// The first count behind `from`, in the direction of `to` and not beyond it, at which a switch changes or, if
+    /// `index` is true, the index pulse comes. `None`: there is no such count on the way.
     pub fn next(&self, from: i64, to: i64, index: bool) -> Option<i64> {
         let up = to > from;
         let ahead = |at: &i64| if up { from < *at && *at <= to } else { to <= *at && *at < from };
@@ -269,12 +269,14 @@ impl Switches {
     }
 
     /// The first count behind `from`, in the direction of `to` and not beyond it, at which the index pulse comes.
+    /// `None`: there is no such count on the way.
     pub fn next_pulse(&self, from: i64, to: i64) -> Option<i64> {
         let up = to > from;
         self.next_index(from, up).filter(|at| if up { *at <= to } else { to <= *at })
     }
 
-    /// The count of the next index pulse behind `from`, upwards or downwards.
+    /// The count of the next index pulse behind `from`, upwards or downwards. `None`: the index pulse is not wired, or
+    /// is stuck.
     fn next_index(&self, from: i64, up: bool) -> Option<i64> {
         let index = self.index.filter(|_| self.stuck[Input::Index as usize].is_none())?;
         let way = if up { index.wrapping_sub(from) } else { from.wrapping_sub(index) }.rem_euclid(self.turn);

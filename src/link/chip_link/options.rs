@@ -44,7 +44,8 @@ pub(crate) fn record(uri: &LinkUri) -> Option<PathBuf> {
     uri.value("record").map(PathBuf::from)
 }
 
-/// The frequency of the SPI clock in Hz (`speed=`). A URI without the key has the default of its scheme.
+/// The frequency of the SPI clock in Hz (`speed=`). A URI without the key has the default of its scheme. Fails if the
+/// value is no frequency.
 pub(crate) fn speed_hz(uri: &LinkUri) -> Result<u32, UriError> {
     uri.required("speed", |value| keys::hertz(value)?.try_into().ok())
 }

@@ -35,7 +35,8 @@ pub(super) struct Clock {
 #[derive(Clone, Copy)]
 pub(super) struct Call {
     pub(super) dir: Dir,
-    /// The number of cancellations in its direction when the call began.
+    /// The number of cancellations in its direction when the call began. A higher number later shows that the call was
+    /// cancelled.
     cancels: u64,
     /// When the timeout of the call passes; `None`: never.
     deadline: Option<Duration>,
@@ -59,7 +60,7 @@ impl Clock {
         self.virtual_time
     }
 
-    /// The time since the link was opened.
+    /// The time since the link was opened. Fails if the inner link has failed.
     pub(super) fn now(&self) -> Result<Duration, LinkError> {
         match self.inner.pass(Duration::ZERO)? {
             Some(Stamp(now)) => Ok(Duration::from_nanos(now.saturating_sub(self.opened_at.0))),
@@ -72,7 +73,7 @@ impl Clock {
         Stamp(self.opened_at.0.saturating_add(u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)))
     }
 
-    /// Begins a read or a write that may wait as `wait` says.
+    /// Begins a read or a write that may wait as `wait` says. Fails if the inner link has failed.
     pub(super) fn call(&self, dir: Dir, wait: Wait) -> Result<Call, LinkError> {
         let cancels = self.cancellation.lock().cancels[dir as usize];
         let deadline = match wait.limit() {
@@ -92,7 +93,8 @@ impl Clock {
         if cancelled { Err(LinkError::Cancelled { dir: call.dir }) } else { Ok(()) }
     }
 
-    /// How much longer the call may wait: until its deadline, or until the time `latest` if that is earlier.
+    /// How much longer the call may wait: until its deadline, or until the time `latest` if that is earlier. Fails if
+    /// the inner link has failed.
     pub(super) fn remaining(&self, call: &Call, latest: Option<Duration>) -> Result<Wait, LinkError> {
         let end = call.deadline.into_iter().chain(latest).min();
         let Some(end) = end else { return Ok(Wait::Forever) };
@@ -100,7 +102,8 @@ impl Clock {
         Ok(if call.no_wait { Wait::Now } else { Wait::at_most(left) })
     }
 
-    /// Waits until `time`, or until the call's deadline if that is earlier. Returns whether `time` has come.
+    /// Waits until `time`, or until the call's deadline if that is earlier. Returns whether `time` has come. Fails if
+    /// the call is cancelled, the link is closed, or the inner link has failed.
     pub(super) fn wait_until(&self, call: &Call, time: Duration) -> Result<bool, LinkError> {
         let to = call.deadline.map_or(time, |end| end.min(time));
         if self.virtual_time {

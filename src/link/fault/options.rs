@@ -24,9 +24,9 @@ pub struct FaultRates {
 pub struct FaultOptions {
     /// The seed of the pseudorandom sequences. The same seed gives the same faults.
     pub seed: u64,
-    /// Faults of command frames.
+    /// The fault rates of command frames.
     pub write: FaultRates,
-    /// Faults of reports.
+    /// The fault rates of reports.
     pub read: FaultRates,
     /// How long a delayed frame is held back.
     pub delay: Duration,

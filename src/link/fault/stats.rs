@@ -5,22 +5,22 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// The numbers of injected faults in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultCounts {
-    /// Number of frames that were lost.
+    /// Number of frames that the link has dropped.
     pub dropped: u64,
-    /// Number of frames in which one bit was flipped.
+    /// Number of frames in which the link has flipped one bit.
     pub corrupted: u64,
-    /// Number of frames that arrived twice.
+    /// Number of frames that the link has passed on twice.
     pub duplicated: u64,
-    /// Number of frames that were delayed.
+    /// Number of frames that the link has delayed.
     pub delayed: u64,
 }
 
 /// The faults that a link has injected since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultStats {
-    /// Faults of command frames.
+    /// The faults injected into command frames.
     pub write: FaultCounts,
-    /// Faults of reports.
+    /// The faults injected into reports.
     pub read: FaultCounts,
     /// Whether a fault has disconnected the board.
     pub disconnected: bool,
@@ -29,9 +29,9 @@ pub struct FaultStats {
 /// Counters of the calls and faults in one direction.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
-    /// Calls that succeeded.
+    /// The number of calls in this direction that succeeded.
     pub(super) done: AtomicU64,
-    /// Calls that ended with an error.
+    /// The number of calls in this direction that ended with an error.
     pub(super) failed: AtomicU64,
     pub(super) dropped: AtomicU64,
     pub(super) corrupted: AtomicU64,

@@ -55,7 +55,7 @@ pub(super) struct BlockWriter<E> {
 
 /// Stores entries as differences and compresses them, in buffers that are used again.
 struct Packing {
-    /// Packs blocks; each block begins anew.
+    /// Packs blocks, of which each can be read alone. `pieces` packs pieces, which continue each other.
     blocks: Packer,
     pieces: Packer,
     compressor: Compressor,

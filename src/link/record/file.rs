@@ -27,7 +27,7 @@ use crate::recording::meta::APPLICATION;
 /// The state of the recordings of this process in one file.
 #[derive(Clone, Debug)]
 struct Progress {
-    /// [`RecordMeta::base_ns`] of the latest recording.
+    /// [`RecordMeta::base_ns`] of the latest recording: what is added to its link's times to get the times in the file.
     base_ns: u64,
     /// The URI of the link that is recorded.
     link: String,
@@ -35,17 +35,19 @@ struct Progress {
     last: Option<(u64, Instant)>,
 }
 
-/// The files to which this process has recorded; `None` for a file that is just being created.
+/// The files to which this process has recorded, so that its next recording to one of them is appended; `None` for a
+/// file that is just being created.
 static RECORDED: Mutex<BTreeMap<PathBuf, Option<Progress>>> = Mutex::new(BTreeMap::new());
 
 fn recorded() -> MutexGuard<'static, BTreeMap<PathBuf, Option<Progress>>> {
     RECORDED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Opens the file of a recording, and locks it against other recordings.
+/// Opens the file of a recording, and locks it against other recordings. Fails if the system cannot open the file,
+/// another recording is writing to it, or it is no recording of ecmsk.
 pub(in crate::link) fn open(path: &Path) -> io::Result<RecordingFile> {
     let mut file = open_locked(path)?;
-    // A pipe or a device has no length.
+    // A pipe or a device has no earlier recording that could be continued or kept as `FILE.1`, and no length.
     if !file.metadata()?.is_file() {
         return Ok(RecordingFile { file, length: None, path: None, syncing: None });
     }
@@ -92,13 +94,13 @@ fn begin(path: &Path, file: File) -> io::Result<File> {
         return Ok(file);
     }
     check_replaceable(path)?;
-    // If `path` is a symbolic link, its target is renamed.
+    // If `path` is a symbolic link, its target is renamed and the link stays.
     let target = fs::canonicalize(path)?;
     let kept = kept_path(&target);
     if kept.exists() {
         check_replaceable(&kept)?;
     }
-    // Windows does not rename a file that is open.
+    // Windows does not rename a file that is open, so it is closed first.
     drop(file);
     fs::rename(&target, &kept)?;
     log::info!("{} was a recording already: it is {} now", target.display(), kept.display());
@@ -187,7 +189,7 @@ pub(in crate::link) struct RecordingFile {
     file: File,
     /// The length after the last write that succeeded; `None` for a pipe or device, which has no length.
     length: Option<u64>,
-    /// The absolute path; `None` for a pipe or device.
+    /// The absolute path, which is the key of the file in [`RECORDED`]; `None` for a pipe or device.
     path: Option<PathBuf>,
     /// Syncs the file to the disk; `None` for a pipe or device, and if the system provides no thread.
     syncing: Option<Syncing>,
@@ -268,7 +270,8 @@ impl RecordingFile {
         if let Some(path) = &self.path
             && let Some(Some(progress)) = recorded().get_mut(path)
         {
-            // A recording without frames ends at its own beginning.
+            // The next recording continues the times from this end. A recording without frames ends at its own
+            // beginning.
             progress.last = Some((last_ns.max(progress.base_ns), Instant::now()));
         }
     }
@@ -296,7 +299,8 @@ impl Sink {
         matches!(self, Self::File(file) if file.is_on_disk())
     }
 
-    /// Replaces the last `back` bytes by `bytes`; `back` must be 0 if written bytes cannot be replaced.
+    /// Replaces the last `back` bytes by `bytes`; `back` must be 0 if written bytes cannot be replaced. Fails if the
+    /// bytes cannot be written, for example on a full disk.
     pub(super) fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
         match self {
             Self::File(file) => file.put(back, bytes),

@@ -17,9 +17,11 @@ pub(super) struct Loss {
     dropped: Arc<AtomicU64>,
     /// Whether the user was warned about missing frames.
     told: bool,
-    /// The error of a failed write. After it nothing more is written, and every frame is counted as missing.
+    /// The error of a failed write. After it nothing more is written, and every frame is counted as missing. `None`: no
+    /// write has failed.
     failed: Option<String>,
-    /// Why frames are missing that the source recording lacked already; only for a copy of a recording.
+    /// Why frames are missing that the source recording lacked already; only for a copy of a recording. Otherwise
+    /// `None`.
     inherited: Option<String>,
 }
 
@@ -45,7 +47,7 @@ impl Loss {
         self.told = true;
     }
 
-    /// The error after which nothing more is written.
+    /// The error of a write after which nothing more is written; `None`: no write has failed.
     pub fn error(&self) -> Option<String> {
         self.failed.clone()
     }

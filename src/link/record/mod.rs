@@ -2,10 +2,10 @@
 //! files.
 //!
 //! The name of the file decides its format: `FILE.ecmrec` is one for recordings of weeks, compressed, with an index
-//! (why: docs/decisions/recordings-of-weeks-are-blocks.md). Any other name is pcapng: such a recording opens in Wireshark and has the form of a capture of the board's USB traffic by Linux' usbmon, whatever the
-//! link: a command frame is the submission of a transfer to endpoint 0x02, a report the completion of one from 0x81.
-//! Times are nanoseconds of the link's clock; if that is the real clock, they are counted from 1970
-//! ([`RecordMeta::base_ns`]).
+//! (why: docs/decisions/recordings-of-weeks-are-blocks.md). Any other name is pcapng. Such a recording opens in
+//! Wireshark and has the form of a capture of the board's USB traffic by Linux' usbmon, whatever the link: a command
+//! frame is the submission of a transfer to endpoint 0x02, a report the completion of one from 0x81. Times are
+//! nanoseconds of the link's clock; if that is the real clock, they are counted from 1970 ([`RecordMeta::base_ns`]).
 //!
 //! Files, in the order in which to read them:
 //!
@@ -147,7 +147,7 @@ impl RecordMeta {
         let (clock, base_ns) = if virtual_time {
             (Clock::Virtual, 0)
         } else {
-            // The clock of a machine that was never set may show a time before 1970.
+            // The clock of a machine that was never set may show a time before 1970, which is taken as 1970.
             let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
             (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
         };

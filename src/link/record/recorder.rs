@@ -33,7 +33,7 @@ pub(in crate::link) struct Recorder<E> {
     queue: Arc<Queue<E>>,
     /// Whether the recording is ending: calls that begin from now on are not recorded.
     is_ending: AtomicBool,
-    /// The threads of the program that are in a call of the link.
+    /// The threads of the program that are in a call of the link. The end of the recording waits for them.
     callers: sync::Mutex<Vec<CallingThread>>,
     /// The recorder's thread, which is woken after each new entry. Waking it takes no lock.
     wakes: Thread,

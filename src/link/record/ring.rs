@@ -174,7 +174,7 @@ mod tests {
         let place = ring.place(late);
         assert!(place.ready.load(Ordering::SeqCst) > late, "a newer one is there");
         assert_eq!((ring.take(), ring.take()), (Taken::Entry(1), Taken::Entry(2)));
-        // The late thread stores its entry in its place, which is empty by now.
+        // The late thread stores its entry in its place, which is empty, since the newer entry was taken from it.
         *place.entry.lock() = Some(-1);
         assert_eq!(ring.take(), Taken::Nothing);
         assert_eq!((ring.add(3), ring.add(4)), (Ok(()), Ok(())));

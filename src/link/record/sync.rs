@@ -27,7 +27,7 @@ pub(super) struct Syncing {
 struct Shared {
     /// Whether something was written since the last sync.
     written: AtomicBool,
-    /// The error of a sync that failed.
+    /// The error of a sync that failed, until [`Syncing::check`] takes it.
     failed: Mutex<Option<io::Error>>,
 }
 

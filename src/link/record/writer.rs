@@ -29,7 +29,7 @@ const PACKET_LEN: usize = usbmon::HEADER_LEN + FRAME_LEN;
 /// The bytes of a block around its packet: type, length, interface, time in two halves, two lengths of the packet, and the
 /// length again.
 const AROUND_PACKET: usize = 32;
-/// The most frames of one write to the file.
+/// The most frames that fit into one write of [`BATCH_BYTES`].
 const BATCH_FRAMES: usize = BATCH_BYTES / (PACKET_LEN + AROUND_PACKET);
 /// How many frames at the end of the file can be rewritten to insert a late frame before them. On the real clock the
 /// reading thread may be late by a whole queue of reports (`queue=`, 32 by default), during which as many commands are
@@ -49,7 +49,7 @@ pub(in crate::link) trait Entry: Send + 'static {
     /// Whether entries may arrive late and are then inserted by their times. This needs blocks that all have the same
     /// length.
     const MAY_COME_LATE: bool;
-    /// The largest number of bytes of a packet.
+    /// The largest number of bytes of a packet in pcapng, with its header there (such as that of usbmon).
     const PACKET_MAX: usize;
     /// The kind of the packets as the headers of an `.ecmrec` file have it: of a board, a chip or a network.
     const WHAT: What;
@@ -114,7 +114,7 @@ impl Entry for FrameEntry {
     }
 
     fn is_order(&self) -> bool {
-        // The command of slot 0 stands at the same place with each slot size.
+        // The command of slot 0 is at the same place with both slot sizes, so any size serves to read it.
         self.dir == Dir::Write && self.frame.slot(SlotSize::default(), 0).id != CommandId::GetStatus.code()
     }
 }
@@ -139,7 +139,7 @@ pub(super) trait Writer<E>: Send + 'static {
 /// All frames in the queue are written without delay, in one write, because the program may crash at any moment and its
 /// last frames show why.
 pub(super) fn run<E: Entry>(queue: &Queue<E>, mut recording: impl Writer<E>) {
-    // When this thread ends, even by a panic, no other thread waits for it any more.
+    // When this thread ends, even by a panic, dropping `ends` lets no other thread wait for it any more.
     let ends = Ends(queue);
     while queue.take_all(|entry| recording.push(entry)) {
         recording.flush();

@@ -1,5 +1,5 @@
 //! Detects whether a master sends frames to the simulated slaves, and whether a second one does so at the same time.
-//! Time is an argument.
+//! The caller passes the time to every call, so that tests need no clock.
 
 use std::time::{Duration, Instant};
 
@@ -12,17 +12,18 @@ const SILENCE: Duration = Duration::from_secs(2);
 /// \[OURS]
 const FIRST_FRAME: Duration = Duration::from_secs(10);
 
-/// The masters that send frames to the interfaces of a server.
+/// What is known of the masters that send frames to the interfaces of a server, from the times and source addresses of
+/// these frames.
 pub(super) struct Masters {
     interface: String,
     /// When the log is to ask whether the master is connected; `None`: the log has asked, or a frame has come.
     asks: Option<Instant>,
     /// When the last frame came; `None`: there is no master.
     last_frame: Option<Instant>,
-    /// The source address of the present master's first frame.
+    /// The source address of the present master's first frame. `None`: no such frame has come yet.
     source: Option<MacAddress>,
     /// A second source address that was seen after `source`. If `source` then comes again, the two addresses belong to
-    /// two masters that send at the same time.
+    /// two masters that send at the same time. `None`: there was only one address.
     other: Option<MacAddress>,
     is_other_told: bool,
 }
@@ -58,7 +59,7 @@ impl Masters {
     }
 
     /// Detects two masters by their alternating source addresses: a master that replaces another one does not
-    /// alternate.
+    /// alternate. Returns the log line about the two masters when they are detected first, otherwise `None`.
     fn compare(&mut self, source: MacAddress) -> Option<String> {
         let first = *self.source.get_or_insert(source);
         if source != first {
@@ -98,8 +99,9 @@ mod tests {
     const ONE: [u8; 6] = [0x01, 1, 1, 1, 1, 1];
     const OTHER: [u8; 6] = [0x10, 0x20, 0x30, 0x40, 0x50, 0x60];
 
-    /// ECAT-15.22 A line is logged when a master appears, and when no frame has come from it for a while. A second one
-    /// at the same time is logged once, with both addresses. A master that replaces another one is no second master.
+    /// ECAT-15.22 A line is logged when a master appears, and when no frame has come from it for 2 s. A second master
+    /// that sends at the same time is logged once, with both addresses. A master that replaces another one does not
+    /// count as a second master.
     #[test]
     fn masters_come_and_go_and_two_are_told() {
         let begin = Instant::now();

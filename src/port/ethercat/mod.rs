@@ -42,16 +42,17 @@ use service::{Failure, Port, Service};
 pub struct Options {
     /// The name of the network interface of this machine at which a master reaches the first slave.
     pub interface: String,
-    /// The name of a second interface at the other end of the cable, which closes a ring while it has a link.
+    /// The name of a second interface at the other end of the cable, which closes a ring while it has a link; `None`:
+    /// the slaves are a line without a ring.
     pub second: Option<String>,
     /// The slaves in network order.
     pub slaves: Vec<SlaveSpec>,
     /// The largest drift of the slaves' clocks, parts per million: the first clock is too fast by this value, the last
     /// one too slow by it, and the others are evenly spread between them.
     pub drift_ppm: u16,
-    /// A script with faults and other events of the slaves, and their times.
+    /// A script with faults and other events of the slaves, and their times; `None`: there is no script.
     pub script: Option<PathBuf>,
-    /// The file to which all frames and their answers are recorded.
+    /// The file to which all frames and their answers are recorded; `None`: nothing is recorded.
     pub record: Option<PathBuf>,
     /// Whether an interface with the default route of this machine may be used. This is refused by default, since
     /// everybody on that network would get the EtherCAT frames.

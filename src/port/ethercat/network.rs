@@ -18,7 +18,7 @@ pub struct Network {
     told: Told,
     /// Log lines that [`Self::take_lines`] has not returned yet.
     lines: Vec<String>,
-    /// The time of the newest frame or of the newest call of [`Self::advance`].
+    /// The time of the newest frame or of the newest call of [`Self::advance`], ns since the slaves were switched on.
     now: Ns,
 }
 
@@ -183,14 +183,14 @@ mod tests {
             Some((datagram.data.to_vec(), datagram.working_counter))
         }
 
-        /// The number of slaves that answer a broadcast.
+        /// The number of slaves that answer a broadcast. `None`: the frame does not come back.
         fn count(&mut self) -> Option<u16> {
             Some(self.send(Command::Brd, u32::from(AL_STATUS) << 16, &[0; 2])?.1)
         }
     }
 
-    /// ECAT-15.1 Answers have at least 60 bytes, padded with zeros. A frame without EtherCAT datagrams is not one of a
-    /// master.
+    /// ECAT-15.1 Answers have at least 60 bytes, padded with zeros. A frame without EtherCAT datagrams does not count
+    /// as a master's frame, so the server ignores it.
     #[test]
     fn answers_are_padded_and_other_frames_ignored() {
         let mut wire = Wire::new("drive*3", "");
@@ -363,7 +363,7 @@ mod tests {
             wire.send(Command::Apwr, n | u32::from(AL_CONTROL) << 16, &[state, 0]);
             wire.wait(5);
         };
-        // One slave changes its state up and down for two seconds.
+        // For two seconds one slave goes to PreOP and back to Init, again and again.
         for _ in 0..200 {
             request(&mut wire, 0, 2);
             request(&mut wire, 0, 1);

@@ -1,4 +1,4 @@
-//! The thread of the server. It owns the slaves and the sockets.
+//! The thread of the server of simulated slaves. It owns the slaves and the sockets of the network interfaces.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -34,7 +34,7 @@ pub(super) struct Port {
     pub(super) _claim: Claim,
     /// Whether the cable at this end counts as connected in the simulated network.
     pub(super) is_connected: bool,
-    /// When the last frame arrived at this interface.
+    /// When the last frame arrived at this interface. `None`: none has arrived yet.
     pub(super) last_frame: Option<Instant>,
 }
 
@@ -186,7 +186,7 @@ impl Service {
 
     /// Checks the links of the interfaces. Returns the name of one that has disappeared. If an interface of a ring has
     /// no link, the slave at that end closes its port. With a single interface nothing is done: without a link no
-    /// frames come.
+    /// frames come. `None`: no interface has disappeared.
     fn look_at_links(&mut self, now: Instant) -> Option<String> {
         self.next_look = now + LINK_PERIOD;
         let is_ring = self.ports.len() > 1;

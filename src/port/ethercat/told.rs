@@ -123,7 +123,8 @@ impl Told {
     }
 }
 
-/// Takes a sample of a slave's state. Returns the state to log, and the number of changes left out before it.
+/// Takes a sample of a slave's state. Returns the state to log, and the number of changes left out before it. `None`:
+/// nothing has to be logged, or the slave has used up its log lines for the present period.
 fn look_at(known: &mut Known, state: State, now: Ns) -> Option<(State, u32)> {
     if state != known.seen {
         known.seen = state;

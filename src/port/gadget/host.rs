@@ -1,5 +1,5 @@
 //! State of the USB host at the other end of the cable, derived from the events and ended transfers of this machine's
-//! device controller. Plain state without I/O and waits; time is an argument.
+//! device controller. Plain state without I/O and waits; the caller passes the time.
 //!
 //! The controller holds at most one report for the host, and accepts one frame at a time. While it has no report, or
 //! while the board has not accepted the previous frame, it answers the host with NAK. The requests and transfers of the
@@ -19,13 +19,14 @@ use crate::sk::{FRAME_LEN, Frame};
 /// 125 us; one that begins to read gets no report of long ago. \[OURS]
 const REPLACE_AFTER: Duration = Duration::from_millis(20);
 
-/// The sequence numbers given to transfers, by which [`Ended`] recognizes a transfer that has completed.
+/// The sequence numbers that this file gives to transfers, one for each use. By them [`Ended`] recognizes which
+/// transfer has completed.
 const CONTROL: u32 = 0;
 const REPORT: u32 = 1;
 const FRAME: u32 = 2;
 const FRAME_BY_CONTROL: u32 = 3;
 
-/// The interrupt endpoints of a device controller.
+/// What [`Host`] needs of a device controller: its two interrupt endpoints, IN for reports and OUT for frames.
 pub(super) trait Controller {
     /// Whether the controller holds a report that the host has not fetched.
     fn is_sending(&self) -> bool;
@@ -99,9 +100,9 @@ impl fmt::Display for Why {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Gone {
     pub why: Why,
-    /// Frames that the board has accepted from this host.
+    /// The number of frames that the board has accepted from this host.
     pub frames: u64,
-    /// Reports that this host has fetched.
+    /// The number of reports that this host has fetched.
     pub reports: u64,
     /// Whether the board hung, because the host has sent a short packet.
     pub hung: bool,
@@ -121,15 +122,16 @@ pub(super) enum Change {
 /// The answer to a request on endpoint 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
-    /// These bytes go to the host.
+    /// The request succeeds, and these bytes go to the host.
     Data(Vec<u8>),
     /// The caller has to read this many bytes from the host and pass them to [`Host::control_data`].
     Take(usize),
-    /// Success, without bytes.
+    /// The request succeeds without a data stage.
     Acknowledge,
     /// The request is refused.
     Stall {
-        /// The direction in the request.
+        /// The direction in the setup packet: whether the data stage goes to the host. The kernel stalls endpoint 0
+        /// when the server tries a transfer in the other direction, so the stall needs to know it.
         to_host: bool,
     },
 }
@@ -177,7 +179,8 @@ impl Host {
         }
     }
 
-    /// Handles an event of the USB function other than a request.
+    /// Handles an event of the USB function other than a request. Returns how the event has changed the presence of the
+    /// host; `None`: it has not.
     pub(super) fn event(&mut self, event: Event, now: Duration, controller: &mut dyn Controller) -> Option<Change> {
         match event {
             Event::Enabled => {
@@ -211,8 +214,8 @@ impl Host {
         let has_data = !setup.to_host && setup.length > 0;
         if has_data {
             let is_report = matches!(setup.request, Request::SetReport { kind: report::OUTPUT, id: 0 });
-            // After [`Answer::Take`] the host gets its acknowledgement, so a frame for which there is no room has to be
-            // refused here.
+            // After [`Answer::Take`] the kernel acknowledges the request to the host. So a frame that the device model
+            // cannot store any more has to be refused here.
             let has_room = self.control_frames + 1 < TRANSFERS_AT_ONCE && !self.device.hangs();
             return match usize::from(setup.length) {
                 FRAME_LEN if is_report && has_room => Answer::Take(FRAME_LEN),
@@ -234,7 +237,8 @@ impl Host {
         self.count_ends();
     }
 
-    /// Passes a request to the device; `None` if it stalls, or answers later.
+    /// Passes a request to the device model. Returns the bytes of the answer; `None` if the model refuses the request,
+    /// or answers it only when the board has accepted the frame in it.
     fn control(&mut self, sequence: u32, bytes: [u8; SETUP_LEN], setup: &Setup, data: &[u8]) -> Option<Vec<u8>> {
         let direction = if setup.to_host && setup.length > 0 { Direction::In } else { Direction::Out };
         let transfer = Transfer { sequence, direction, endpoint: 0, length: setup.length.into(), setup: bytes };
@@ -242,7 +246,9 @@ impl Host {
         self.device.ends_mut().control.take().flatten()
     }
 
-    /// The board has made a report.
+    /// Stores a new report of the board and gives it to the controller for the host if the controller holds none. A
+    /// report that the controller has held for [`REPLACE_AFTER`] is taken back. While passing is stopped
+    /// ([`Self::close`]), the report is dropped.
     pub(super) fn report(&mut self, report: &Frame, now: Duration, controller: &mut dyn Controller) {
         if !self.is_open {
             return;
@@ -256,14 +262,16 @@ impl Host {
         }
     }
 
-    /// The controller no longer has the report: the host has fetched it, or it was taken back (`was_fetched`: false).
+    /// Handles the end of the controller's transfer of a report: counts the report if the host has fetched it, and
+    /// gives the controller the newest report. `was_fetched` is false if the transfer was cancelled.
     pub(super) fn sent(&mut self, was_fetched: bool, now: Duration, controller: &mut dyn Controller) {
         self.is_taken_back = false;
         self.reports += u64::from(was_fetched && self.presence != Presence::Away);
         self.arm(now, controller);
     }
 
-    /// The controller has taken a packet of the host.
+    /// Passes a packet that the controller has received on the OUT endpoint to the device model. The controller accepts
+    /// no further packet until the board has accepted this frame. Without a host the packet is dropped.
     pub(super) fn received(&mut self, packet: &[u8], now: Duration, controller: &mut dyn Controller) {
         if self.presence == Presence::Away {
             return;
@@ -275,14 +283,15 @@ impl Host {
             length: packet.len() as u32,
             setup: [0; SETUP_LEN],
         };
-        // There is room for this transfer: no other frame of the OUT endpoint is pending, and `setup` keeps one entry
-        // free.
+        // The device model cannot refuse this transfer for lack of room: no other transfer of the OUT endpoint is
+        // pending, and `setup` refuses frames on endpoint 0 that would use the last of the model's entries for OUT
+        // transfers.
         self.frame_waits = self.device.transfer(&transfer, packet).is_ok();
         self.settle(now, controller);
     }
 
     /// Copies the next frame for the board into `frame`. Returns the generation that the caller passes to
-    /// [`Self::write_ended`]; `None`: there is no frame, or nothing may pass now.
+    /// [`Self::write_ended`]; `None`: there is no frame, or [`Self::close`] has stopped the passing of frames.
     pub(super) fn begin_write(&mut self, frame: &mut Frame) -> Option<u64> {
         (self.is_open && self.device.begin_write(frame)).then_some(self.generation)
     }
@@ -301,7 +310,7 @@ impl Host {
         self.settle(now, controller);
     }
 
-    /// Whether a frame of the host waits for the board, and frames are passed at present.
+    /// Whether a frame of the host waits for the board and [`Self::close`] has not stopped the passing of frames.
     pub(super) fn has_frame(&self) -> bool {
         self.is_open && self.device.has_frame()
     }

@@ -76,7 +76,8 @@ impl Board {
         self.host.report(&Frame::from_bytes([fill; FRAME_LEN]), self.now, &mut self.ends);
     }
 
-    /// The host fetches the report that the controller holds.
+    /// The host fetches the report that the controller holds. Returns the first byte of the report; `None`: the
+    /// controller holds none.
     fn fetch(&mut self) -> Option<u8> {
         let report = self.ends.report.take();
         if report.is_some() {
@@ -85,7 +86,7 @@ impl Board {
         report
     }
 
-    /// The host sends a packet; whether the controller takes it.
+    /// Sends a packet as the host. Returns whether the controller accepts it.
     fn put(&mut self, packet: &[u8]) -> bool {
         let takes = std::mem::take(&mut self.ends.is_receiving);
         if takes {
@@ -94,7 +95,7 @@ impl Board {
         takes
     }
 
-    /// First byte of the next frame for the board.
+    /// The first byte of the next frame for the board; `None`: there is no frame.
     fn next_frame(&mut self) -> Option<u8> {
         let mut frame = Frame::new();
         self.writing = self.host.begin_write(&mut frame);
@@ -107,8 +108,8 @@ impl Board {
     }
 }
 
-/// SK-9.8, SK-9.5 Before there is a report the host gets NAK; each report is fetched once, and of those that nobody fetched the
-/// newest one is kept.
+/// SK-9.8, SK-9.5 Before the board has made a report, the host gets NAK. The host fetches each report once. Of several
+/// reports that it has not fetched, only the newest one is kept.
 #[test]
 fn a_report_is_fetched_once_and_the_newest_is_kept() {
     let mut board = Board::attached();
@@ -121,7 +122,8 @@ fn a_report_is_fetched_once_and_the_newest_is_kept() {
     assert_eq!((board.fetch(), board.fetch(), board.fetch()), (Some(2), Some(5), None));
 }
 
-/// A host that begins to read gets no report of long ago: one that lies in the controller is replaced by the newest.
+/// A host that begins to read gets no old report: a report that the controller has held for 20 ms is replaced by the
+/// newest one.
 #[test]
 fn a_report_that_nobody_fetches_is_replaced() {
     let mut board = Board::attached();
@@ -157,7 +159,8 @@ fn a_frame_is_held_until_the_board_has_taken_it() {
     assert_eq!(board.next_frame(), None);
 }
 
-/// SK-9.7 A short packet hangs the board: no frame and no report passes, endpoint 0 goes on; the next host finds it running.
+/// SK-9.7 A short packet hangs the board: no frame and no report passes any more, but endpoint 0 still answers. For the
+/// next host the board runs again.
 #[test]
 fn a_short_packet_hangs_the_board() {
     for length in [0, 1, 504, 511] {
@@ -320,8 +323,8 @@ fn between_two_hosts_nothing_passes() {
     }
 }
 
-/// A host that comes and goes while the axes are being stopped is a session of its own: its end is reported too, and
-/// the board stays closed until then.
+/// A host that comes and goes while the axes are being stopped is a session of its own: its end is reported too. No
+/// frame or report passes until that end was reported and `Host::open` was called after it.
 #[test]
 fn a_host_may_go_while_axes_are_stopped() {
     let mut board = Board::attached();

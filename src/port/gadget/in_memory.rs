@@ -1,4 +1,4 @@
-//! A server whose device port is in memory: a test is the host, and pulls the cable.
+//! For tests: a server whose USB device port is in memory. The test acts as the host, and can pull the cable.
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -21,7 +21,7 @@ use crate::threads;
 #[derive(Default)]
 struct Wires {
     is_plugged_in: bool,
-    /// The report that the controller has for the host.
+    /// The report that the controller has for the host. `None`: the controller holds none.
     report: Option<Frame>,
     /// Whether the OUT endpoint is ready to accept a frame of the host.
     is_receiving: bool,
@@ -111,7 +111,7 @@ pub struct InMemory {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// The board has answered a request on endpoint 0 with a stall.
+/// The error that the board has answered a request on endpoint 0 with a stall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stalled;
 
@@ -180,17 +180,18 @@ impl InMemory {
         }
     }
 
-    /// The host sends a packet; whether the board has taken it within `limit`.
+    /// Sends a packet as the host. Returns whether the OUT endpoint has accepted it within `limit`.
     pub fn put(&self, packet: &[u8], limit: Duration) -> bool {
         put(&self.cable, &self.service, packet, limit)
     }
 
-    /// Whether the board would take a packet at once.
+    /// Whether the OUT endpoint would accept a packet at once. It does not while the board has not accepted the
+    /// previous frame.
     pub fn takes(&self) -> bool {
         self.cable.with(|wires| wires.is_receiving)
     }
 
-    /// The host fetches a report, if there is one within `limit`.
+    /// Fetches a report as the host; `None`: the board has made none within `limit`.
     pub fn get(&self, limit: Duration) -> Option<Frame> {
         get(&self.cable, &self.service, limit)
     }
@@ -217,7 +218,7 @@ impl InMemory {
             .collect()
     }
 
-    /// Stops the server; gives the last lines of its log.
+    /// Stops the server and returns the last lines of its log.
     pub fn stop(mut self) -> Vec<String> {
         self.end();
         self.lines()
@@ -226,7 +227,7 @@ impl InMemory {
     fn end(&mut self) {
         self.service.stop();
         for thread in self.threads.drain(..) {
-            // A panic of that thread was printed when it happened.
+            // An error is ignored: it means that the thread has panicked, and that was printed when it happened.
             let _ = thread.join();
         }
         self.service.close_board();

@@ -1,4 +1,5 @@
-//! What a machine that is too slow for the cycle of its board has cost a host, by the counters of the link.
+//! Counts the reports and cycles that a host has missed because this machine is too slow for the cycle of its board.
+//! The numbers come from the counters of the link.
 
 use std::fmt;
 
@@ -7,9 +8,9 @@ use crate::link::LinkStats;
 /// Counters of a link that rise when this machine is too slow to read every report or to run every cycle in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Lateness {
-    /// Reports that a newer one has replaced before the server read them.
+    /// The number of reports that a newer one has replaced before the server read them.
     reports: u64,
-    /// Cycles that the engine has skipped, because its thread ran too late (NIC-2.4).
+    /// The number of cycles that the engine has skipped, because its thread ran too late (NIC-2.4).
     cycles: u64,
 }
 
@@ -26,7 +27,7 @@ impl Lateness {
     }
 }
 
-/// The end of a line of the log; nothing if the machine was never late.
+/// Writes both counts as the end of the log line about a session; writes nothing if both are 0.
 impl fmt::Display for Lateness {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {

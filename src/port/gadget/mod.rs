@@ -45,7 +45,8 @@ use service::{Endpoints, Port, Service};
 
 /// The pause between two attempts to open a lost board. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(500);
-/// The serial number of a board to which none was given: that of the first board of `usbip`. \[OURS]
+/// The serial number of a board whose identity has none. A USB/IP server (`port/usbip`) gives its first board the same
+/// one: the bus id. \[OURS]
 const SERIAL: &str = "1-1";
 /// The most bytes of a text that the kernel accepts for a USB device (`USB_MAX_STRING_LEN`).
 const TEXT_BYTES_MAX: usize = 126;
@@ -70,7 +71,7 @@ impl Default for Places {
     }
 }
 
-/// The settings of a server.
+/// The settings of a server that offers a board at a USB device port of this machine.
 #[derive(Clone)]
 pub struct Options {
     /// The identity of the board in its descriptors. Without a serial number it gets `1-1`.
@@ -83,13 +84,14 @@ pub struct Options {
     pub retry: Duration,
     /// The folders through which the server sets up the gadget.
     pub places: Places,
-    /// The real-time settings of the threads between the controller and the board. The cycle of a board in this process has
-    /// its own, in its link.
+    /// The real-time settings of the threads between the controller and the board. A board that this process simulates
+    /// has real-time settings of its own for its cycle; they come from its link.
     pub real_time: RealTime,
     /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
     /// slow, lines are dropped, and a line reports their number.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
-    /// Called when the server cannot go on; [`Server::stop`] returns the reason.
+    /// Called when the server has ended by itself, because the kernel has taken the USB function away. [`Server::stop`]
+    /// returns the reason.
     pub failed: Arc<dyn Fn() + Send + Sync>,
 }
 
@@ -168,7 +170,8 @@ pub enum ServeError {
 /// A running server; it ends when this value is stopped or dropped. Then the gadget is removed.
 pub struct Server {
     controller: String,
-    // Dropped in this order: the endpoints are closed before the function is unmounted and the gadget removed.
+    // The fields are dropped in this order: the endpoints are closed before the function is unmounted and the gadget
+    // removed.
     service: Arc<Service>,
     threads: Vec<JoinHandle<()>>,
     teller: NoteThread<String>,
@@ -235,7 +238,7 @@ impl Server {
         Ok(server)
     }
 
-    /// The name of the device controller.
+    /// The name of the USB device controller that the server uses, as in `/sys/class/udc`.
     pub fn controller(&self) -> &str {
         &self.controller
     }
@@ -247,6 +250,10 @@ impl Server {
 
     /// Unplugs the board from its host, brings axes that the host has moved to a standstill, closes the link and
     /// removes the gadget.
+    ///
+    /// # Errors
+    /// [`ServeError::FunctionGone`]: the server had already ended by itself, because the kernel had taken the USB
+    /// function away.
     pub fn stop(mut self) -> Result<(), ServeError> {
         self.end();
         self.service.take_failure().map_or(Ok(()), |error| Err(ServeError::FunctionGone(error)))
@@ -274,7 +281,7 @@ impl Server {
     fn end(&mut self) {
         self.service.stop();
         for thread in self.threads.drain(..) {
-            // A panic of that thread was printed when it happened.
+            // An error is ignored: it means that the thread has panicked, and that was printed when it happened.
             let _ = thread.join();
         }
         self.service.close_board();

@@ -51,7 +51,7 @@ struct Bus {
     transfers: Box<dyn Endpoints>,
     /// Whether a frame is being handed to the board.
     is_writing: bool,
-    /// The error of a write after which the board is lost.
+    /// The error of a write after which the board is lost. `None`: no write has failed.
     lost: Option<LinkError>,
 }
 
@@ -116,12 +116,12 @@ impl Service {
         self.frames.notify_all();
     }
 
-    /// Closes the board, after the threads have ended.
+    /// Closes the link of the board. Called after the threads have ended, because they use it.
     pub(super) fn close_board(&self) {
         self.link().close_board();
     }
 
-    /// Why the server has ended by itself.
+    /// Takes the error for which the server has ended by itself; `None`: it has not.
     pub(super) fn take_failure(&self) -> Option<io::Error> {
         self.failure.lock().take()
     }
@@ -411,7 +411,7 @@ impl Service {
     }
 }
 
-/// Whether the call may succeed when it is repeated.
+/// Whether an error of the link is temporary, so that the call of the link may succeed when it is repeated.
 const fn is_temporary(error: &LinkError) -> bool {
     matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
 }

@@ -16,7 +16,7 @@ pub(super) struct WatchedLink {
     link: Arc<dyn Link>,
     slot: Option<SlotSize>,
     watch: Mutex<Watch>,
-    /// The sequence number of the next report.
+    /// The sequence number that follows the one of the last report read. A higher one shows that reports were dropped.
     next: AtomicU64,
 }
 
@@ -31,7 +31,7 @@ impl WatchedLink {
         self.watch.lock().clone()
     }
 
-    /// Closes the board's own link.
+    /// Closes the wrapped link, and so the board. [`Link::close`] of this link does nothing.
     pub(super) fn close_board(&self) {
         self.link.close();
     }

@@ -17,13 +17,14 @@ const ANSWER_WAIT_MAX: Duration = Duration::from_millis(50);
 /// Counters of the exchanges with a host on SPI.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpiBoardCounters {
-    /// Exchanges whose frame the board has accepted.
+    /// The number of exchanges whose frame the board has accepted.
     pub frames: u64,
-    /// Exchanges with fewer bytes than a frame, of which the board executes nothing.
+    /// The number of exchanges with fewer bytes than a frame, of which the board executes nothing.
     pub incomplete: u64,
-    /// Exchanges while BUSY was high, which are answered with zeros and of which the board executes nothing.
+    /// The number of exchanges while BUSY was high, which are answered with zeros and of which the board executes
+    /// nothing.
     pub while_busy: u64,
-    /// Exchanges whose frame the link has refused.
+    /// The number of exchanges whose frame was not written, because the link has returned an error.
     pub refused: u64,
 }
 
@@ -181,7 +182,7 @@ impl SpiBoard {
         self.size.frame_len()
     }
 
-    /// The counters so far.
+    /// The counters since this value was made; [`Self::replace`] keeps them.
     pub const fn counters(&self) -> SpiBoardCounters {
         self.counters
     }
@@ -244,7 +245,7 @@ impl SpiBoard {
         MasterResponse::decode(&self.report.slot(self.size, 0)).state.state() == Some(MasterState::Op)
     }
 
-    /// Reads a report if there is a new one. Returns whether there was one.
+    /// Reads a report if a new one comes within `wait`. Returns whether one has come.
     fn read_report(&mut self, wait: Wait) -> bool {
         match self.link.read(&mut self.report, wait) {
             Ok(report) => {

@@ -26,7 +26,8 @@ use crate::threads;
 /// How many connections the system may queue until they are accepted (the backlog of `listen`). The system may lower
 /// this value. \[OURS]
 const BACKLOG: i32 = 4096;
-/// How many connections are accepted before the pending ones are checked again. \[OURS]
+/// How many connections are accepted before the server looks again for Hellos on the pending ones: those accepted
+/// before that have not sent their Hello. \[OURS]
 const ACCEPTED_IN_A_ROW_MAX: usize = 16;
 /// How long the server waits until a client has received why its connection ends. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
@@ -207,7 +208,8 @@ fn accept_pending(listener: &TcpListener, pool: &mut PendingPool, shared: &Share
     true
 }
 
-/// Makes a pending connection a client with a thread, or returns it after a refusal.
+/// Makes a pending connection a client with a thread, or returns it after a refusal. `None`: the client is lost,
+/// because the system provides no thread or file handle for it.
 fn start_client(
     pending: Box<PendingConnection>,
     hello: Introduction,
@@ -360,8 +362,8 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
     }
 }
 
-/// Sends the remaining bytes to a client, and waits a while for the client to receive them before the connection is
-/// closed.
+/// Sends the remaining bytes to a client, and waits at most [`FAREWELL_MAX`] for the client to receive them before the
+/// connection is closed.
 fn farewell(channel: &Channel, client: &Client, inbox: &mut Inbox, is_gone: bool) {
     let until = Instant::now() + FAREWELL_MAX;
     while !is_gone && client.is_blocked() && Instant::now() < until {

@@ -50,8 +50,8 @@ fn a_cycle_allocates_nothing() {
     assert!(!clients[0].0.is_over());
 }
 
-/// Returns a function that runs that many cycles: a write arrives, its answer is sent, and a report goes to all
-/// clients. The writer waits for its answer.
+/// Returns a function that runs as many cycles as its argument says. In each cycle a write of the writer arrives, its
+/// answer is sent, and a report goes to all clients.
 fn cycles<'a>(
     hub: &'a Hub,
     board: &'a Arc<Board>,

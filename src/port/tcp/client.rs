@@ -110,7 +110,7 @@ impl Client {
         self.push(&mut self.out.lock());
     }
 
-    /// Sends a keep-alive message if nothing else was sent for a while.
+    /// Sends a keep-alive message if nothing was sent for half of the client's keep-alive time.
     pub(super) fn ping(&self) {
         let mut outgoing = self.out.lock();
         if outgoing.last_sent.elapsed() >= self.keepalive / 2 && outgoing.out.is_empty() {
@@ -119,7 +119,8 @@ impl Client {
         }
     }
 
-    /// Takes the messages sent so far, if the client keeps them in memory.
+    /// Takes the messages that were sent since the last call. Only for the clients of tests, which have no connection
+    /// and keep messages in memory.
     pub(super) fn take_sent(&self) -> Vec<u8> {
         self.out.lock().out.take()
     }

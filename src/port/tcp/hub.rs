@@ -26,7 +26,8 @@ pub(super) struct Board {
     known: KnownNetwork,
     /// The state of the network as the passing frames show it; empty if the slot size is unknown.
     watch: Mutex<Watch>,
-    /// Detects alarms and failed changes of state for the log.
+    /// Detects alarms and failed changes of state for the log. `None`: the slot size is unknown, so reports cannot be
+    /// decoded.
     troubles: Option<Mutex<FrameWatch>>,
     /// The board's time in the newest report.
     newest: AtomicU64,
@@ -84,7 +85,8 @@ impl Board {
             .config()
             .map(|config| KnownNetwork::of_slaves(config.slaves.iter().map(ToString::to_string)));
         let known = said.clone().or(shown.unwrap_or_default()).or(self.known.clone());
-        // A list that is too long is left out, because a part of it would be a wrong list.
+        // A list that does not fit into the Welcome (`TEXT_MAX`) is left out, because a part of it would be a wrong
+        // list.
         let whole = |text: String| if text.len() > TEXT_MAX { String::new() } else { text };
         KnownNetwork { slaves: whole(known.slaves), counts_per_unit: whole(known.counts_per_unit) }
     }
@@ -112,17 +114,18 @@ struct State {
     /// The board, or the reason why none is open.
     board: Result<Arc<Board>, String>,
     clients: Vec<Arc<Client>>,
-    /// The name of the client that is the writer, or a text if the server itself is; `None`: there is no writer.
+    /// The name of the client that is the writer. While the server itself is the writer, this is a text that says so,
+    /// and after which client it stops the axes. `None`: there is no writer. The text of a refusal names the writer.
     writer: Option<String>,
     /// The reports that the server itself reads while it is the writer: it needs them to bring the axes of a vanished
-    /// writer to a standstill.
+    /// writer to a standstill. `None`: the server is not the writer.
     server_reports: Option<Arc<ReportQueue>>,
     is_stopping: bool,
     is_over: bool,
 }
 
-/// The state that the threads of a server share. Its lock is held only briefly: no link, no function of the program and
-/// no file is used while it is held.
+/// The state that the threads of a server share. Its lock is held only briefly: a thread that holds it calls no link
+/// and none of the caller's functions (such as [`ServeOptions::tell`]), and uses no file.
 pub(super) struct Hub {
     pub(super) options: ServeOptions,
     /// The log. No thread that serves the board or a client calls [`ServeOptions::tell`] itself.
@@ -209,7 +212,7 @@ impl Hub {
             Err(reason) => return Err((Refusal::NoBoard, reason.clone())),
             Ok(board) => Arc::clone(board),
         };
-        // The last free place is kept for a writer while there is none.
+        // While there is no writer, readers cannot have the last free place: it is kept for a writer.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
         if state.clients.len() + usize::from(kept) >= self.options.max_clients {
             return Err((Refusal::Full, String::new()));
@@ -239,9 +242,10 @@ impl Hub {
         Ok((client, board))
     }
 
-    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, has never
-    /// begun, or the board is gone. Otherwise, if the client was the writer, the server itself becomes the writer until
-    /// [`end_standstill`](Self::end_standstill), and the queue for its reports is returned.
+    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, no thread
+    /// could be started to serve it, or the board is lost. Otherwise, if the client was the writer, the server itself
+    /// becomes the writer until [`end_standstill`](Self::end_standstill), and the queue of reports for the server is
+    /// returned. In all other cases the result is `None`.
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
         let mut state = self.state.lock();
         state.clients.retain(|other| !Arc::ptr_eq(other, client));

@@ -47,25 +47,25 @@ pub enum ClientMessage<'a> {
 pub enum ServerMessage {
     /// A request has succeeded.
     Done {
-        /// The number of the request.
+        /// The number of the request, counted from 1.
         request: u64,
-        /// The board's time after the request.
+        /// The board's time after the request; `None` if it is unknown.
         now: Option<Stamp>,
     },
     /// The answer to a request for the counters.
     Counted {
-        /// The number of the request.
+        /// The number of the request, counted from 1.
         request: u64,
-        /// Reports that were dropped for the client.
+        /// The number of reports that were dropped for the client.
         reports_dropped: u64,
-        /// The counters of the board, if its link has them.
+        /// The counters of the board, if its link has them. Otherwise `None`.
         board: Option<Counters>,
     },
     /// A request has failed.
     Failed {
-        /// The number of the request.
+        /// The number of the request, counted from 1.
         request: u64,
-        /// The board's time after the request.
+        /// The board's time after the request; `None` if it is unknown.
         now: Option<Stamp>,
     },
     /// The server's last message: it ends the connection.
@@ -123,7 +123,8 @@ impl InMemoryClient<'_> {
         keeps
     }
 
-    /// Like [`say`](Self::say), but a request that takes several steps is only begun.
+    /// Like [`say`](Self::say), but a request that takes several steps is only begun. Returns whether the client is
+    /// still connected.
     pub fn begin(&mut self, what: ClientMessage<'_>, bytes: usize) -> bool {
         self.requests += 1;
         let request = self.requests;

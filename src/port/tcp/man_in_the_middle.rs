@@ -100,7 +100,7 @@ fn somebody_who_pretends_gets_no_client() {
 
 fn write_secret(file: &std::path::Path) {
     std::fs::write(file, "0123456789abcdef0123456789abcdef\n").unwrap();
-    // A secret file that others may read is refused.
+    // Only the owner may read the file of the secret: the library refuses one that others may read.
     #[cfg(unix)]
     std::fs::set_permissions(file, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
 }

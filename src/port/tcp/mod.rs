@@ -216,7 +216,7 @@ impl Server {
         self.acceptor.stop();
         self.hub.end();
         if let Some(supervisor) = self.supervisor.take() {
-            // A panic of that thread was printed when it happened.
+            // An error is ignored: it means that the thread has panicked, and that was printed when it happened.
             let _ = supervisor.join();
         }
         self.teller.end();

@@ -27,10 +27,11 @@ pub(super) struct PendingConnection {
     channel: Channel,
     inbox: Inbox,
     out: Out,
-    /// The TLS session until its handshake is complete.
+    /// The TLS session until its handshake is complete. `None`: the server uses no TLS, or the handshake is complete.
     handshake: Option<Box<Connection>>,
     material: Option<Material>,
-    /// For a refused connection: how long it may still take to receive the reason.
+    /// For a refused connection: how long it may still take to receive the reason. `None`: the connection was not
+    /// refused.
     refused_until: Option<Instant>,
 }
 
@@ -48,10 +49,10 @@ pub(super) enum Look {
 }
 
 impl PendingConnection {
-    /// Sends the greeting to a new connection.
+    /// Sends the greeting to a new connection, and prepares the TLS handshake if `tls` is set.
     ///
     /// # Errors
-    /// Errors of the operating system.
+    /// The socket cannot be set up, the greeting cannot be sent, or the TLS session cannot be made.
     pub(super) fn greet(
         socket: TcpStream,
         from: SocketAddr,
@@ -140,7 +141,7 @@ impl PendingConnection {
         }
     }
 
-    /// Checks the client's proof, if the server has a secret.
+    /// Checks the client's proof that it knows the secret, if the server has one. A wrong proof is refused.
     fn check(&self, hello: Introduction, options: &ServeOptions) -> Look {
         let key = options.secret.as_ref().zip(self.material.as_ref());
         let known = key.is_none_or(|(secret, material)| secret.is_proof(Side::Client, material, &hello.proof));

@@ -33,7 +33,8 @@ impl PendingPool {
         self.pending.len() < PENDING_MAX || self.oldest_evictable(now).is_some()
     }
 
-    /// Adds a connection; returns the one that was removed to make room.
+    /// Adds a connection; returns the one that was removed to make room. `None`: none was removed, or a refused one,
+    /// whose end needs no log line.
     pub(super) fn add(&mut self, pending: Box<PendingConnection>, now: Instant) -> Option<Box<PendingConnection>> {
         let address = pending.from.ip();
         let evicted = match self.oldest_of_full_address(address) {
@@ -60,7 +61,8 @@ impl PendingPool {
     }
 
     /// The connection to close to make room: the oldest refused one, or else the oldest that has sent nothing, or else
-    /// the oldest one. Only refused connections may be closed before [`HELLO_TIME_MIN`] has passed.
+    /// the oldest one. Only refused connections may be closed before [`HELLO_TIME_MIN`] has passed. `None`: no
+    /// connection may be closed at present.
     fn oldest_evictable(&self, now: Instant) -> Option<usize> {
         let oldest =
             |is_one: &dyn Fn(&PendingConnection) -> bool| self.pending.iter().position(|pending| is_one(pending));
@@ -71,7 +73,7 @@ impl PendingPool {
             .or_else(|| oldest(&had_hello_time))
     }
 
-    /// The oldest connection from `address`, if this address has as many connections as allowed.
+    /// The oldest connection from `address`, if this address has as many connections as allowed. `None`: it has fewer.
     fn oldest_of_full_address(&self, address: IpAddr) -> Option<usize> {
         let its = |pending: &PendingConnection| pending.from.ip() == address;
         if address.is_loopback() || self.pending.iter().filter(|pending| its(pending)).count() < PENDING_PER_ADDRESS_MAX
@@ -93,7 +95,8 @@ impl PendingPool {
         self.ready.extend_from_slice(ready);
     }
 
-    /// The next time at which a deadline passes or a connection can be closed to make room.
+    /// The next time at which a deadline passes or a connection can be closed to make room. `None`: no
+    /// connection is pending.
     pub(super) fn next_time(&self, now: Instant, options: &ServeOptions) -> Option<Instant> {
         let deadline = self.pending.iter().map(|pending| pending.deadline(options)).min();
         let room =

@@ -1,4 +1,4 @@
-//! A link that the server itself uses to write to the board while there is no writer.
+//! A link that the server itself uses to stop the axes of a writer that has vanished.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -13,7 +13,8 @@ use crate::tcp::{Inbox, PROOF_LEN};
 
 /// How often a write that waits for the board checks whether its client has cancelled it. \[OURS]
 const WRITE_SLICE: Duration = Duration::from_millis(10);
-/// How far the board's time advances in one step of a request on virtual time. \[OURS]
+/// How far the board's time advances in one step of a request on virtual time, ns: 100 ms. Between two steps the server
+/// can notice that the client has gone. \[OURS]
 const TIME_STEP_NS: u64 = 100_000_000;
 /// The keep-alive times that a client may ask for, ms: the range of the key `keepalive_ms` of its link.
 const KEEPALIVE_RANGE_MS: std::ops::RangeInclusive<u32> = 50..=3_600_000;
@@ -117,7 +118,7 @@ impl<'a> Session<'a> {
                 }
                 return Ok(());
             }
-            // The protocol allows a client only one request in progress.
+            // The protocol allows a client only one request in progress, so a second one ends its session.
             _ if self.is_busy() => return Err(out_of_turn),
             Message::Count { request } => {
                 let counts = self.board.counts().since(&self.before);
@@ -152,7 +153,8 @@ impl<'a> Session<'a> {
         self.work();
     }
 
-    /// Executes a short part of the request in progress.
+    /// Executes the next step of the request in progress, if there is one. Between two steps the caller handles further
+    /// messages of the client.
     pub(super) fn work(&mut self) {
         let Some(pending) = self.pending.take() else { return };
         let request = pending.request;
@@ -179,8 +181,8 @@ impl<'a> Session<'a> {
     }
 
     fn read(&mut self, request: u64, left_ns: Option<u64>) -> Option<Work> {
-        // The last one or two steps are one read: a read with a very short time limit would advance the virtual time by
-        // more than this limit.
+        // A read is divided into steps of `TIME_STEP_NS`. A rest of up to two steps is one read. Otherwise the last
+        // read could have a very short limit, and any read advances the virtual time by at least 125 us.
         let step_ns = left_ns.map(|left| if left > 2 * TIME_STEP_NS { TIME_STEP_NS } else { left });
         let wait = step_ns.map_or(Wait::Forever, |step| Wait::at_most(Duration::from_nanos(step)));
         match self.board.link.read(&mut self.frame, wait) {

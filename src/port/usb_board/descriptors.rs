@@ -18,9 +18,9 @@ pub const INTERFACE_CLASS: [u8; 3] = [3, 0, 0];
 /// capture shows the value of the real board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// idVendor (SK-9).
+    /// idVendor; 0x16C0 on a real board (SK-9).
     pub vendor: u16,
-    /// idProduct (SK-9).
+    /// idProduct; 0x05DF on a real board (SK-9).
     pub product: u16,
     /// bcdDevice: the version of the firmware as the device reports it. \[OURS]
     pub release: u16,
@@ -28,7 +28,7 @@ pub struct Identity {
     pub interval: u8,
     /// The largest current that the board takes from the bus, in mA: 0..=500. \[OURS]
     pub power_ma: u16,
-    /// The usage page of the reports. \[OURS]
+    /// The HID usage page that the report descriptor gives to the reports. \[OURS]
     pub usage_page: u16,
     /// iManufacturer; empty for none. \[OURS]
     pub manufacturer: String,
@@ -72,7 +72,7 @@ pub enum IdentityError {
 /// The most UTF-16 units in a string descriptor: its length is one byte, 255 at most, of which two bytes are the
 /// header, and each unit takes two bytes.
 const TEXT_UNITS_MAX: usize = 126;
-/// Indices of the string descriptors.
+/// The indices of the string descriptors, by which other descriptors refer to them.
 const MANUFACTURER: u8 = 1;
 const NAME: u8 = 2;
 const SERIAL: u8 = 3;
@@ -170,7 +170,7 @@ fn configuration(identity: &Identity, report_len: u8) -> [u8; CONFIGURATION_LEN]
     let packet = (FRAME_LEN as u16).to_le_bytes();
     let [class, subclass, protocol] = INTERFACE_CLASS;
     let interval = identity.interval;
-    // bMaxPower is in units of 2 mA.
+    // bMaxPower is in units of 2 mA, so it is half of the current.
     let power = (identity.power_ma / 2) as u8;
     let parts: [&[u8]; 5] = [
         &[9, CONFIGURATION, total[0], total[1], 1, CONFIGURATION_VALUE, 0, ATTRIBUTES, power],

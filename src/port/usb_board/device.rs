@@ -21,22 +21,23 @@ pub const TRANSFERS_AT_ONCE: usize = 256;
 #[error("the host has more than {TRANSFERS_AT_ONCE} transfers under way in one direction; wait for some of them first")]
 pub struct TooMany;
 
-/// Counters of the transfers.
+/// Counters of a host's transfers since the board was attached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Frames that the board has taken.
+    /// The number of frames that the board has accepted.
     pub frames: u64,
-    /// Reports that the host has received.
+    /// The number of reports that the host has received.
     pub reports: u64,
-    /// Reports that were replaced by a newer one before the host fetched them.
+    /// The number of reports that were replaced by a newer one before the host fetched them.
     pub superseded: u64,
-    /// Reports that were longer than the host's transfer.
+    /// The number of reports that were longer than the host's IN transfer, which then ends with an error.
     pub overflows: u64,
-    /// OUT packets of fewer than 512 bytes: 0 or 1, see [`Device::hangs`].
+    /// The number of OUT packets of fewer than 512 bytes: 0 or 1, since the board hangs after the first one
+    /// ([`Device::hangs`]).
     pub short_packets: u64,
-    /// OUT transfers that the host has unlinked.
+    /// The number of OUT transfers that the host has unlinked before the board has accepted them.
     pub writes_unlinked: u64,
-    /// Control requests that were stalled.
+    /// The number of control requests that were answered with a stall.
     pub refused: u64,
 }
 
@@ -56,9 +57,9 @@ pub struct Device<E> {
     /// Whether the oldest frame is being written to the board.
     writing: bool,
     /// The host's request to unlink the transfer that is being written to the board. It is answered when the write has
-    /// ended.
+    /// ended. `None`: the host has made no such request.
     unlinking: Option<Unlink>,
-    /// The newest report.
+    /// The newest report that was read from the board.
     report: Frame,
     /// Whether no transfer has fetched the newest report yet.
     report_waits: bool,
@@ -116,7 +117,7 @@ impl<E: Ends> Device<E> {
         self.hangs
     }
 
-    /// The counters so far.
+    /// The counters of transfers since the board was attached to this host.
     pub const fn counters(&self) -> Counters {
         self.counters
     }
@@ -142,7 +143,7 @@ impl<E: Ends> Device<E> {
     }
 
     /// The host unlinks a transfer. Returns `true` if the frame of this transfer is being written to the board. Then
-    /// the write should be cancelled, and [`Self::written`] or [`Self::not_written`] makes the answer.
+    /// the write should be cancelled, and [`Self::written`] or [`Self::not_written`] answers the request to unlink.
     pub fn unlink(&mut self, sequence: u32, victim: u32) -> bool {
         if self.writing && self.unlinking.is_none() && self.writes.is_first(victim) {
             self.unlinking = Some(Unlink { sequence, victim });
@@ -164,12 +165,13 @@ impl<E: Ends> Device<E> {
         false
     }
 
-    /// Whether an IN transfer is pending.
+    /// Whether an IN transfer waits for a report and the board does not hang.
     pub fn wants_report(&self) -> bool {
         !self.hangs && !self.reads.is_empty()
     }
 
-    /// Whether [`Self::begin_write`] has a frame.
+    /// Whether [`Self::begin_write`] would return a frame: one waits, no other one is being written, and the board does
+    /// not hang.
     pub fn has_frame(&self) -> bool {
         !self.hangs && !self.writing && !self.writes.is_empty()
     }
@@ -187,7 +189,8 @@ impl<E: Ends> Device<E> {
         begins
     }
 
-    /// The board has made a report.
+    /// Stores a report that was read from the board, and passes it to the oldest pending IN transfer. Without such a
+    /// transfer the report is kept until [`Self::deliver`] or a newer report. Ends the read of [`Self::begin_read`].
     pub fn report(&mut self, report: &Frame) {
         self.reading = false;
         if self.hangs {
@@ -199,7 +202,8 @@ impl<E: Ends> Device<E> {
         self.deliver();
     }
 
-    /// The board has no newer report: one that is kept goes to a pending transfer.
+    /// Ends the read of [`Self::begin_read`] without a new report from the board: a kept report that no transfer has
+    /// fetched goes to the oldest pending IN transfer.
     pub fn deliver(&mut self) {
         self.reading = false;
         if !self.report_waits || self.hangs {
@@ -219,7 +223,8 @@ impl<E: Ends> Device<E> {
         }
     }
 
-    /// The next frame for the board, if there is one and no other frame is being written.
+    /// Copies the next frame for the board into `frame`. Returns false if there is none, or another frame is being
+    /// written. After true the caller has to write the frame, and then call [`Self::written`] or [`Self::not_written`].
     pub fn begin_write(&mut self, frame: &mut Frame) -> bool {
         if !self.has_frame() {
             return false;
@@ -230,7 +235,8 @@ impl<E: Ends> Device<E> {
         true
     }
 
-    /// The board has taken the frame.
+    /// The board has accepted the frame of [`Self::begin_write`]. Completes the host's OUT transfer if this was its
+    /// last packet.
     pub fn written(&mut self) {
         self.writing = false;
         self.counters.frames += 1;
@@ -243,7 +249,8 @@ impl<E: Ends> Device<E> {
         self.unlink_now();
     }
 
-    /// The board has not taken the frame. It is kept, unless the host unlinks it.
+    /// The board has not accepted the frame of [`Self::begin_write`]. The frame is kept for the next attempt, unless
+    /// the host has asked to unlink its transfer.
     pub fn not_written(&mut self) {
         self.writing = false;
         self.unlink_now();
@@ -279,8 +286,8 @@ impl<E: Ends> Device<E> {
             if rest >= FRAME_LEN {
                 return;
             }
-            // A transfer without bytes is one packet without bytes. A transfer whose packets are all full ends with the
-            // last of them.
+            // A transfer without bytes is one packet without bytes: a short one, which hangs the board. A transfer
+            // whose packets are all full ends with the last of them, without an empty packet.
             if rest > 0 || write.bytes.is_empty() {
                 self.hang();
             }

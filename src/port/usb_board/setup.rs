@@ -27,10 +27,10 @@ pub mod report {
     pub const OUTPUT: u8 = 2;
 }
 
-/// ENDPOINT_HALT, USB 2.0 table 9-6.
+/// The feature ENDPOINT_HALT of CLEAR_FEATURE and SET_FEATURE (USB 2.0, table 9-6).
 const ENDPOINT_HALT: u16 = 0;
 
-/// bmRequestType: direction, type and recipient.
+/// Values of bmRequestType: the direction, type and recipient of a request.
 const TO_DEVICE: u8 = 0x00;
 const TO_INTERFACE: u8 = 0x01;
 const TO_ENDPOINT: u8 = 0x02;
@@ -75,14 +75,14 @@ pub enum Request {
     GetReport {
         /// The report type, see [`report`].
         kind: u8,
-        /// The report id.
+        /// The report id that the host asks for. Only 0 exists, since the board's reports are not numbered (SK-9).
         id: u8,
     },
     /// SET_REPORT; the data stage carries the report.
     SetReport {
         /// The report type, see [`report`].
         kind: u8,
-        /// The report id.
+        /// The report id that the host asks for. Only 0 exists, since the board's reports are not numbered (SK-9).
         id: u8,
     },
     /// GET_IDLE: the idle rate.
@@ -96,7 +96,7 @@ pub enum Request {
 /// A decoded setup packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setup {
-    /// The request.
+    /// The request that bmRequestType, bRequest, wValue and wIndex encode.
     pub request: Request,
     /// wLength: how many bytes the host sends, or accepts at most.
     pub length: u16,
@@ -105,7 +105,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Decodes a setup packet.
+    /// Decodes the 8 bytes of a setup packet. A request that the board does not know becomes [`Request::Unknown`].
     pub const fn parse(bytes: [u8; 8]) -> Self {
         let [recipient, code, low, high, ..] = bytes;
         let value = u16::from_le_bytes([low, high]);
@@ -120,7 +120,7 @@ impl Setup {
             (TO_ENDPOINT, 1 | 3) if value == ENDPOINT_HALT => {
                 Request::SetHalt { endpoint: bytes[4], halted: code == 3 }
             }
-            // There is one interface, number 0.
+            // The board has one interface, number 0. A request to another one is unknown.
             (FROM_INTERFACE | TO_INTERFACE | CLASS_FROM_INTERFACE | CLASS_TO_INTERFACE, _) if index != 0 => {
                 Request::Unknown
             }

@@ -28,7 +28,7 @@ pub enum Status {
 pub struct Transfer {
     /// The sequence number that the host has given the transfer. [`Ends::ended`] repeats it.
     pub sequence: u32,
-    /// The direction.
+    /// Whether data go to the device or to the host.
     pub direction: Direction,
     /// The number of the endpoint, 0..=15, without the direction bit.
     pub endpoint: u8,

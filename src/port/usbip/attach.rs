@@ -16,7 +16,7 @@ pub use linux::{Socket, attach};
 #[cfg(not(target_os = "linux"))]
 pub use unsupported::{Socket, attach};
 
-/// The folder of the controller in sysfs.
+/// The sysfs folder of the first virtual USB host controller of Linux (vhci_hcd).
 pub const VHCI: &str = "/sys/devices/platform/vhci_hcd.0";
 
 /// The status of a port to which nothing is attached (`VDEV_ST_NULL`).

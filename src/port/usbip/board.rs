@@ -28,14 +28,14 @@ pub type Opener = Box<dyn Fn() -> Result<Arc<dyn Link>, LinkError> + Send + Sync
 pub enum Event {
     /// A host has attached a board.
     Attached {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// The host that has attached it.
         host: String,
     },
     /// A host no longer has its board.
     Ended {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// Why the host no longer has the board.
         why: SessionEnd,
@@ -44,14 +44,14 @@ pub enum Event {
     },
     /// A board is lost. The server tries to open it again.
     Lost {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// The error that has shown the loss.
         why: String,
     },
     /// A lost board is open again.
     Reopened {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
     },
     /// A client was rejected before it had attached a board.
@@ -63,14 +63,14 @@ pub enum Event {
     },
     /// A board could not be attached to this machine.
     NotAttached {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// Why the board could not be attached.
         why: String,
     },
     /// A lost board still cannot be opened. Each reason is reported once.
     ReopenFailed {
-        /// The board's bus id.
+        /// The board's bus id, such as `1-1`.
         bus_id: String,
         /// Why the board cannot be opened.
         why: String,
@@ -141,7 +141,8 @@ struct State {
 }
 
 impl Board {
-    /// A board whose link is open. Its bus id is made from `index`, counted from 0.
+    /// A board whose link is open. Its bus id is made from `index`, counted from 0. Fails if the identity does not fit
+    /// into USB descriptors.
     pub fn new(
         index: u16,
         identity: Identity,
@@ -198,7 +199,8 @@ impl Board {
         self.state.lock().link.is_some()
     }
 
-    /// Attaches the board to a host, if it is connected and free.
+    /// Attaches the board to a host, if the board's link is open and no other host has attached the board. Otherwise
+    /// returns the stream again, with the reason.
     pub fn take(&self, stream: Stream) -> Result<Arc<Session>, (Stream, Refusal)> {
         let mut state = self.state.lock();
         if state.stopping {
@@ -283,7 +285,7 @@ impl Board {
     }
 
     /// Tries to open the link; `told` is the reason for a failure that was reported last: the same reason is not
-    /// reported again.
+    /// reported again. Returns whether the link is open now.
     fn open_again(&self, told: &mut String) -> bool {
         match (self.opener)() {
             Ok(link) => {

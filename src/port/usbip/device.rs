@@ -1,5 +1,5 @@
-//! The virtual board as a host sees it over USB/IP: the [`Device`](crate::port::usb_board::device::Device) of any host,
-//! with the ends of transfers as messages.
+//! The virtual board as a host sees it over USB/IP. It is the same [`Device`](crate::port::usb_board::device::Device)
+//! as on a device controller; here the results of transfers become USB/IP messages to the host.
 
 use super::descriptors::Descriptors;
 use super::wire::{self, Status, Submit};

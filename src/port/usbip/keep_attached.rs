@@ -11,7 +11,8 @@ use super::board::{Board, Event};
 use super::stream::Stream;
 use crate::threads;
 
-/// Attaches board `index` to this machine. The returned thread ends when the kernel detaches the board.
+/// Attaches board `index` to this machine. The returned thread ends when the kernel detaches the board. Fails if the
+/// kernel does not attach the board, or a host has attached it already.
 pub(super) fn attach(boards: &Arc<[Board]>, index: usize, vhci: &Path) -> Result<JoinHandle<()>, AttachError> {
     let board = &boards[index];
     let (stream, port) = attach::attach(vhci, board.device_id())?;

@@ -36,21 +36,22 @@ const STOP_CHECK_INTERVAL: Duration = Duration::from_millis(100);
 /// The settings of a server. By default it listens on the loopback address only.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// The address to listen on.
+    /// The TCP address to listen on; port 3240 of the loopback address by default.
     pub listen: SocketAddr,
     /// Whether the server may listen on an address that other machines can reach. USB/IP has no password and no
     /// encryption, so anybody who can reach the server can move the axes.
     pub insecure_anyone: bool,
-    /// How long a client may take to send its request.
+    /// How long a client may take to send its request; 5 s by default.
     pub request_timeout: Duration,
     /// The largest number of clients that have not attached a board; when there is one more, the oldest is
-    /// disconnected.
+    /// disconnected; 64 by default.
     pub clients: usize,
     /// The pause between two attempts to open a lost board.
     pub retry: Duration,
     /// How long a host that has attached a board may accept no bytes before its connection is closed; 30 s by default.
     pub send_timeout: Duration,
-    /// The virtual USB host controller of this machine to which all boards are attached, usually [`VHCI`](super::VHCI).
+    /// The sysfs folder of the virtual USB host controller of this machine to which the server attaches all boards,
+    /// usually [`VHCI`](super::VHCI). `None`: the server attaches no board by itself, and only clients attach them.
     pub attach: Option<PathBuf>,
 }
 

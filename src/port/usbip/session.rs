@@ -49,7 +49,7 @@ pub enum SessionEnd {
     /// The host has submitted too many transfers.
     #[error(transparent)]
     TooMany(#[from] TooMany),
-    /// The board was lost.
+    /// The board was lost: the error of its link says why.
     #[error("{0}")]
     LinkLost(LinkError),
     /// The server was stopped.
@@ -144,7 +144,7 @@ impl Session {
         self.link.cancel(Dir::Write);
     }
 
-    /// The counters so far.
+    /// The counters of the host's transfers since it has attached the board.
     pub fn counters(&self) -> Counters {
         self.device.lock().counters()
     }

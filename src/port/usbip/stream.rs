@@ -32,7 +32,7 @@ impl Stream {
     /// bytes is detected.
     ///
     /// # Errors
-    /// Errors of the operating system.
+    /// The system refuses a setting of the socket, for example because the connection has ended already.
     pub fn for_traffic(&self, send_timeout: Duration) -> io::Result<()> {
         match self {
             Self::Tcp(stream) => {

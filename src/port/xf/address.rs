@@ -65,7 +65,7 @@ impl fmt::Display for Listen {
     }
 }
 
-/// A listening socket.
+/// The socket on which the server of a chip listens.
 pub(super) enum Listener {
     Tcp(TcpListener),
     #[cfg(unix)]
@@ -78,7 +78,7 @@ pub(super) struct UnixPlace {
     listener: UnixListener,
     path: PathBuf,
     /// Device and inode of the socket's file. They show at the end whether the path still belongs to this socket, and
-    /// not to a later one.
+    /// not to a later one. `None`: they could not be read.
     file: Option<(u64, u64)>,
 }
 

@@ -8,7 +8,7 @@ use rustix::event::{PollFd, PollFlags};
 use super::address::Stream;
 use super::wire::{self, BadRequest, EXCHANGE_MAX, HEAD_LEN, Kind, Status};
 
-/// The longest message, bytes.
+/// The length of the longest message with its head, bytes.
 const MESSAGE_MAX: usize = HEAD_LEN + EXCHANGE_MAX;
 
 /// The reason why a host has left.
@@ -43,7 +43,7 @@ pub(super) struct Connection {
     /// The range of `outgoing` that was not sent yet.
     unsent: std::ops::Range<usize>,
     /// Since when the connection waits for the host: for its first request, for the rest of a message, or until it
-    /// reads an answer.
+    /// reads an answer. `None`: it does not wait for the host.
     owes_since: Option<Instant>,
     /// Whether the host has sent a whole message. A connection without one may be from a program that is not a host (a
     /// port scan), so it must not keep others from the chip.
@@ -84,7 +84,7 @@ impl Connection {
     }
 
     /// Whether a whole message has been received, which [`Self::answer`] then answers. The result is false until the
-    /// answer to the previous message is sent.
+    /// answer to the previous message is sent. The error says why the host has left, or what is wrong with its message.
     pub fn next(&mut self, now: Instant) -> Result<bool, Left> {
         self.incoming.copy_within(self.used..self.held, 0);
         self.held -= std::mem::take(&mut self.used);
@@ -122,7 +122,8 @@ impl Connection {
         }
     }
 
-    /// Records that the connection waits for the host, for `what`. Returns an error if this wait has taken too long.
+    /// Records that the connection waits for the host. Returns `Ok(false)`, which means that there is no message yet,
+    /// or an error with the text `what` if this wait has taken too long.
     fn waits(&mut self, now: Instant, what: &str) -> Result<bool, Left> {
         let since = *self.owes_since.get_or_insert(now);
         let waited = now.saturating_duration_since(since);
@@ -132,8 +133,9 @@ impl Connection {
         Err(Left::Gone(format!("{what} for {}", crate::span::Span(waited))))
     }
 
-    /// Answers the message that [`Self::next`] has found. `fill` gets the kind and the body of the message, the buffer
-    /// for the body of the answer, and the stream. It returns the length of this body, or status and text of a refusal.
+    /// Answers the message that [`Self::next`] has found. `fill` carries out the request. It gets the kind and the body
+    /// of the message, the buffer for the body of the answer, and the stream, with which a long wait can detect that
+    /// the host has disconnected. It returns the length of the answer's body, or status and text of a refusal.
     pub fn answer(
         &mut self,
         fill: impl FnOnce(u8, &[u8], &mut [u8], &Stream) -> Result<usize, (Status, String)>,
@@ -203,7 +205,7 @@ impl Connection {
     }
 }
 
-/// How many times the end of a connection reads and discards received bytes at most. \[OURS]
+/// How many times [`Connection::end`] reads and discards received bytes at most. \[OURS]
 const ROUNDS_AT_END: usize = 16;
 
 /// Copies a text, as many whole characters as fit into `room`. Returns the number of bytes.

@@ -1,8 +1,9 @@
 //! A served ECM-XF for other host software: any [`ChipLink`], over a Unix socket or TCP, as a stream of full-duplex
 //! exchanges. A C driver for the chip can run on the model, with a shim of a few lines in the place of SPI.
 //!
-//! One thread has the chip and all connections. One host at a time has the chip, as with a chip select; any other one
-//! is refused with that reason. The server does not interpret the bytes that pass.
+//! One thread serves the chip and all connections. One host at a time has the chip, as a chip select selects one
+//! device; any other host is refused with the text that the chip is in use. The server does not interpret the bytes
+//! that pass.
 //!
 //! A host that ends its connection without a Close has vanished: the server then finds the chip's packets by itself and
 //! takes the network out of OP ([`OnVanish`]).

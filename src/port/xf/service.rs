@@ -21,7 +21,7 @@ use crate::xf::host::HostConfig;
 const IDLE_INTERVAL: Duration = Duration::from_millis(100);
 /// The longest wait on the chip during which no other event is handled. \[OURS]
 const WAIT_SLICE_NS: u64 = 20_000_000;
-/// How many messages are handled before other connections are checked. \[OURS]
+/// How many messages of the host are handled in a row before the server looks for new connections. \[OURS]
 const MESSAGES_IN_A_ROW_MAX: usize = 64;
 /// The pause after an error of `accept`, for example because no file descriptor was left. \[OURS]
 const ACCEPT_RETRY_PAUSE: Duration = Duration::from_millis(50);
@@ -48,7 +48,7 @@ pub(super) struct Service {
 
 /// The chip that the server gives to one host at a time, and its link.
 struct Served {
-    /// `None` while the link is being opened again.
+    /// The link to the chip; `None` while the link is being opened again after a failure.
     link: Option<Box<dyn ChipLink>>,
     config: HostConfig,
     has_int0: bool,
@@ -125,7 +125,8 @@ impl Service {
         }
     }
 
-    /// Handles the host's messages. Returns the reason if the host has left.
+    /// Handles the host's messages. Returns the reason if the host has left. `None`: it has not, and at present there
+    /// is no further message, or the others have their turn first.
     fn serve_host(&mut self) -> Option<Left> {
         let host = self.host.as_mut()?;
         for _ in 0..MESSAGES_IN_A_ROW_MAX {

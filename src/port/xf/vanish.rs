@@ -26,7 +26,7 @@ pub(super) enum Stopped {
 }
 
 /// Switches the FIFO off, empties it, and brings slaves in OP to SafeOP. Afterwards the chip uses fixed check words, as
-/// after power-on.
+/// after power-on. Fails if the chip does not answer, or a slave stays in OP.
 pub(super) fn bring_to_safe_op(link: &mut dyn ChipLink, config: HostConfig) -> Result<Stopped, XfError> {
     let busy_ns = STATE_TIME_MAX.as_nanos() as u64;
     let timeouts = Timeouts { busy_ns, ..config.timeouts };

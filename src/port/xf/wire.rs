@@ -68,7 +68,7 @@ pub enum Status {
     Busy = 2,
     /// The line that the request needs, INT0, INT1 or reset, is not connected.
     NoLine = 3,
-    /// The chip cannot be reached.
+    /// The link between the server and the chip has failed, or cannot be opened.
     Chip = 4,
     /// The server is being stopped.
     Ends = 5,
@@ -97,7 +97,7 @@ pub enum BadRequest {
     /// The head gives a length that no valid message has, so it is unknown where the next message begins.
     #[error("a message of {found} bytes: an exchange has {EXCHANGE_MAX} at most; send more as several exchanges")]
     TooLong {
-        /// The length of the body that the head gives.
+        /// The length of the body that the head gives, in bytes.
         found: usize,
     },
     /// No kind of request has this number.
@@ -105,17 +105,17 @@ pub enum BadRequest {
         "no request has the kind {kind}; they are 1 exchange, 2 wait for INT0, 3 read INT1, 4 delay, 5 close, 6 reset"
     )]
     Kind {
-        /// The kind in the head.
+        /// The number of the kind in the head of the message.
         kind: u8,
     },
     /// The body is longer or shorter than required.
     #[error("request {kind} has a body of {found} bytes, which has to have {wanted}; see docs/XF-PORT.md")]
     Length {
-        /// The kind of the request.
+        /// The number of the kind of the request.
         kind: u8,
         /// The length of the body, in bytes.
         found: usize,
-        /// The required length, as text.
+        /// The required length in bytes, as text, such as `1 or more`.
         wanted: &'static str,
     },
     /// The requested wait is too long.
@@ -169,7 +169,8 @@ pub const fn head(kind: u8, status: Status, len: usize) -> [u8; HEAD_LEN] {
     [kind, status as u8, len[0], len[1]]
 }
 
-/// The greeting message.
+/// The greeting: the message with which the server begins a connection. Its body of 8 bytes has [`MAGIC`], [`VERSION`]
+/// and [`EXCHANGE_MAX`].
 pub fn greeting() -> [u8; HEAD_LEN + 8] {
     let mut message = [0; HEAD_LEN + 8];
     message[..HEAD_LEN].copy_from_slice(&head(Kind::Greeting as u8, Status::Ok, 8));

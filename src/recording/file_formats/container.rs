@@ -76,7 +76,8 @@ impl<R: Read> Blocks<R> {
         Self { input: Input::new(source, name), parser: None }
     }
 
-    /// Reads the next block and parses it; `None` at the end of the file.
+    /// Reads the next block and parses it; `None` at the end of the file. Fails if the file cannot be read or a block
+    /// is damaged.
     pub fn next(&mut self) -> Result<Option<Item<'_>>, RecordError> {
         let Self { input, parser } = self;
         let parser = match parser {
@@ -227,7 +228,8 @@ fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> R
             for option in &statistics.options {
                 match option {
                     InterfaceStatisticsOption::IsbIfDrop(n) => missing = *n,
-                    // The comment has the form `570 frames are missing: why`.
+                    // The comment has the form `570 frames are missing: why`, so the reason stands after the first
+                    // colon.
                     InterfaceStatisticsOption::Comment(words) => {
                         why = words.split_once(": ").map(|(_, why)| why.to_owned());
                     }
@@ -259,7 +261,8 @@ fn nanoseconds(units: u128, interface: &InterfaceDescriptionBlock<'_>) -> u64 {
     for option in &interface.options {
         match option {
             InterfaceDescriptionOption::IfTsResol(exponent) => resolution = *exponent,
-            // The option's value is a signed number of seconds, which the crate returns as unsigned.
+            // The option's value is a signed number of seconds, which the crate returns as unsigned, so it is converted
+            // back.
             InterfaceDescriptionOption::IfTsOffset(seconds) => offset_s = i128::from(*seconds as i64),
             _ => {}
         }

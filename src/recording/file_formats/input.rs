@@ -50,7 +50,8 @@ impl<R: Read> Input<R> {
         &self.buffer[self.start - len..self.start]
     }
 
-    /// Reads until `len` bytes from the next one on are in the memory. Returns false if the file ends before.
+    /// Reads until `len` bytes from the next one on are in the memory. Returns false if the file ends before. Fails if
+    /// the file cannot be read.
     pub fn has(&mut self, len: usize) -> Result<bool, RecordError> {
         while self.bytes().len() < len {
             if !self.fill()? {
@@ -60,7 +61,8 @@ impl<R: Read> Input<R> {
         Ok(true)
     }
 
-    /// Reads the next chunk into the buffer. Returns whether there was anything left to read.
+    /// Reads the next chunk into the buffer. Returns whether there was anything left to read. Fails if the file cannot
+    /// be read.
     pub fn fill(&mut self) -> Result<bool, RecordError> {
         self.buffer.drain(..self.start);
         self.start = 0;

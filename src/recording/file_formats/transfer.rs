@@ -5,8 +5,8 @@ use crate::recording::address::Address;
 /// The kind of a USB transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::recording) enum TransferKind {
-    /// An interrupt transfer. A transfer whose endpoint the capture does not show counts as one too: it may have a
-    /// frame, and its length tells.
+    /// An interrupt transfer. A transfer whose endpoint the capture does not show counts as one too, since it may carry
+    /// a frame; its length shows whether it does.
     Interrupt,
     Control,
     /// A bulk or isochronous transfer.
@@ -31,7 +31,7 @@ pub(in crate::recording) struct UsbEvent<'a> {
     pub to_host: bool,
     /// The id of the transfer, the same in all its packets while it is in flight.
     pub id: u64,
-    /// The setup packet of a control transfer.
+    /// The setup packet of a control transfer. `None`: the packet has none.
     pub setup: Option<[u8; 8]>,
     /// The length of the transfer in bytes. The capture may have fewer bytes of it.
     pub length: u32,

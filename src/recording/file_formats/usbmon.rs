@@ -16,7 +16,7 @@ pub(crate) const HEADER_LEN: usize = size_of::<RawHeader>();
 /// The length of the header without the fields for isochronous transfers, bytes.
 const SHORT_HEADER_LEN: usize = 48;
 
-/// The board's endpoints (SK-9).
+/// The addresses of the board's interrupt endpoints (SK-9): OUT for command frames, IN for reports.
 const OUT: u8 = 0x02;
 const IN: u8 = 0x81;
 /// The bit of an endpoint's address that means "to the host".

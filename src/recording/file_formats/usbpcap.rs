@@ -9,7 +9,8 @@ use pcap_file::DataLink;
 use super::transfer::{Stage, TransferKind, UsbEvent};
 use crate::recording::address::Address;
 
-/// The length of the header that all transfers have, bytes.
+/// The length of the header with which the packets of all transfers begin, bytes. Packets of some kinds of transfer
+/// have further fields behind it.
 const HEADER_LEN: usize = size_of::<RawHeader>();
 /// The bit of `info` that means "from the device's driver to the caller": the packet is the end of a transfer.
 const IS_ANSWER: u8 = 1;
@@ -92,7 +93,8 @@ pub(super) fn event(packet: &[u8]) -> Option<UsbEvent<'_>> {
 }
 
 /// Decodes a packet of a control transfer. Since USBPcap 1.5 the bytes of an OUT transfer follow the setup packet, and
-/// those of an IN transfer are in the last packet. Older versions have the bytes in a packet of their own.
+/// those of an IN transfer are in the last packet. Older versions have the bytes in a packet of their own. `None`: the
+/// stage is another one, or the packet has no whole setup packet.
 fn control(event: UsbEvent<'_>, stage: u8) -> Option<UsbEvent<'_>> {
     let event = UsbEvent { kind: TransferKind::Control, ..event };
     match stage {

@@ -125,7 +125,7 @@ impl SdoCommand {
         }
     }
 
-    /// The command's id.
+    /// The command's id, byte 0 of its slot.
     pub const fn id(&self) -> CommandId {
         match self {
             Self::GetStatus => CommandId::GetStatus,

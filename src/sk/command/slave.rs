@@ -7,7 +7,7 @@ use crate::sk::argument::{Argument, AxisTarget, DriveSync, InvalidArgument, Torq
 use crate::sk::command_table::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize, TwoChannelSlot};
 
-/// Arguments of CSP and CSV.
+/// The arguments of CSP and CSV: a target for each axis of the slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Motion {
     /// Target of the slave's only axis, or of axis 1 of an HSP (pulse module).
@@ -111,7 +111,7 @@ pub enum SlaveCommand {
 }
 
 impl SlaveCommand {
-    /// The command's id.
+    /// The command's id, byte 0 of its slot.
     pub const fn id(&self) -> CommandId {
         match self {
             Self::GetStatus => CommandId::GetStatus,

@@ -68,7 +68,7 @@ impl KindEvidence {
         let id = CommandId::from_code(slot.id);
         match id.only_kind() {
             Some(kind) => Self::Implied(kind),
-            // Only the two-channel HSP uses bytes 12..15.
+            // Only the two-channel HSP uses bytes 12..15 (`data3`).
             None if slot.data3 != 0 => Self::Guessed(SlaveKind::Hsp),
             None if id.is_for_axes() || slot.parm != 0 => Self::Guessed(SlaveKind::Drive),
             None if slot.data1 != 0 && slot.data1 <= 0xFFFF && slot.data2 == 0 => Self::Guessed(SlaveKind::Io),

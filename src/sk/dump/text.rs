@@ -1,4 +1,4 @@
-//! The text of a dump.
+//! The text of a dump: how a line and the meaning of its slot are printed.
 
 use core::fmt::{self, Display, Formatter};
 

@@ -77,7 +77,8 @@ impl Axis {
         self.position_limited = true;
     }
 
-    /// Updates bit 10 and monitors the following error after the plant has followed a position setpoint for `ns`.
+    /// Updates statusword bit 10 (target reached) and monitors the following error, after the plant has followed a
+    /// position setpoint for `ns`.
     pub(super) fn followed_position(&mut self, ns: Ns) {
         self.target_reached &= self.following_error().unsigned_abs() <= self.position_reached.unsigned_abs();
         self.monitor_following_error(ns);

@@ -6,7 +6,8 @@
 //! 0x6062 and 0x607A add to these counts. A target position that the master computed before it could see the new positions
 //! would make the axis jump in the next mode. So the axis ignores target positions \[OURS] while the mode is 6, while it
 //! still brakes after the mode was left, and in the first exchange after home was attained or after such braking has ended.
-//! Meanwhile it holds its position. The master of the exchange after that has seen the actual position.
+//! Meanwhile it holds its position. When the master sends the target position of the following exchange, it has already
+//! seen the new actual position, so the axis follows that target again.
 
 use super::measure::rounded;
 use super::{Axis, Demand, Motion};

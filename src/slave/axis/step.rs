@@ -107,7 +107,8 @@ impl Axis {
         }
     }
 
-    /// Whether the motor counts as stopped for the state machine.
+    /// Whether the motor counts as stopped for the state machine: it has braked and is held, or it has no power and the
+    /// shaft is at standstill.
     fn has_stopped(&self) -> bool {
         match self.motion {
             Motion::Off => self.plant.is_at_standstill(),

@@ -40,7 +40,8 @@ fn check(at: ObjectAddress, scope: SdoScope) -> Result<(), AbortCode> {
     }
 }
 
-/// SDO upload: copies the octets into `value`, as far as there is room. Returns the length of all octets.
+/// SDO upload: copies the octets into `value`, as far as there is room. Returns the length of all octets. The error is
+/// the abort code for another sub-index or for complete access.
 pub(super) fn read(octets: &[u8], at: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
     check(at, scope)?;
     Ok(put_first(octets, value))

@@ -30,20 +30,21 @@ fn first_part<D: Device>(device: &D, at: ObjectAddress) -> Result<Part, AbortCod
     part_from(device, at, 0).ok_or(AbortCode::NO_SUB_INDEX)
 }
 
-/// The rows of an object that the device has.
+/// The rows of the object in the table of the dictionary, without rows that do not apply to this device
+/// ([`Object::only_if`]).
 fn rows<D: Device>(device: &D, index: u16) -> impl Iterator<Item = &'static Object<D>> {
     D::objects().iter().filter(move |row| row.index == index && row.only_if.is_none_or(|has| has(device)))
 }
 
 /// The first existing sub-index from `at.sub` on. `offset` is the position of its value in the data of the transfer,
-/// bytes.
+/// bytes. `None`: there is none.
 fn part_from<D: Device>(device: &D, at: ObjectAddress, offset: usize) -> Option<Part> {
     let row = rows(device, at.index).find(|row| at.sub < row.first_sub.saturating_add(row.count))?;
     let at = ObjectAddress::new(at.index, at.sub.max(row.first_sub));
     Some(Part { at, access: row.access, offset, len: row.data.bytes().into() })
 }
 
-/// The next existing sub-index after `part`.
+/// The next existing sub-index after `part`. `None`: `part` is the last one.
 fn part_behind<D: Device>(device: &D, part: &Part) -> Option<Part> {
     let next = ObjectAddress::new(part.at.index, part.at.sub.checked_add(1)?);
     let is_padded = part.at.sub == 0 && part_from(device, next, 0).is_some();

@@ -24,7 +24,7 @@ impl DataTypeCode {
     }
 }
 
-/// The description of an object.
+/// The description of an object for the SDO information services.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectDescription<'a> {
     /// The index of the object.
@@ -53,7 +53,7 @@ pub const fn access_of(access: Access) -> ObjectAccess {
     }
 }
 
-/// The description of an entry.
+/// The description of an entry (one sub-index of an object) for the SDO information services.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EntryDescription<'a> {
     /// The index and sub-index of the entry.

@@ -4,9 +4,9 @@ use std::marker::PhantomData;
 
 use super::object::{Cell, DataType, Object};
 
-/// A Rust type for a stored value.
+/// A Rust type that a [`Slot`] reads a stored value as, such as `u16` for UNSIGNED16.
 pub trait Value: Copy {
-    /// The data type of the object.
+    /// The data type that an object must have so that its value is of this Rust type.
     const DATA: DataType;
 
     /// The value in the low bits of the argument, as many bits as the type has.
@@ -87,7 +87,7 @@ pub const fn slot<D, T: Value>(objects: &[Object<D>], index: u16, sub: u8) -> Sl
 pub struct Values(Box<[u64]>);
 
 impl Values {
-    /// Values with the defaults of a table.
+    /// The values at power-on: the default of each sub-index in a table of objects.
     pub fn new<D>(objects: &[Object<D>]) -> Self {
         let defaults = objects.iter().flat_map(|object| (0..object.count).map(|_| object.data.encode(object.default)));
         Self(defaults.collect())

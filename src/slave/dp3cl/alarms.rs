@@ -9,7 +9,8 @@ const HISTORY: usize = 5;
 /// codes from 0xFF00 for the manufacturer and says that 0x603F shows only the main number.
 const MAKER_CODES: u16 = 0xFF00;
 
-/// An alarm of the drive.
+/// An alarm of the drive. The value of a variant is the number of the alarm, or the number of LED flashes of an alarm
+/// without one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u16)]
 pub enum Dp3clAlarm {
@@ -62,7 +63,7 @@ pub enum Dp3clAlarm {
 }
 
 impl Dp3clAlarm {
-    /// Every alarm.
+    /// Every alarm of the drive, in the order of this enum.
     pub const ALL: [Self; 22] = [
         Self::InvalidChange,
         Self::UnknownState,
@@ -173,12 +174,13 @@ impl Dp3clAlarm {
         matches!(self, Self::OverCurrent | Self::OverVoltage | Self::OpenMotor)
     }
 
-    /// The alarm as a fault for the state machine.
+    /// The fault that the alarm raises in the CiA 402 state machine.
     pub(super) const fn fault(self) -> DeviceFault {
         DeviceFault { code: self.error_code(), resettable: !self.needs_restart() }
     }
 
-    /// The LED alarm with that error code.
+    /// The first alarm with this error code. It is the only one for the codes of alarms that the LED flashes. `None`:
+    /// no alarm has it.
     pub(super) fn of_error_code(code: u16) -> Option<Self> {
         Self::ALL.into_iter().find(|alarm| alarm.error_code() == code)
     }
@@ -218,7 +220,7 @@ impl Alarms {
         self.count = self.count.saturating_add(1);
     }
 
-    /// Ends the present alarm.
+    /// Ends the present alarm. It stays in the history.
     pub(super) const fn clear(&mut self) {
         self.present = None;
     }
@@ -229,7 +231,7 @@ impl Alarms {
         (self.present, self.count) = (None, 0);
     }
 
-    /// The present alarm.
+    /// The present alarm. `None`: there is no alarm.
     pub(super) const fn present(&self) -> Option<Dp3clAlarm> {
         self.present
     }

@@ -44,7 +44,7 @@ pub struct Dp3clConfig {
     pub wiring: [Option<Input>; 4],
     /// The durations of the transitions of the CiA 402 state machine.
     pub times: TransitionTimes,
-    /// The positions of the dial switch.
+    /// The positions of the dial switch, SW1 to SW8.
     pub dial: Dial,
     /// The supply voltage, mV.
     pub supply_mv: u32,

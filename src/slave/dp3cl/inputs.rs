@@ -6,7 +6,7 @@
 use crate::slave::lines::{InputPattern, Lines};
 use crate::slave::switches::{HomeSwitch, Input, Travel};
 
-/// The number of input terminals.
+/// The number of input terminals, SI1 to SI4.
 pub(super) const PINS: usize = 4;
 
 /// \[OURS] The wiring of SI1 to SI4: no sensor (a push button that clears alarms), POT, NOT and HOME. It fits the factory
@@ -92,8 +92,9 @@ impl Pins {
         if self.lines.is_forced() { Some(self.lines.inputs() >> pin & 1 != 0) } else { self.stuck[pin] }
     }
 
-    /// The state of the function of a parameter when the shaft is at `position`, counts. A function without a terminal is
-    /// off.
+    /// The state of an input function, such as a limit switch or clearing alarms, when the shaft is at `position`,
+    /// counts. `parameter` is the value of the parameter that assigns the function to a terminal. A function without a
+    /// terminal is off.
     pub(super) fn function(&self, parameter: u16, position: i64) -> bool {
         Terminal::of(parameter, PINS).is_some_and(|terminal| self.is_on(terminal.pin, position) != terminal.inverted)
     }
@@ -142,7 +143,7 @@ impl Pins {
         self.lines.pass(0);
     }
 
-    /// Advances a changing pattern by `dt_ns`.
+    /// Advances the pattern to which the terminals are forced by `dt_ns`, if it changes with time.
     pub(super) const fn pass(&mut self, dt_ns: u64) {
         self.lines.pass(dt_ns);
     }
@@ -153,7 +154,7 @@ impl Pins {
     }
 }
 
-/// The outputs of the drive.
+/// The states of the drive's digital outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dp3clOutputs {
     /// ERR: on while the drive has an alarm (with the factory parameters).

@@ -1,18 +1,18 @@
 //! The LEDs of the drive as values.
 
-/// The red LED.
+/// The state of the red LED, which shows alarms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RedLed {
     /// Off: there is no alarm.
     #[default]
     Off,
-    /// This many flashes, then a pause of 1 s, repeated.
+    /// This many flashes, then a pause of 1 s, repeated: the number shows which alarm of the drive itself is present.
     Flashes(u8),
     /// Always on: an alarm of the EtherCAT side.
     On,
 }
 
-/// The green LED of a port.
+/// The state of the green LED of an EtherCAT port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LinkLed {
     /// There is no link.

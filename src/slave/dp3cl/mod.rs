@@ -98,7 +98,7 @@ impl Dp3clMode {
     }
 }
 
-/// A simulated DP3CL.
+/// A simulated stepper drive Xinje DP3CL.
 #[derive(Clone, Debug)]
 pub struct Dp3cl {
     base: Base<Dp3cl>,

@@ -81,7 +81,7 @@ fn set_speed_rpm(drive: &Dp3cl) -> i64 {
 
 type Row = Object<Dp3cl>;
 
-/// The rows of the monitors.
+/// The rows of the monitors U0 to U4 in the object dictionary.
 pub(super) const MONITOR_ROWS: &[Row] = &[
     Row::i16(0x3000, 0, "U0-00"),
     Row::i16(0x3001, 0, "U0-01 Set speed").live(set_speed_rpm),

@@ -32,7 +32,7 @@ impl Stopwatch {
     }
 }
 
-/// The state of the modes of operation.
+/// The state of the modes of operation: the requested and the active mode, the targets, and the position demand.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
     /// The mode that was written to 0x6060.
@@ -85,7 +85,7 @@ impl Motion {
         self.profile.velocity()
     }
 
-    /// Statusword bits 10 to 13.
+    /// Statusword bits 10 to 13, whose meaning depends on the mode of operation.
     pub(super) const fn bits(&self) -> u16 {
         self.bits
     }

@@ -17,9 +17,10 @@ use crate::slave::homing::method::Method;
 use crate::slave::process_data::{IMAGE_BYTES_MAX, MappingLimits, Pdo, rx_pdo, tx_pdo};
 use crate::slave::state_machine::OptionCodes;
 
-/// The identity. \[OURS] The manufacturer's ESI file has two identities; this is the one of its device type.
+/// The identity of the drive. \[OURS] The manufacturer's ESI file contradicts itself: this is the identity in its
+/// device type element; its defaults for object 0x1018 differ.
 pub(super) const IDENTITY: Identity = Identity {
-    // Device profile 402, stepper.
+    // The device profile is 402 (0x0192); 0x0004 stands for a stepper.
     device_type: 0x0004_0192,
     name: DEVICE_NAME,
     vendor_id: 0x0000_0556,
@@ -46,8 +47,8 @@ const _: () = assert!(PROCESS_DATA_BYTES_MAX <= IMAGE_BYTES_MAX, "the image has 
 const SUPPORTED_MODES: i64 = 0xA5;
 /// The synchronization type SYNC0 for 0x1C32:1 and 0x1C33:1.
 pub(super) const DC_SYNC0: u16 = 2;
-/// The supported synchronization types, 0x1C32:4 and 0x1C33:4: free run, sync manager event and SYNC0 (bits 0 to 2),
-/// and bit 15.
+/// The supported synchronization types, 0x1C32:4 and 0x1C33:4: the value 0x8007 of the manufacturer's ESI file. Bits 0
+/// to 2 are free run, sync manager event and SYNC0; bit 15 is copied as it is.
 const SYNC_TYPES: i64 = 0x8007;
 
 pub(super) const OUTPUT_SYNC_TYPE: Slot<u16> = slot(OBJECTS, 0x1C32, 1);
@@ -127,7 +128,7 @@ pub(super) fn settings(values: &Values) -> Settings {
 }
 
 impl Dp3cl {
-    /// A ramp from the objects, command units/s².
+    /// The value of an object with a ramp, command units/s²; at least 1, so that every motion ends.
     pub(super) fn ramp(&self, slot: Slot<u32>) -> f64 {
         self.base().values.get(slot).max(1).into()
     }
@@ -285,7 +286,7 @@ const CONTROL: &[Row] = &[
     // [OURS] An open-loop drive does not measure torque, so this reads 0.
     Row::i16(0x6077, 0, "Torque actual value").tx(),
     Row::i16(0x6078, 0, "Current actual value").tx().live(current_permille),
-    // [OURS] The unit is mV.
+    // [OURS] The unit is mV, since the manual gives none.
     Row::u32(0x6079, 0, "DC link voltage").tx().live(|drive| drive.config.supply_mv.into()),
 ];
 
@@ -316,7 +317,7 @@ const MOTION: &[Row] = &[
     Row::u32(0x6083, 0, "Profile acceleration").rw().rx().default(1_000_000),
     Row::u32(0x6084, 0, "Profile deceleration").rw().rx().default(1_000_000).changed(changed),
     Row::u32(0x6085, 0, "Quick stop deceleration").rw().rx().default(1_000_000).changed(changed),
-    // [OURS] Linear ramps are the only profile.
+    // [OURS] Linear ramps are the only profile, so only the value 0 is accepted.
     Row::i16(0x6086, 0, "Motion profile type").rw().rx().range(0, 0),
     Row::u32(0x6087, 0, "Torque slope").rw().rx(),
     Row::i16(0x6088, 0, "Torque profile type").rw().rx(),
@@ -400,7 +401,7 @@ const PROBES_AND_INPUTS: &[Row] = &[
         .live(|drive| as_i32(drive.as_increments(drive.demand_value()))),
     Row::u32(0x60FD, 0, "Digital inputs").tx().live(|drive| drive.axis.inputs().bits().into()),
     Row::u8(0x60FE, 0, "Digital outputs").default(2),
-    // [OURS] The values are stored and drive no output.
+    // [OURS] The values are stored but have no effect on the outputs of the drive.
     Row::u32(0x60FE, 1, "Physical outputs").rw().rx(),
     Row::u32(0x60FE, 2, "Bit mask").rw().rx(),
 ];

@@ -63,7 +63,7 @@ impl Profile {
         let towards = if left < 0.0 { -1.0 } else { 1.0 };
         let (way, now) = (left * towards, self.velocity * towards);
         if now < 0.0 {
-            // The demand is still moving away from its target.
+            // The demand is still moving away from its target, so it first brakes to a standstill.
             self.move_on((now + least_step).min(0.0) * towards, seconds);
             return false;
         }

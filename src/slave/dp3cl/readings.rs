@@ -34,12 +34,12 @@ impl Dp3cl {
         self.shaft_position(self.motion.target_position)
     }
 
-    /// 0x6062, position demand value.
+    /// 0x6062, position demand value, command units, with the sign that the polarity gives it.
     pub(super) fn demand_value(&self) -> i64 {
         self.axis.demand().wrapping_mul(self.position_sign())
     }
 
-    /// 0x6064, position actual value.
+    /// 0x6064, position actual value, command units, with the sign that the polarity gives it.
     pub(super) fn actual_value(&self) -> i64 {
         self.shown.wrapping_add(self.axis.origin()).wrapping_mul(self.position_sign())
     }

@@ -28,12 +28,12 @@ pub(super) struct Move {
 /// The set-points of profile position: the present motion and the handshake.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetPoints {
-    /// The present motion.
+    /// The present motion to a set-point; `None`: all set-points are reached or cancelled.
     current: Option<Move>,
-    /// The set-point that starts when the present motion ends: whether it is relative, and its values. Only used in the variant
-    /// `one_deep_buffer` of the drive.
+    /// The set-point that starts when the present motion ends: whether it is relative, and its values. Only used in the
+    /// variant `one_deep_buffer` of the drive. `None`: there is none.
     buffered: Option<(bool, SetPointValues)>,
-    /// The target of the newest set-point. Relative set-points are added to it \[OURS].
+    /// The target of the newest set-point, command units. Relative set-points are added to it \[OURS].
     last_target: i64,
     new_bit: bool,
     acknowledged: bool,

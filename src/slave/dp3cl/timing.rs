@@ -63,7 +63,7 @@ pub(super) struct Timing {
     pub(super) sync0: Cyclic,
     /// The interval from the arrival of outputs to the next SYNC0 pulse.
     pub(super) pdi_to_sync0: Spans,
-    /// The time of outputs that no SYNC0 pulse has followed yet, ns since power-on.
+    /// The time of outputs that no SYNC0 pulse has followed yet, ns since power-on. `None`: a pulse has followed.
     waiting: Option<Ns>,
 }
 

@@ -5,7 +5,8 @@ use super::Dp3cl;
 use crate::ethercat::Ns;
 use crate::slave::communication::LatchChange;
 
-/// The number of touch probes.
+/// The number of touch probes of the drive. Probe 1 latches at SI1 or the index pulse, probe 2 at SI2 or the index
+/// pulse.
 pub(super) const PROBES: usize = 2;
 
 /// Bits of 0x60B8 for probe 1; the bits for probe 2 are 8 positions higher.

@@ -18,7 +18,7 @@ pub const REVISION: u32 = 0x0001_0000;
 
 /// The identity of a servo drive.
 const SERVO: Identity = Identity {
-    // Device profile 402, servo drive.
+    // The device profile is 402 (0x0192); 0x0002 stands for a servo drive.
     device_type: 0x0002_0192,
     name: "SRVO simulated servo drive",
     vendor_id: VENDOR_ID,
@@ -27,7 +27,7 @@ const SERVO: Identity = Identity {
 };
 /// The identity of a stepper.
 const STEPPER: Identity = Identity {
-    // Device profile 402, stepper.
+    // The device profile is 402 (0x0192); 0x0004 stands for a stepper.
     device_type: 0x0004_0192,
     name: "STEP simulated stepper",
     product_code: STEPPER_PRODUCT_CODE,
@@ -152,7 +152,7 @@ pub(super) const fn pdos_of(kind: DriveKind) -> &'static [Pdo<Drive>] {
 
 /// The objects that a drive has in addition to those of every CiA 402 axis.
 const DRIVE: &[Row] = &[
-    // [OURS] Hardware and software are their first versions.
+    // [OURS] A simulated drive reports version 1.0 of its hardware and its software.
     Row::text(0x1009, 0, "Hardware version", |_| "1.0"),
     Row::text(0x100A, 0, "Software version", |_| "1.0"),
     Row::u32(0x6065, 0, "Following error window").rw().rx().changed(changed::<_, 0>),

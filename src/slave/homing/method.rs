@@ -54,7 +54,7 @@ impl Direction {
 /// The switch edge that determines home.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// The switch whose edge it is.
+    /// The switch that has the edge: a limit switch or the home switch.
     pub switch: Input,
     /// The direction in which the shaft has to cross the edge.
     pub moving: Direction,

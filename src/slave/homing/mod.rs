@@ -57,7 +57,7 @@ pub enum HomingError {
     /// The method needs an input that is not wired.
     #[error("homing method {method} needs the {}, which is not wired; choose another method", .input.name())]
     NotWired {
-        /// The homing method.
+        /// The homing method, a value of 0x6098.
         method: i8,
         /// The input that is not wired.
         input: Input,
@@ -87,7 +87,7 @@ pub enum HomingError {
 pub struct HomePosition {
     /// Home, in counts of the shaft.
     pub at: i64,
-    /// The new position actual value at home.
+    /// The new position actual value at home, counts: the home offset 0x607C.
     pub offset: i32,
 }
 
@@ -117,7 +117,7 @@ pub struct Homing {
     phase: Phase,
     /// The settings from the start of the last run.
     settings: HomingSettings,
-    /// Bit 4 of the last controlword.
+    /// Bit 4 (start of homing) of the last controlword, to detect its rise.
     start_bit: bool,
     halted: bool,
 }
@@ -169,7 +169,8 @@ impl Homing {
         }
     }
 
-    /// Completes homing once the shaft has stopped at home. Returns the new home position.
+    /// Completes homing once the shaft has stopped at home. Returns the new home position. `None`: home was not found,
+    /// homing is completed already, or halt is commanded.
     pub fn arrive(&mut self) -> Option<HomePosition> {
         let (at, _) = self.destination()?;
         self.phase = Phase::Attained;

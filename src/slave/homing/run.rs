@@ -19,7 +19,7 @@ enum Sought {
     Index,
 }
 
-/// A search in progress.
+/// A search for home that is in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct Run {
     method: Method,
@@ -192,7 +192,7 @@ impl Run {
             matches!(self.method.plan, SearchPlan::Edge { limit_reverses: true, .. }) && end == Direction::Positive;
         match (turns, self.heading) {
             _ if edge.switch == end.limit() => {}
-            // The run has reversed already, and the shaft is still braking.
+            // The run has reversed already and the shaft is still braking, so nothing has to be done.
             (true, Direction::Negative) => {}
             (true, Direction::Positive) if self.limit_reverses => self.reverse_at_limit(),
             _ => return Err(self.wrong_limit(end)),

@@ -15,7 +15,7 @@ pub const PRODUCT_CODES: [u32; AXES_MAX] = [0x4853_5031, 0x4853_5032];
 pub const REVISION: u32 = 0x0001_0000;
 
 const ONE: Identity = Identity {
-    // Device profile 402, stepper.
+    // The device profile is 402 (0x0192); 0x0004 stands for a stepper.
     device_type: 0x0004_0192,
     name: "HSP1 simulated pulse module",
     vendor_id: VENDOR_ID,

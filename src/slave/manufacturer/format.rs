@@ -49,7 +49,7 @@ impl ManufacturerObjects {
     pub fn parse(text: &str) -> Result<Self, FormatError> {
         let mut objects = Vec::new();
         let mut lines = std::collections::HashMap::new();
-        // Editors on Windows begin a file with a byte order mark.
+        // Some editors on Windows begin a file with a byte order mark, which is skipped.
         for (line, text) in (1..).zip(text.strip_prefix('\u{FEFF}').unwrap_or(text).lines()) {
             let text = text.trim();
             if text.is_empty() || text.starts_with('#') {
@@ -219,10 +219,10 @@ fn word(text: &str) -> (&str, &str) {
     (word, rest.trim_start())
 }
 
-/// Parses an unsigned integer, hexadecimal with 0x.
+/// Parses an unsigned integer, hexadecimal with 0x. `None`: the text is no such number.
 fn whole(text: &str) -> Option<u64> {
     let (digits, radix) = text.strip_prefix("0x").or(text.strip_prefix("0X")).map_or((text, 10), |hex| (hex, 16));
-    // `from_str_radix` alone would accept a plus sign.
+    // `from_str_radix` alone would accept a plus sign, so the characters are checked too.
     let plain = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
     u64::from_str_radix(digits, radix).ok().filter(|_| plain)
 }

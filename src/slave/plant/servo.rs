@@ -202,7 +202,7 @@ impl Servo {
         self.span.ns = 0;
     }
 
-    /// The position, whole counts.
+    /// The actual position of the shaft, whole counts.
     pub const fn position(&self) -> i64 {
         self.whole
     }
@@ -212,7 +212,7 @@ impl Servo {
         self.fraction
     }
 
-    /// The velocity, counts/s.
+    /// The actual velocity of the shaft, counts/s.
     pub const fn velocity(&self) -> f64 {
         self.velocity
     }
@@ -315,7 +315,7 @@ impl Servo {
             torque: self.torque_limit * self.acceleration * substep_s,
             friction: self.dry_friction * self.acceleration * substep_s,
             friction_wanted: self.dry_friction * self.acceleration * substep_s / FRICTION_FADE,
-            // A blocked shaft has no speed.
+            // A blocked shaft has no speed, so nothing of the speed remains after a sub-step.
             decay: if self.jammed { 0.0 } else { 1.0 / (1.0 + self.viscous_rate * substep_s) },
             torque_per_change: 1.0 / (self.acceleration * substep_s),
         }

@@ -136,12 +136,12 @@ impl MappingList {
         if self.is_assignment() { 2 } else { 4 }
     }
 
-    /// The active items: as many as the count says.
+    /// The active items of the list: as many as its count (sub-index 0) says.
     fn items(&self) -> &[u32] {
         &self.items[..usize::from(self.count).min(ITEMS_ROOM)]
     }
 
-    /// The value at a sub-index, and its size in bytes; `None` above the maximum number of items.
+    /// The value at a sub-index, and its size in bytes. `None`: the object has no such sub-index.
     fn value(&self, sub: u8) -> Option<(u32, usize)> {
         match sub {
             0 => Some((self.count.into(), 1)),
@@ -180,7 +180,8 @@ impl Mapping {
         self.lists.iter().map(|list| list.index).filter(|index| *index >= from).min()
     }
 
-    /// The description of a mapping or assignment object for SDO information.
+    /// The description of a mapping or assignment object for SDO information. `None`: none of them has
+    /// this index.
     pub fn describe_object(&self, index: u16) -> Option<ObjectDescription<'static>> {
         let list = self.list(index)?;
         let (code, data_type) = if list.is_assignment() {
@@ -191,7 +192,8 @@ impl Mapping {
         Some(ObjectDescription { index, data_type, max_sub: list.items_max, code, name: list.name() })
     }
 
-    /// The description of a sub-index of a mapping or assignment object for SDO information.
+    /// The description of a sub-index of a mapping or assignment object for SDO information. `None`: the device has no
+    /// such object or sub-index.
     pub fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'static>> {
         let list = self.list(at.index)?;
         let (_, bytes) = list.value(at.sub)?;

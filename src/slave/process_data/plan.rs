@@ -57,7 +57,8 @@ pub(in crate::slave) struct Plan<D> {
     output_bytes: usize,
     /// Whether some bits of the input image belong to no object. They have to be 0, so the image is cleared first.
     has_padding: bool,
-    /// If all inputs are a single PDO that one function copies, that function; the same for all outputs.
+    /// If all inputs are a single PDO that one function copies, that function; the same for all outputs. Otherwise
+    /// `None`.
     all_inputs: Option<fn(&D, &mut [u8])>,
     all_outputs: Option<fn(&mut D, &[u8])>,
 }
@@ -215,8 +216,8 @@ impl<D: Model> Plan<D> {
     }
 }
 
-/// A single step for a whole PDO, if the PDO has the entries of a power-on PDO or of one in [`Model::often_mapped`]. The PDO
-/// has to begin at a byte boundary, because the function of the step copies whole bytes.
+/// A single step for a whole PDO, if the PDO has the entries of a power-on PDO or of one in [`Model::often_mapped`].
+/// The PDO has to begin at a byte boundary, because the function of the step copies whole bytes. Otherwise `None`.
 fn whole_pdo<D: Model>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
     let of_power_on = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries);
     let pdo = of_power_on.or_else(|| D::often_mapped().iter().find(|pdo| pdo.entries == entries))?;
@@ -316,7 +317,7 @@ pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u
 }
 
 /// Defines a power-on RxPDO: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, where `true` means that the PDO is
-/// assigned. Its [`Mover`](super::Mover) is straight-line code, because the compiler knows the objects.
+/// assigned. Its [`Mover`] is straight-line code, because the compiler knows the objects.
 macro_rules! rx_pdo {
     ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
         $crate::slave::process_data::Pdo {

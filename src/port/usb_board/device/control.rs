@@ -6,7 +6,7 @@ use crate::port::usb_board::setup::{Request, Setup, report};
 use crate::port::usb_board::transfer::{Direction, Ends, Status, Transfer};
 use crate::sk::FRAME_LEN;
 
-/// The answer to GET_STATUS of a halted endpoint.
+/// The answer to GET_STATUS of a halted endpoint: bit 0, Halt, is set.
 const HALTED: u8 = 1;
 /// bAlternateSetting of the only setting of the interface, which GET_INTERFACE returns.
 const ALTERNATE: u8 = 0;

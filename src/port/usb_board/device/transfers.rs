@@ -7,7 +7,7 @@ use super::{TRANSFERS_AT_ONCE, TooMany};
 /// A pending transfer.
 #[derive(Debug, Default)]
 pub(super) struct Pending {
-    /// The number that the host has given it.
+    /// The sequence number that the host has given the transfer.
     pub sequence: u32,
     /// How many bytes the host accepts of an IN transfer.
     pub length: usize,
@@ -46,6 +46,7 @@ impl Buffers {
     }
 
     /// Adds a transfer of which no byte was moved yet: `bytes` come from the host, and `length` bytes may go to it.
+    /// Fails if [`TRANSFERS_AT_ONCE`] transfers are pending in this direction.
     pub fn push(&mut self, sequence: u32, length: usize, bytes: &[u8]) -> Result<(), TooMany> {
         if self.waiting.len() >= TRANSFERS_AT_ONCE {
             return Err(TooMany);
@@ -57,7 +58,8 @@ impl Buffers {
         Ok(())
     }
 
-    /// Removes a transfer unless it is among the first `fixed`; returns whether it was there.
+    /// Removes the transfer with this sequence number. The first `fixed` transfers, whose frames are being written to
+    /// the board, cannot be removed. Returns whether a transfer was removed.
     pub fn remove(&mut self, sequence: u32, fixed: usize) -> bool {
         let at = (fixed..self.waiting.len()).find(|at| self.waiting[*at].sequence == sequence);
         let removed = at.and_then(|at| self.waiting.remove(at));

@@ -184,7 +184,7 @@ impl Index {
 }
 
 /// The block that ends at the offset `end_at`, with its own offset and its contents; `None` if no undamaged block ends
-/// there.
+/// there. Fails if the file cannot be read.
 pub(crate) fn block_before(file: &mut (impl Read + Seek), end_at: u64) -> io::Result<Option<(u64, Header, Vec<u8>)>> {
     let Some(length_at) = end_at.checked_sub(size_of::<u32>() as u64) else { return Ok(None) };
     let mut length = [0; size_of::<u32>()];
@@ -210,7 +210,7 @@ fn header_at(file: &mut (impl Read + Seek), at: u64) -> io::Result<Option<Header
     Ok(Header::parse(&bytes))
 }
 
-/// The offset of the next magic number from `at` on.
+/// The offset of the next magic number from `at` on. `None`: there is none up to the end of the file.
 fn next_magic(file: &mut (impl Read + Seek), mut at: u64) -> io::Result<Option<u64>> {
     loop {
         file.seek(SeekFrom::Start(at))?;

@@ -23,7 +23,7 @@ use super::header::BYTES_MAX;
 /// The most packets of a block that are read; more are an error. \[OURS] Blocks that this crate writes have a fortieth
 /// of this.
 const PACKETS_MAX: usize = 1 << 16;
-/// Bytes of a word.
+/// The size of a word in bytes. Differences between packets are stored word by word.
 const WORD: usize = size_of::<u32>();
 
 const FROM_BOARD: u8 = 1;
@@ -80,7 +80,7 @@ impl Packer {
         self.before.iter_mut().for_each(|before| before.begin(at_ns));
     }
 
-    /// Appends the packed packets to `out`.
+    /// Packs the packets of one block or piece, and appends the result to `out`.
     pub fn pack<'a>(&mut self, packets: impl Iterator<Item = Packet<'a>> + Clone, out: &mut Vec<u8>) {
         let (mut count, mut words) = (0, 0);
         for packet in packets.clone() {

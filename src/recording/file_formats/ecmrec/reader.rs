@@ -24,15 +24,15 @@ pub(in crate::recording::file_formats) struct Reader {
     what: What,
     /// The offset of the present block.
     block_at: u64,
-    /// Whether a section has begun.
+    /// Whether a recording has begun: its section block was read, or was lost and replaced.
     in_section: bool,
     /// `number`: the number of the last block of packets that was read. `next_piece`: the piece that can be read next
     /// although it needs earlier ones, by the number of its block and its number among the pieces of that block.
     number: u32,
     next_piece: (u32, u32),
-    /// The time of the latest packet, ns.
+    /// The time of the latest packet, ns. `None`: no packet was read yet.
     latest_ns: Option<u64>,
-    /// The unreadable bytes since the last block that was read.
+    /// The unreadable bytes since the last block that was read. `None`: there are none.
     lost: Option<Lost>,
     /// The number of packets returned so far. It is the transfer id of the next packet.
     packets: u64,
@@ -49,7 +49,7 @@ impl Reader {
         bytes.starts_with(&MAGIC) || places(bytes).any(|at| begins(&at))
     }
 
-    /// The next item; `None` at the end of the file.
+    /// The next item; `None` at the end of the file. Fails if the file cannot be read; damaged bytes are skipped.
     pub fn next<R: Read>(&mut self, input: &mut Input<R>) -> Result<Option<Item<'_>>, RecordError> {
         loop {
             if let Some(item) = self.items.pop_front() {
@@ -166,7 +166,7 @@ impl Reader {
                 self.tell_lost(None);
                 self.items.push_back(Item::Counts { missing, why: why.filter(|_| missing > 0) });
             }),
-            // An index only helps to find blocks. It has no packets.
+            // An index only helps to find blocks and has no packets, so it is skipped.
             Some(Kind::Index) => Some(()),
             None => None,
         };

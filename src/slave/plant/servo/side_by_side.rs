@@ -53,7 +53,7 @@ pub fn follow_side_by_side(motors: &mut [Option<&mut Servo>; SIDE_BY_SIDE], ns: 
         }
         return;
     }
-    // For an element without a motor all values are 0.
+    // For an element without a motor all values are 0, so computing it together with the others has no effect.
     let mut of = Motors::default();
     let mut substeps = 0;
     for (n, motor) in motors.iter_mut().enumerate() {
@@ -116,7 +116,7 @@ mod tests {
 
     /// All visible values of a motor; floating-point numbers as bits.
     fn shown(servo: &Servo) -> (i64, [u64; 3], bool) {
-        // 0 and -0 are the same speed, so make them equal.
+        // 0 and -0 are the same speed but differ in their bits. Adding 0 turns -0 into 0.
         let numbers = [servo.fraction() + 0.0, servo.velocity() + 0.0, servo.torque() + 0.0];
         (servo.position(), numbers.map(f64::to_bits), servo.is_limited())
     }

@@ -58,7 +58,8 @@ pub struct Step {
     pub(super) cycle_ns: i64,
     /// The number of the cycle, counted in OP, in which the command was sent.
     sent_in: i64,
-    /// The number of the cycle, counted in OP, that the answer reports; `None` outside OP, or without an answer.
+    /// The cycle of the report in which the answer arrived, counted from the first cycle in OP; `None` outside OP, or without an
+    /// answer.
     pub answered_in: Option<i64>,
     /// The first and the last [`WINDOW_CYCLES`] reports of the step. Ambiguous reports, which may belong to a later step,
     /// are among them.

@@ -32,8 +32,8 @@ impl FaultReset {
         self.requested = true;
     }
 
-    /// Called when the drive shows no fault: a pulse in progress ends with the next set, and a requested pulse is
-    /// dropped.
+    /// Called when the drive shows no fault: a pulse in progress ends with the outputs of the next cycle, and a requested pulse
+    /// is dropped.
     pub(super) const fn end(&mut self) {
         self.requested = false;
         if let Bit::Set { more } = &mut self.bit {

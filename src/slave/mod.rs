@@ -333,8 +333,8 @@ pub trait Slave: Send {
         true
     }
 
-    /// Whether the slave goes to OP only after outputs have come. IO modules with outputs only do not wait: in OP their outputs
-    /// are off until the master has sent some.
+    /// Whether the slave goes to OP only after outputs have come. IO modules that have only outputs do not wait: in OP their
+    /// outputs are off until the master has sent some.
     fn waits_for_outputs(&self) -> bool {
         true
     }

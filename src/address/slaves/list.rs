@@ -14,7 +14,7 @@ pub(super) struct Entry<'a> {
     pub(super) text: &'a str,
     /// The kind: the text before the first `:` or `*`.
     pub(super) kind: &'a str,
-    /// The parts, each written after a `:`.
+    /// The options of the kind, such as `limits@-1000..1000`, each written after a `:`.
     pub(super) parts: Vec<&'a str>,
     /// The repeat counts, each written after a `*`. A valid entry has at most one. An entry without a count stands for
     /// one slave.

@@ -21,7 +21,7 @@ pub struct Patience {
     started: Instant,
     /// The newest time of the underlying clock that [`Patience::at`] got, ns.
     last_ns: AtomicU64,
-    /// The longest duration that was announced for the next wait, ns.
+    /// The longest duration that threads have announced for their next waits ([`Patience::expect`]), ns.
     expected_ns: AtomicU64,
     /// The sum of all stalls so far, ns.
     stood_ns: AtomicU64,

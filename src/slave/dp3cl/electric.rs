@@ -75,7 +75,8 @@ impl Dp3cl {
         }
     }
 
-    /// The value of P0-02, the time of the command filter, as read at power-on. The dial switch can override it.
+    /// The value of P0-02, the time of the command filter, as read at power-on, without the dial switch, which can override it in
+    /// a real drive. The manual gives no unit.
     pub const fn filter_time(&self) -> u16 {
         self.memory.filter_time()
     }

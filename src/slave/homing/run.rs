@@ -125,8 +125,8 @@ impl Run {
         Ok(None)
     }
 
-    /// Evaluates the switches and the index pulse at each count between two positions at which one of them changes. Returns
-    /// the count of home if home was found.
+    /// Evaluates the switches and the index pulse on the way from `from` to `to`: at `from`, and at each later count at which a
+    /// switch changes or the index pulse is. Returns the count of home if home was found.
     fn scan_path(&mut self, from: i64, to: i64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let mirrored = self.method.mirrored;
         // An input may change while the shaft is at standstill, for example by a fault. An edge needs a direction: the

@@ -1,4 +1,5 @@
-//! Chooses what the driver sends next: a command, process data, a poll of the header, or nothing yet.
+//! Chooses what the driver sends next: a command, process data, INFO_UPDATE (which only fetches an answer header, with the
+//! chip's busy flag, error bits and FIFO levels), or nothing yet.
 
 use super::flight::{CommandPart, Flight, Purpose};
 use super::pace::ExchangePace;

@@ -57,11 +57,10 @@ macro_rules! fixed {
     )*};
 }
 
-/// The bit of the number 0x1000, which the manuals prescribe without an explanation. It is bit 12, and
-/// [`AdcGetConvData`] sends 12, so both seem to select sample module 12 of the ADC, a unit that makes conversions.
+/// The number 0x1000, which the manuals prescribe for data of the ADC commands and do not explain.
 ///
-/// `[OURS]` The number looks like a mask of modules. Additional bits are accepted. Without this bit a request is
-/// malformed, since no manual describes it.
+/// `[OURS]` It looks like a mask of sample modules with bit 12 set, since [`AdcGetConvData`] sends 12. Additional bits are
+/// accepted. A request without this bit is malformed, since no manual describes it.
 const SAMPLE_MODULE: u32 = 0x1000;
 /// Size of the data of [`AdcConfigSampleModule`], in bytes. `[OURS]` The reserved numbers among them are ignored.
 const WITH_RESERVED: usize = 12;
@@ -79,8 +78,8 @@ fixed! {
     AdcGetDataValidFlag = at(0).hex().or(SAMPLE_MODULE), bits SAMPLE_MODULE, of 4,
         "ECM_AdcGetDataValidFlag number", "0x1000, or more bits beside it";
 
-    /// ECM_AdcStartConv, code 35, parameter 12: starts a conversion (XF EN 1117). Data, 4 bytes (@offset): @0 u32
-    /// 0x1000.
+    /// ECM_AdcStartConv, code 35, header parameter 12: starts a conversion (XF EN 1117). Data, 4 bytes (@offset): @0 u32
+    /// 0x1000; additional bits are accepted.
     AdcStartConv = at(0).hex().or(SAMPLE_MODULE), bits SAMPLE_MODULE, of 4,
         "ECM_AdcStartConv number", "0x1000, or more bits beside it";
 

@@ -33,12 +33,12 @@ struct Terminal {
     reader: thread::JoinHandle<()>,
 }
 
-/// The owner of the terminal.
+/// The process whose controlling terminal it is, which gets SIGHUP when the terminal is closed.
 #[derive(Clone, Copy, PartialEq)]
 enum Owner {
-    /// The tool: it gets SIGHUP when the terminal is closed.
+    /// The tool: it gets the signal.
     Tool,
-    /// None: the tool gets no signal.
+    /// No process: the tool has to notice the end by itself.
     Nobody,
 }
 

@@ -46,7 +46,8 @@ fn page(file: &str) -> Vec<Shown> {
     commands(&std::fs::read_to_string(support::root().join(file)).expect("the page"))
 }
 
-/// Runs them in one shell, in an empty folder, and returns the output of each.
+/// Runs the commands of a page in one shell, in an empty folder, and returns the output of each. `keys` are added to the page's
+/// simulated link, such as a virtual clock.
 fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     const MARK: &str = "-- end of a command --";
     let folder = tempfile::tempdir().expect("a folder");

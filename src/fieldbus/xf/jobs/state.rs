@@ -232,8 +232,8 @@ impl<W: Wires> ChipBus<W> {
         together.then_some(unused)
     }
 
-    /// The slaves of a change of state that are neither in the state `to` nor beyond it, and so have to enter it in this
-    /// step.
+    /// The slaves of a change of state that have to enter the state `to` in this step: those in a lower state than `to`, and
+    /// those in a higher one than the target of the change.
     fn behind(&self, change: &Change, to: AlState) -> SlaveSet {
         let stays = |state: AlState| (to..=change.target.max(to)).contains(&state);
         let moves = |slave: &u8| self.state(*slave).is_some_and(|state| !stays(state));

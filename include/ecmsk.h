@@ -32,7 +32,9 @@
 #define ECMSK_ERROR_TIMEOUT -3
 
 /**
- * The link has virtual time, and no report will come however long the program waits.
+ * The link has virtual time, which advances only inside calls, and the board sends no reports, for example because the cable
+ * to its first slave is unplugged. No report would come however long the call waits. Connect the first slave again, then read
+ * again.
  */
 #define ECMSK_ERROR_SILENT -4
 
@@ -128,7 +130,7 @@ typedef struct {
    */
   uint32_t size;
   /**
-   * Always 0.
+   * Always 0. It aligns the counters to 8 bytes.
    */
   uint32_t reserved;
   /**
@@ -178,7 +180,7 @@ typedef struct {
    */
   uint32_t size;
   /**
-   * Always 0.
+   * Always 0. It aligns the counters to 8 bytes.
    */
   uint32_t reserved;
   /**

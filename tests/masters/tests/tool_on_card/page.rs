@@ -63,12 +63,15 @@ mod needs_network_namespace {
         let mut server = tool(words).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("it starts");
         let mut line = String::new();
         BufReader::new(server.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says something");
-        let address = line.strip_prefix("listening on ").and_then(|line| line.split(',').next()).expect("an address");
+        let address = line.strip_prefix("listening on ").and_then(|line| line.split(',').next()).unwrap_or_default();
         let link = format!("tcp://{address}?secret_file={secret}");
-        let shown = run(&["info", "--scan", "--link", &link]).good();
-        assert!(shown.contains("found       3 slaves"), "{shown}");
-        run(&["info", "--link", &format!("tcp://{address}")]).fails(1, &["its server wants a secret"]);
+        let (shown, refused) =
+            (run(&["info", "--scan", "--link", &link]), run(&["info", "--link", &format!("tcp://{address}")]));
+        // Before anything is asserted, so that a failure leaves no server behind.
         server.kill().expect("it runs");
         server.wait().expect("it ends");
+        let shown = shown.good();
+        assert!(shown.contains("found       3 slaves"), "{shown}");
+        refused.fails(1, &["its server wants a secret"]);
     }
 }

@@ -226,7 +226,8 @@ impl WriterState {
             for WatchedBoard { number, link, written } in &mut self.boards {
                 let Some(link) = link.upgrade() else { continue };
                 for (name, value) in link.counts() {
-                    if value > written.get(&name).copied().unwrap_or_default() {
+                    // A count may fall: the wait for a state is none any more when the state is reached.
+                    if value != written.get(&name).copied().unwrap_or_default() {
                         add(&Line::Count { board: *number, name: name.clone(), value });
                         written.insert(name, value);
                     }
@@ -323,5 +324,31 @@ mod tests {
         summary_writer.write_all();
         let texts = told(&file).iter().filter(|line| matches!(line, Line::Message { .. })).count();
         assert_eq!((texts, told(&file).last()), (TEXTS_MAX, Some(&Line::Dropped(10 + 101))));
+    }
+
+    /// A program that reaches a state after its wait was written: the wait is written anew, as 0.
+    #[test]
+    fn a_count_that_falls_is_told() {
+        struct Wait(AtomicU64);
+        impl Counted for Wait {
+            fn counts(&self) -> Vec<(String, u64)> {
+                vec![("op_unreached_ms".to_owned(), self.0.load(Ordering::Relaxed))]
+            }
+
+            fn is_closed(&self) -> bool {
+                false
+            }
+        }
+        let file = Shared::default();
+        let mut state = SummaryWriter::to(Box::new(file.clone())).state.into_inner().unwrap();
+        let wait = Arc::new(Wait(AtomicU64::new(0)));
+        let counted: Arc<dyn Counted> = wait.clone();
+        state.boards.push(WatchedBoard { number: 0, link: Arc::downgrade(&counted), written: BTreeMap::new() });
+        for ms in [0, 90, 90, 0, 0] {
+            wait.0.store(ms, Ordering::Relaxed);
+            state.write(0, true);
+        }
+        let count = |value| Line::Count { board: 0, name: "op_unreached_ms".to_owned(), value };
+        assert_eq!(told(&file), [count(90), count(0)]);
     }
 }

@@ -3,7 +3,6 @@
 #![cfg(target_os = "linux")]
 
 use std::fs;
-use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
@@ -14,6 +13,8 @@ use ecmsk::recording::Recording;
 use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize};
 use support::examples::{C, C_WITHOUT_LIBRARY, CPP, SCRIPTS, VIRTUAL, VIRTUAL_16};
 use support::{Ended, Program, out_dir, root};
+
+use crate::prefix::prefix;
 
 /// Two drives on the real clock.
 const REAL: &str = "sim:?slaves=drive*2&clock=real";
@@ -50,28 +51,13 @@ fn uri_part(path: &str) -> String {
 fn built() -> &'static PathBuf {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
-        let moved = out_dir().join("prefix to be moved");
-        let prefix = out_dir().join("prefix");
-        [&moved, &prefix].map(fs::remove_dir_all).into_iter().for_each(drop);
-        let pkgconfig = moved.join("lib/pkgconfig");
-        fs::create_dir_all(&pkgconfig).expect("a folder in the target folder");
-        for name in ["libNEXTWUSBLib.so", "libNEXTWUSBLib.so.0"] {
-            symlink(support::library().dir.join(name), moved.join("lib").join(name)).expect("a symbolic link");
-        }
-        symlink(support::include_dir(), moved.join("include")).expect("a symbolic link");
-        let template = fs::read_to_string(root().join("capi/nextwusblib.pc.in")).expect("capi/nextwusblib.pc.in");
-        let file = template.replace("@VERSION@", env!("CARGO_PKG_VERSION")).replace("@PRIVATE_LIBS@", "");
-        fs::write(pkgconfig.join("nextwusblib.pc"), file).expect("a file in the target folder");
-        // The installed folder may be moved: no file in it has its path.
-        fs::rename(&moved, &prefix).expect("a folder can be moved");
-
         let out = out_dir().join("programs");
         let _ = fs::remove_dir_all(&out);
         for (folder, variable, standard) in [("cpp", "CXXFLAGS", "c++17"), ("c", "CFLAGS", "c99")] {
             let mut make = Command::new("make");
             make.arg("-C").arg(root().join("examples").join(folder)).arg(format!("OUT={}", out.display()));
             make.arg(format!("{variable}=-std={standard} -O1 -g -Wall -Wextra -pedantic -Werror"));
-            support::succeed(make.env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig")));
+            support::succeed(make.env("PKG_CONFIG_PATH", prefix().join("lib/pkgconfig")));
         }
         out
     })

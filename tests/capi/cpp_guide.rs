@@ -1,5 +1,5 @@
 //! `docs/GUIDE-CPP.md`: its programs are those of `examples/guide/`. Each is run on the link above it, and must print
-//! the output below it.
+//! the output below it. The commands of its `console` blocks print what it shows.
 #![cfg(target_os = "linux")]
 
 use std::fmt::Write as _;
@@ -64,6 +64,15 @@ mod needs_cxx {
         let text = fs::read_to_string(root().join("docs/GUIDE-CPP.md")).expect("the page");
         let behind_chip = |name: &str, link: &str| printed(name, &link.replace("sim:", "xf-sim:"));
         assert!(again(&text, behind_chip).replace("xf-sim:", "sim:") == text, "another output than the page's");
+    }
+
+    /// A program of Visual Studio compiles and runs by the commands of the page.
+    #[test]
+    fn a_program_of_visual_studio_runs_as_the_guide_shows() {
+        let page = fs::read_to_string(root().join("docs/GUIDE-CPP.md")).expect("the page");
+        let page = page.replace("/usr/share/ecmsk/msvc", &root().join("share/msvc").display().to_string());
+        let folder = tempfile::tempdir().expect("a folder");
+        assert!(crate::prefix::shows(&page, folder.path()) >= 5, "some commands are in no block `console`");
     }
 
     /// The output of a program on that link.

@@ -9,6 +9,7 @@
 //! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`, `schedules`
 //! - programs and their recordings: `examples`, `script_client`, `recording`, `recorded`, `captures`, `dotnet`, `pe`
 //! - how long a program's start takes: `start`
+//! - commands of pages: `console`
 //! - servers and logs: `served`, `tcp`, `usbip_client`, `heard`
 //! - programs whose system calls fail: `failing_calls`
 //!
@@ -21,6 +22,7 @@ pub mod bus_wrapper;
 pub mod captures;
 pub mod chip_axis;
 pub mod chip_line;
+pub mod console;
 pub mod dice;
 #[cfg(unix)]
 pub mod dotnet;

@@ -16,7 +16,8 @@
 //! - `monitor*.rs`: `ecmsk monitor`
 //! - `machine_file.rs`: the machine file, and `ecmsk machine`
 //! - `slave.rs`: `ecmsk slave`
-//! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
+//! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`, `service_on_tcp.rs`, `tcp_*.rs`:
+//!   `ecmsk serve`
 //! - `serve_web.rs`, `serve_web_browser.rs`: `ecmsk serve web`, and the page in a browser
 //! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `doctor_gadget.rs`, `machine.rs`, `man.rs`: `ecmsk list`,
 //!   `doctor`, `man`
@@ -83,6 +84,7 @@ mod serve_web;
 #[cfg(all(unix, feature = "web"))]
 mod serve_web_browser;
 mod serve_xf;
+mod service_on_tcp;
 mod slave;
 mod stalled;
 mod state_failed;

@@ -5,68 +5,42 @@ use std::net::{Ipv4Addr, TcpListener};
 use std::path::Path;
 use std::process::Command;
 
+use support::console::{self, Shown};
+
 /// The pages, and the least number of their commands.
-const PAGES: [(&str, usize); 6] = [
+const PAGES: [(&str, usize); 7] = [
     ("docs/TOOL.md", 20),
     ("docs/TOOL-NETWORK.md", 10),
     ("docs/TOOL-RECORDINGS.md", 5),
     ("docs/MACHINE.md", 5),
     ("docs/WEB.md", 2),
+    ("docs/DEAD-BOARD.md", 10),
     ("README.md", 3),
 ];
 
-/// A command of a page with what it prints.
-#[derive(Debug, PartialEq, Eq)]
-struct Shown {
-    command: String,
-    output: String,
-}
-
-/// The commands of all `console` blocks: lines after `$ `, going on after `> `; what follows is their output.
-fn commands(page: &str) -> Vec<Shown> {
-    let mut shown: Vec<Shown> = Vec::new();
-    let mut inside = false;
-    for line in page.lines() {
-        match (inside, line) {
-            (false, "```console") => inside = true,
-            (true, "```") => inside = false,
-            (true, line) => match (line.strip_prefix("$ "), line.strip_prefix("> "), shown.last_mut()) {
-                (Some(command), ..) => shown.push(Shown { command: command.to_owned(), output: String::new() }),
-                (None, Some(more), Some(last)) => last.command += &format!("\n{more}"),
-                (None, None, Some(last)) => last.output += &format!("{line}\n"),
-                (None, _, None) => panic!("output before the first command: {line}"),
-            },
-            (false, _) => {}
-        }
-    }
-    shown
-}
-
 fn page(file: &str) -> Vec<Shown> {
-    commands(&std::fs::read_to_string(support::root().join(file)).expect("the page"))
+    console::commands(&std::fs::read_to_string(support::root().join(file)).expect("the page"))
 }
 
 /// Runs the commands of a page in one shell, in an empty folder, and returns the output of each. `keys` are added to the page's
 /// simulated link, such as a virtual clock.
 fn run(shown: &[Shown], keys: &str) -> Vec<String> {
-    const MARK: &str = "-- end of a command --";
     let folder = tempfile::tempdir().expect("a folder");
-    let script: String = shown.iter().map(|shown| format!("{}\necho '{MARK}'\n", shown.command)).collect();
-    let script = script.replace("sim:?slaves=drive*2,io", &format!("sim:?slaves=drive*2,io{keys}"));
     // Another board may be served on this machine.
     let port = free_port().to_string();
-    let script = script.replace("serve tcp ", &format!("serve tcp --listen 127.0.0.1:{port} ")).replace("4711", &port);
+    let changed = |command: &str| {
+        let command = command.replace("sim:?slaves=drive*2,io", &format!("sim:?slaves=drive*2,io{keys}"));
+        command.replace("serve tcp ", &format!("serve tcp --listen 127.0.0.1:{port} ")).replace("4711", &port)
+    };
     let tool = Path::new(env!("CARGO_BIN_EXE_ecmsk")).parent().expect("its folder");
     let path = format!("{}:{}", tool.display(), std::env::var("PATH").expect("it is set"));
     let mut bash = Command::new("bash");
-    bash.args(["-c", &format!("exec 2>&1\n{script}")]).current_dir(folder.path()).env("PATH", path);
-    let output = bash.env_remove("ECMSK_LOG").output().expect("bash starts");
-    let text = String::from_utf8(output.stdout).expect("UTF-8").replace(keys, "").replace(&port, "4711");
+    bash.current_dir(folder.path()).env("PATH", path).env_remove("ECMSK_LOG");
+    let said = console::run(&mut bash, shown.iter().map(|shown| changed(&shown.command)));
     // The number of progress lines depends on the machine.
-    let text: String = text.split_inclusive('\n').filter(|line| !line.starts_with("progress: ")).collect();
-    let mut said: Vec<String> = text.split(&format!("{MARK}\n")).map(str::to_owned).collect();
-    assert_eq!(said.pop().as_deref(), Some(""), "the shell ended early: {text}");
-    said
+    let without_progress =
+        |text: &str| -> String { text.split_inclusive('\n').filter(|line| !line.starts_with("progress: ")).collect() };
+    said.iter().map(|text| without_progress(&text.replace(keys, "").replace(&port, "4711"))).collect()
 }
 
 /// A port that was free a moment ago.

@@ -7,10 +7,12 @@
 //! - `told.rs`: whether the card is usable, and its faults
 //! - `ring.rs`: two cards
 //! - `gone.rs`: cards that are pulled
+//! - `page.rs`: the commands of docs/DEAD-BOARD.md
 #![cfg(target_os = "linux")]
 
 mod card;
 mod gone;
+mod page;
 mod ring;
 mod shown;
 mod told;

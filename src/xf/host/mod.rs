@@ -177,14 +177,14 @@ pub struct Host {
     receive_buffer: ReceiveBuffer,
     index: u8,
     exchange: u64,
-    /// The number of the exchange with the newest answer.
+    /// The number of the exchange in which the newest answer was received.
     answered: u64,
     pending_exchange: Option<PendingExchange>,
     /// Whether INT0 has become active since the present exchange began. It counts once the owner of the wires reports
     /// the end of the exchange.
     ready_seen: bool,
     header: Option<AnswerHeader>,
-    /// The header of the first answer.
+    /// The header of the first answer since the driver was created, for [`Self::found`].
     found: Option<AnswerHeader>,
     /// Number of packets that the chip rejected, as far as its answers show.
     rejections: u64,

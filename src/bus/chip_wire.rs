@@ -1,5 +1,5 @@
-//! Datagrams that an ECM-XF sends for its host. Our own master sends its frames as such datagrams. It needs them for
-//! the mailbox services that the chip has no commands for, on slaves that the chip runs.
+//! Datagrams that an ECM-XF sends for its host. This crate's own master sends its frames as such datagrams. It needs
+//! them for the mailbox services that the chip has no commands for, on slaves that the chip runs.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -42,7 +42,8 @@ pub(super) fn datagram(
     }
 }
 
-/// Carries the frames of our own master as datagrams of the chip. [`Wire::send`] waits until the frame is back.
+/// Carries the frames of this crate's own master as datagrams of the chip. [`Wire::send`] waits until the frame is
+/// back.
 pub(super) struct ChipWire<'x> {
     xf: &'x mut Xf,
     /// Frames that have come back from the slaves, until the master receives them.
@@ -95,8 +96,8 @@ impl<'x> ChipWire<'x> {
     }
 }
 
-/// The chip's operation for a datagram of our own master; `None` if it has none. FPRD and FPWR suffice, since a master
-/// that joined a running network addresses slaves by station address only.
+/// The chip's operation for a datagram of this crate's own master; `None` if it has none. FPRD and FPWR suffice, since
+/// a master that joined a running network addresses slaves by station address only.
 const fn operation(command: Command) -> Option<RawOperation> {
     match command {
         Command::Fprd => Some(RawOperation::Fprd),

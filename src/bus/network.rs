@@ -15,7 +15,7 @@ use crate::master::{FrameCounters, Upstream};
 pub struct SlaveState {
     /// The AL status register: the state, and the error flag.
     pub status: AlStatusRegister,
-    /// The AL status code: why the slave is in this state.
+    /// The AL status code: why the slave has refused or left a state; 0 if it has done neither.
     pub code: AlStatus,
 }
 
@@ -73,7 +73,7 @@ pub trait Network {
     /// Whether a scan takes all slaves to Init. If a chip runs the network, the scan leaves them in their states.
     fn resets_slaves(&self) -> bool;
 
-    /// Waits for this time. Our own master keeps the slaves' distributed clocks synchronized meanwhile.
+    /// Waits for this time. This crate's own master keeps the slaves' distributed clocks synchronized meanwhile.
     ///
     /// # Errors
     /// [`BusError::CardGone`], or [`BusError::Chip`] if the chip cannot be reached.
@@ -138,8 +138,8 @@ pub trait Network {
     /// has no CoE, or no SDO information service.
     fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError>;
 
-    /// The content of a slave's EEPROM from its first word to the end of its categories. Our own master returns the
-    /// content that the last scan has read.
+    /// The content of a slave's EEPROM from its first word to the end of its categories. This crate's own master
+    /// returns the content that the last scan has read.
     ///
     /// # Errors
     /// [`BusError::Eeprom`]: the EEPROM cannot be read.

@@ -41,8 +41,8 @@ pub enum Deviation {
         /// The result in each run, from Data1 of slot 0.
         results: [u32; 2],
     },
-    /// In the run `side` a drive had a fault, even if the fault was reset before the answer; in the other run it had
-    /// none.
+    /// In the run `side` a drive had a fault with this error code, even if the fault was reset before the answer; in
+    /// the other run it had none with this code.
     Fault {
         slave: u8,
         side: Side,
@@ -63,7 +63,7 @@ pub enum Deviation {
     },
     /// The inputs of an IO slave or an HSP differ, or the outputs that an IO slave reports back.
     Inputs { slave: u8, bits: [u16; 2] },
-    /// The slave is of another kind, or present in one run only.
+    /// In the two runs the slave is of different kinds, or it is present in one of them only.
     Kind { slave: u8 },
     /// The answers to an SDO transfer differ.
     Sdo { answers: [SdoResponse; 2] },

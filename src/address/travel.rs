@@ -72,7 +72,7 @@ struct Part {
     /// The syntax of the value after the `@`.
     form: &'static str,
     meaning: &'static str,
-    /// The number of axes of a slave of this kind that can have the part; 0 if the kind does not allow the part.
+    /// The number of axes of a slave of this kind for which a link can give this part; 0 if the kind does not allow it.
     axes: fn(SlaveModel) -> usize,
     /// Parses the value and stores it in a [`TravelSpec`]; returns false if the value is invalid.
     read: fn(&mut TravelSpec, &str) -> bool,

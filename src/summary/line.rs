@@ -60,7 +60,7 @@ pub struct StateFailed {
     pub declared: bool,
 }
 
-/// The longest text of a line, in bytes. \[OURS]
+/// The maximum length of the text in a line, in bytes. \[OURS]
 const TEXT_MAX: usize = 1000;
 
 impl fmt::Display for Line {

@@ -154,7 +154,7 @@ impl<L: ChipLink> Xf<L> {
         })
     }
 
-    /// Whether a slave has distributed clocks; `None` with older firmware, which refuses this item.
+    /// Whether a slave has distributed clocks; `None` with older firmware, which refuses to report this.
     fn has_dc(&mut self, slave: u8) -> Result<Option<bool>, XfError> {
         match self.item(slave, SlaveInfoItem::HasDc) {
             Ok(has_dc) => Ok(Some(has_dc != 0)),

@@ -1,4 +1,4 @@
-//! The steps that take an unknown chip to one that accepts commands: the usual start of an application (OBS).
+//! The steps that start a chip of unknown state, until it accepts commands: the usual start of an application (OBS).
 
 use core::fmt;
 

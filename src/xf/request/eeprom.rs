@@ -11,9 +11,9 @@ layout! {
     /// The operation of [`EepromRequest`].
     // These codes are the reverse of those in SDO_REQ (XF ZH 1096).
     pub enum EepromOperation by operation: u16 = at(0), "EEPROM_REQ operation", "0 read, 1 write" {
-        /// Reads from the position on; [`EepromGet`] then returns the data.
+        /// Reads the EEPROM from the address `position` on; [`EepromGet`] then returns the data.
         Read = 0,
-        /// Writes `value`, a word of 16 bits, at the position.
+        /// Writes `value`, a word of 16 bits, to the address `position`.
         Write = 1 (value: u16 = at(6).hex().or(0)),
     }
 

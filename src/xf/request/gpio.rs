@@ -76,7 +76,7 @@ choices! {
 
 layout! {
     /// ECM_GpioSetMode, command code 31, parameter byte 0: sets the mode of GPIO 0 to 15 (XF EN 825). Information
-    /// bytes: `i0` and `i1` mask, `i2` mode, `i3` pull resistor.
+    /// bytes: `i0` and `i1` mask of the GPIOs, `i2` mode, `i3` pull resistor.
     pub struct GpioSetMode {
         /// The GPIOs whose mode is set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
@@ -87,7 +87,7 @@ layout! {
     }
 
     /// ECM_GpioSetMode, command code 31, parameter byte 8: sets the mode of GPIO 16 to 19 (XF EN 838). Information
-    /// bytes: `i0` mask, `i2` mode, `i3` pull resistor.
+    /// bytes: `i0` mask of the GPIOs, `i2` mode, `i3` pull resistor.
     pub struct GpioSetModeExt {
         /// The GPIOs whose mode is set: bit k is GPIO 16 + k.
         pub pins: UpperPins = info(0).hex(),
@@ -98,7 +98,7 @@ layout! {
     }
 
     /// ECM_GpioEnableDebounce, command code 31, parameter byte 2: switches debouncing of inputs among GPIO 0 to 15 on
-    /// or off (XF EN 850). Information bytes: `i0` and `i1` mask, `i2` 1 on, 0 off.
+    /// or off (XF EN 850). Information bytes: `i0` and `i1` mask of the GPIOs, `i2` 1 on, 0 off.
     pub struct GpioEnableDebounce {
         /// The GPIOs whose debouncing is set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
@@ -107,7 +107,7 @@ layout! {
     }
 
     /// ECM_GpioEnableDebounce, command code 31, parameter byte 9: switches debouncing of inputs among GPIO 16 to 19 on
-    /// or off (XF EN 861). Information bytes: `i0` mask, `i2` 1 on, 0 off.
+    /// or off (XF EN 861). Information bytes: `i0` mask of the GPIOs, `i2` 1 on, 0 off.
     pub struct GpioEnableDebounceExt {
         /// The GPIOs whose debouncing is set: bit k is GPIO 16 + k.
         pub pins: UpperPins = info(0).hex(),
@@ -134,14 +134,14 @@ layout! {
     }
 
     /// ECM_GpioIntClear, command code 31, parameter byte 4: clears interrupt flags of GPIO 0 to 15 (XF EN 899).
-    /// Information bytes: `i0` and `i1` mask.
+    /// Information bytes: `i0` and `i1` mask of the GPIOs.
     pub struct GpioIntClear {
         /// The GPIOs whose interrupt flags are cleared: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
     }
 
     /// ECM_GpioIntClear, command code 31, parameter byte 6, from firmware 9 on: clears interrupt flags of GPIO 0 to 19
-    /// (XF EN 910). Information bytes: `i0` to `i2` mask.
+    /// (XF EN 910). Information bytes: `i0` to `i2` mask of the GPIOs.
     pub struct GpioIntClearExt {
         /// The GPIOs whose interrupt flags are cleared: bit k is GPIO k.
         pub pins: AllPins = info(0).bytes(3).hex(),

@@ -27,7 +27,7 @@ layout! {
     pub enum DirectAssign by operation: u8 = par(), "DIRECT_ASSIGN operation", "0 switch, 1 length" {
         /// Parameter byte 0: switches the manual lengths on or off. Information bytes: `i0` slave, `i1` 0 off, 1 on.
         Switch = 0 {
-            /// The slave with the manual lengths.
+            /// The slave whose process data have manually assigned lengths.
             slave: SlaveNumber = info(0),
             /// Whether the chip uses the assigned lengths, and not those of the slave's mapping.
             on: bool = info(1).or(0),
@@ -35,7 +35,7 @@ layout! {
         /// Parameter byte 1: assigns a length. Information bytes: `i0` slave, `i1` 0 output, 1 input, `i2` and `i3`
         /// bytes as u16.
         Length = 1 {
-            /// The slave whose length is assigned.
+            /// The slave to whose process data a length is assigned.
             slave: SlaveNumber = info(0),
             /// Whether the length is that of the outputs or of the inputs.
             direction: Direction = info(1).or(0),

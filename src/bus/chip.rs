@@ -86,7 +86,7 @@ impl XfNetwork {
         Err(failed(DatagramError::Lost))
     }
 
-    /// Refuses to write to slaves while the chip's network is in SafeOP or OP.
+    /// Refuses to write an EEPROM or a file of a slave while the chip's network is in SafeOP or OP.
     fn expect_not_running(&self) -> Result<(), BusError> {
         match self.xf.header().state.state() {
             Some(EtherCatState::SafeOp | EtherCatState::Op) => Err(BusError::Runs { slave: 1 }),

@@ -61,7 +61,7 @@ impl<'x> ChipWire<'x> {
         self.xf.link().now()
     }
 
-    /// Waits for this time, or until a frame has come back.
+    /// Waits for this time, unless a frame that the master has not received yet has come back already.
     ///
     /// # Errors
     /// The chip cannot be reached any more.
@@ -73,7 +73,8 @@ impl<'x> ChipWire<'x> {
     }
 
     /// Sends a datagram, in several parts if it is longer than the chip can send. Parts are allowed because a mailbox
-    /// counts as written, or read, only with the access to its last byte. `None` if a part did not come back.
+    /// counts as written, or read, only with the access to its last byte. `None` if the chip cannot send a datagram with
+    /// this command, if a part did not come back, or if the parts came back with different working counters.
     fn send_datagram(&mut self, datagram: &mut DatagramMut<'_>) -> Result<Option<()>, XfError> {
         let header = datagram.header();
         let Some(operation) = operation(header.command) else { return Ok(None) };

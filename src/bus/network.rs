@@ -32,7 +32,8 @@ pub struct FoundSlave {
     pub identity: SiiIdentity,
     /// The name in the slave's EEPROM; empty if there is none.
     pub name: String,
-    /// The AL state in which the slave was before the scan.
+    /// The AL state in which the slave was before the scan. If an ECM-XF had to initialise its network for the scan, it is
+    /// the state after that.
     pub found: SlaveState,
     /// The DL status: which ports are open and have a link.
     pub ports: DlStatus,
@@ -154,7 +155,7 @@ pub trait Network {
     /// Writes words to a slave's EEPROM, beginning at the word `first`.
     ///
     /// # Errors
-    /// [`BusError::Eeprom`]: the words cannot be written.
+    /// [`BusError::Eeprom`]: the words cannot be written. [`BusError::Runs`]: a chip runs the network in SafeOP or OP.
     fn write_eeprom_words(&mut self, slave: u8, first: u16, words: &[u16]) -> Result<(), BusError>;
 
     /// Reads a file by FoE.
@@ -168,7 +169,7 @@ pub trait Network {
     ///
     /// # Errors
     /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it has refused the transfer, or has not answered in
-    /// time.
+    /// time. [`BusError::Runs`]: a chip runs the network in SafeOP or OP.
     fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError>;
 
     /// The slave with the reference clock; `None` if no slave has a clock, or if it is not known.

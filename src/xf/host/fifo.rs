@@ -75,7 +75,7 @@ impl RxFreeEstimate {
         }
     }
 
-    /// Resets the estimate: the FIFO was emptied, or the chip was reset.
+    /// Forgets all writes that the level may not include yet, because the FIFO was emptied.
     pub(super) fn cleared(&mut self) {
         self.writes = [None; 4];
     }

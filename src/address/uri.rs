@@ -98,7 +98,7 @@ pub enum UriError {
         scheme: Scheme,
         key: String,
         value: String,
-        /// The text ` did you mean ..?`, the reason why the key does not exist, or an empty text.
+        /// The text ` did you mean ..?`, or an empty text.
         hint: String,
         allowed: String,
     },

@@ -46,7 +46,7 @@ pub enum Deviation {
     Fault {
         slave: u8,
         side: Side,
-        /// Object 0x603F; 0 if the drive showed none.
+        /// The error code, object 0x603F; 0 if the drive showed none.
         error_code: u16,
     },
     /// The compared bits of a drive's statusword differ.
@@ -58,7 +58,7 @@ pub enum Deviation {
         slave: u8,
         /// The number of the axis: 1, or 2 for the second axis of a two-channel HSP.
         axis: u8,
-        /// Object 0x6064; 0x6864 for the second axis.
+        /// The actual positions in counts: object 0x6064, or 0x6864 for the second axis.
         counts: [i32; 2],
     },
     /// The inputs of an IO slave or an HSP differ, or the outputs that an IO slave reports back.

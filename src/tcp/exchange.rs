@@ -205,7 +205,7 @@ impl Exchange {
         }
     }
 
-    /// The report's data with its sequence number counted from the first report of this link.
+    /// Time, sequence number and drops of a report, with the sequence number counted from the first report of this link.
     const fn renumbered(&self, meta: ReadMeta) -> ReadMeta {
         ReadMeta { sequence: meta.sequence.saturating_sub(self.first_sequence), ..meta }
     }

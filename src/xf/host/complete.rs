@@ -246,7 +246,7 @@ impl Host {
     /// (`flight`) has come. If an error bit of [`NOT_TAKEN`] is set, their outcome is unknown. Otherwise the number of
     /// packets decides that the chip has rejected since the next process data were sent.
     ///
-    /// If there are none, the overtaken process data were written. Copies of `flight` may have been rejected too,
+    /// If it has rejected none, the overtaken process data were written. Copies of `flight` may have been rejected too,
     /// except two: the one that ran, and the newest one, which the chip's count does not include yet. If more packets
     /// were rejected than there are other copies, the overtaken process data were rejected. If not, their outcome is
     /// unknown.

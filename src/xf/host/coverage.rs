@@ -84,8 +84,8 @@ impl CoverageSearch {
         CrcCoverages { commands: self.of_commands(), answers: self.answers.first() }
     }
 
-    /// Whether several coverages are still possible for commands. A command of another length may then decide, since in
-    /// it they include different bytes.
+    /// Whether several coverages are still possible for commands. A command of another length may then decide, since the
+    /// coverages include different bytes of it.
     pub(super) fn is_open(&self) -> bool {
         self.commands.iter().count() > 1
     }

@@ -48,8 +48,8 @@ pub struct Resync {
     bytes: [u8; CAPACITY],
     /// Number of received bytes in the buffer `bytes`, from its beginning on.
     held: usize,
-    /// Number of bytes at the beginning of `bytes` that were returned as a packet. The next call of `push`
-    /// or `next_packet` removes them.
+    /// Number of bytes at the beginning of `bytes` that were returned as a packet. The next call of `push` or
+    /// `next_packet` removes them.
     given: usize,
     /// The position of the first possible border that was not yet compared with earlier ones. Without it, a stream full
     /// of borders would be compared again with each new byte.

@@ -41,15 +41,17 @@ layout! {
         pub fifos: Fifos = par(),
     }
 
-    /// FIFO_SET_TX_CNT, command code 52: sets the capacity of the TxFIFO, 64 entries at power-on, from the next
-    /// [`FifoInit`] on. A full TxFIFO loses its oldest entry. The parameter byte is the number of entries (XF EN 1236).
+    /// FIFO_SET_TX_CNT, command code 52: sets the capacity that the TxFIFO has from the next [`FifoInit`] on; it is 64
+    /// entries at power-on. A full TxFIFO loses its oldest entry. The parameter byte is the number of entries
+    /// (XF EN 1236).
     pub struct FifoSetTxCount {
         /// The new capacity of the TxFIFO in entries.
         pub entries: u8 = par(),
     }
 
-    /// FIFO_SET_RX_CNT, command code 54: sets the capacity of the RxFIFO, 64 entries at power-on, from the next
-    /// [`FifoInit`] on. A full RxFIFO loses the new entry. The parameter byte is the number of entries (XF EN 1262).
+    /// FIFO_SET_RX_CNT, command code 54: sets the capacity that the RxFIFO has from the next [`FifoInit`] on; it is 64
+    /// entries at power-on. A full RxFIFO loses the new entry. The parameter byte is the number of entries
+    /// (XF EN 1262).
     pub struct FifoSetRxCount {
         /// The new capacity of the RxFIFO in entries.
         pub entries: u8 = par(),

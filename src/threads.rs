@@ -18,9 +18,10 @@ pub use wait_queue::{WaitQueue, WaitTicket};
 /// How often [`end_within`] checks whether a thread has ended.
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Starts a thread with all signals blocked, so that the program's signal handlers run in the program's own threads. A program
-/// that receives a signal by signalfd or sigwait blocks it in all its threads. If a thread of this crate did not block it, the
-/// system would deliver it there, and its default action would end the process.
+/// Starts a thread with all signals blocked, except those for a fault of the thread itself, so that the program's signal
+/// handlers run in the program's own threads. A program that receives a signal by signalfd or sigwait blocks it in all its
+/// threads. If a thread of this crate did not block it, the system would deliver it there, and its default action would end
+/// the process.
 ///
 /// On Unix the thread has begun `work` when this function returns. Without memory for the guard page of its signal
 /// stack a thread ends before it begins `work`, by a panic in the standard library, and a caller that waits for the
@@ -32,7 +33,7 @@ pub(crate) fn spawn<T: Send + 'static>(
     name: &str,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> io::Result<JoinHandle<T>> {
-    // The new thread inherits the signal mask, in which all signals are blocked.
+    // The new thread inherits the mask of blocked signals.
     #[cfg(unix)]
     let _restored = SignalsBlocked::all()?;
     #[cfg(unix)]
@@ -90,7 +91,8 @@ fn keep_library_loaded() {
     unsafe { GetModuleHandleExW(PIN_BY_ADDRESS, here.cast(), &raw mut module) };
 }
 
-/// Runs `work` with all signals blocked, so that threads which it starts inherit the blocked signals.
+/// Runs `work` with all signals blocked, except those for a fault of the thread itself, so that threads which it starts
+/// inherit the blocked signals.
 ///
 /// # Errors
 /// The system's error if the signals cannot be blocked. `work` is then not run.
@@ -100,7 +102,8 @@ pub(crate) fn with_signals_blocked<T>(work: impl FnOnce() -> T) -> io::Result<T>
     Ok(work())
 }
 
-/// Blocks all signals in the thread that makes this value. Dropping the value restores the thread's signal mask.
+/// Blocks all signals, except those for a fault of the thread itself, in the thread that makes this value. Dropping the
+/// value restores the thread's signal mask.
 #[cfg(unix)]
 struct SignalsBlocked {
     before: nix::sys::signal::SigSet,

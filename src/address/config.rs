@@ -27,13 +27,13 @@ use super::keys::WHERE_TO_LOOK;
 use super::text::line_at;
 use crate::files::{FileError, read_small};
 
-/// The environment variable that names a link.
+/// The environment variable that names the link to open.
 pub const LINK_VARIABLE: &str = "ECMSK_LINK";
 /// The environment variable that names a marker file. The library creates this file when a program opens a board, whether
 /// the opening succeeds or not. From the file, `ecmsk exec` can tell whether the program has called the library at all. An
 /// existing file is left unchanged.
 pub const OPENED_VARIABLE: &str = "ECMSK_OPENED";
-/// The name of the file that names a link.
+/// The name of the file that names the link to open.
 pub const FILE_NAME: &str = "ecmsk.toml";
 /// The link that is opened if neither the variable nor a file names one.
 pub const DEFAULT_LINK: &str = "usb:";

@@ -142,7 +142,7 @@ pub(crate) fn pins(value: &str, max: u8) -> Option<[Option<u8>; 6]> {
     Some(pins)
 }
 
-/// Parses a frequency as links write it, in Hz.
+/// Parses a frequency as links write it, such as `24M` or `500k`, and returns it in Hz.
 pub(crate) fn hertz(value: &str) -> Option<u64> {
     let (digits, unit) = match value.strip_suffix('M') {
         Some(digits) => (digits, 1_000_000),

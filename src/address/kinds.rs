@@ -30,7 +30,8 @@ pub(super) const NONE: &str = "none";
 /// not give them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct UsualTravel {
-    /// The travel as text: the parts as a user would write them after the kind of the slave, without the first colon.
+    /// The travel as a user would write it in a link after the kind of the slave and a colon, such as
+    /// `limits@-100000..100000:home@-2500..2500`.
     pub(super) parts: &'static str,
     pub(super) counts_a_turn: u32,
 }
@@ -169,7 +170,7 @@ pub fn word(kind: SlaveKind) -> &'static str {
     SlaveModel::ALL.into_iter().find(|model| model.kind() == kind).map_or(NONE, SlaveModel::name)
 }
 
-/// The names of the models that `holds` selects, separated by commas, for error messages.
+/// The names of the models for which `holds` is true, separated by commas, for error messages.
 pub(super) fn names(holds: impl Fn(SlaveModel) -> bool) -> String {
     let names: Vec<_> = SlaveModel::ALL.into_iter().filter(|model| holds(*model)).map(SlaveModel::name).collect();
     names.join(", ")

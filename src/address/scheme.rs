@@ -58,7 +58,7 @@ struct Row {
     name: &'static str,
     /// The Cargo feature that links of the scheme need, and whether this build has the feature.
     feature: (&'static str, bool),
-    /// The operating systems on which such links exist, as bits.
+    /// The operating systems on which links of the scheme exist: [`LINUX`] and the other bits above, combined.
     systems: u8,
     path: Option<&'static str>,
     meaning: &'static str,
@@ -132,7 +132,7 @@ impl Scheme {
         }
     }
 
-    /// The word before the colon.
+    /// The word before the colon of a link.
     pub const fn name(self) -> &'static str {
         self.row().name
     }

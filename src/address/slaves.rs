@@ -25,7 +25,7 @@ const SLAVES_MAX: usize = SlotSize::Bytes12.max_slaves();
 pub enum ManufacturerObjectsSpec {
     /// The slave accepts every object in 0x2000..=0x9FFF and stores its value.
     Any,
-    /// The slave has the objects in this file.
+    /// The slave has the objects that the file with this path lists.
     File(Arc<str>),
 }
 
@@ -177,7 +177,8 @@ pub(crate) fn too_many(slot: SlotSize) -> String {
     format!("allowed: at most {} slaves with slot={}", slot.max_slaves(), slot.bytes())
 }
 
-/// Splits the parts that follow a kind: those for the travel, and the part `objects@`, of which there may be one.
+/// Splits the options that follow a kind, such as `home@-500..500`: those for the travel of the axes, and `objects@`,
+/// which may be given once.
 fn split_parts<'a>(parts: &[&'a str]) -> Result<(Vec<&'a str>, Option<ManufacturerObjectsSpec>), String> {
     let mut travel = Vec::new();
     let mut manufacturer_objects = None;

@@ -12,7 +12,8 @@ use super::text::{decimal, suggestion};
 /// The largest position in either direction \[OURS]: the range of object 0x6064.
 const POSITION_MAX_COUNTS: i64 = i32::MAX as i64;
 
-/// The value that takes a default part away from an axis: `home@none` is an axis without a home switch.
+/// The value that removes a switch or the index pulse which the kind of slave has by default: `home@none` is an axis
+/// without a home switch.
 const NONE: &str = "none";
 
 /// A range of positions in counts, both ends included. One of the two ends may be missing; the range is then unlimited
@@ -71,7 +72,7 @@ struct Part {
     /// The syntax of the value after the `@`.
     form: &'static str,
     meaning: &'static str,
-    /// The number of axes of a slave of this kind that can have the part; 0 if the kind does not allow the part.
+    /// The number of axes of a slave of this kind for which a link can give this part; 0 if the kind does not allow it.
     axes: fn(SlaveModel) -> usize,
     /// Parses the value and stores it in a [`TravelSpec`]; returns false if the value is invalid.
     read: fn(&mut TravelSpec, &str) -> bool,
@@ -145,10 +146,10 @@ fn set<T>(place: &mut Option<T>, value: Option<T>) -> bool {
 }
 
 impl TravelSpec {
-    /// Parses the parts that follow a kind.
+    /// Parses the options for the travel that follow the kind of a slave, such as `home@-500..500`.
     ///
     /// # Errors
-    /// Why a part is invalid, and what is allowed.
+    /// Why an option is invalid, and what is allowed.
     pub(crate) fn parse(parts: &[&str]) -> Result<Self, String> {
         let mut travel = Self::default();
         let mut seen = Vec::new();
@@ -186,7 +187,7 @@ impl TravelSpec {
     }
 }
 
-/// Writes each given part after a `:`, in the order of the table.
+/// Writes each given option with a `:` before it, such as `:home@-500..500`, in the order of the table [`PARTS`].
 impl fmt::Display for TravelSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         PARTS.iter().try_for_each(|part| match (part.write)(self) {
@@ -215,12 +216,12 @@ fn usual_help() -> String {
     text
 }
 
-/// The words before `@`, such as `limits`, of the parts that a slave of this kind can have.
+/// The words before `@`, such as `limits`, of the options that a slave of this kind can have.
 pub(super) fn words_of(model: SlaveModel) -> impl Iterator<Item = &'static str> {
     PARTS.iter().filter(move |part| (part.axes)(model) > 0).map(|part| part.word)
 }
 
-/// The description of the parts, for `ecmsk link help`.
+/// The section of `ecmsk link help` on the travel of axes.
 pub(crate) fn help() -> String {
     let mut text = String::from(
         "Behind a kind with axes may stand what is along their way, in counts of the shaft (pulses of an hsp), e.g.\n\

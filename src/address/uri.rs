@@ -84,12 +84,12 @@ pub enum UriError {
     /// The scheme does not allow this text between the colon and the question mark.
     #[error("`{scheme}:` does not take `{}` as its place; allowed: {allowed}; {WHERE_TO_LOOK}", visible(.path))]
     BadPath { scheme: Scheme, path: String, allowed: &'static str },
-    /// A part of the query has no `=`.
+    /// One of the texts after the question mark, which `&` separates, has no `=`.
     #[error("`{part}` in a `{scheme}:` link is no `key=value`; {hint}; {WHERE_TO_LOOK}")]
     NotKeyValue {
         scheme: Scheme,
         part: String,
-        /// The allowed values of the key, or all keys.
+        /// What is allowed: the values of the key, or all keys of the scheme.
         hint: String,
     },
     /// Links of this scheme do not have that key.
@@ -98,7 +98,7 @@ pub enum UriError {
         scheme: Scheme,
         key: String,
         value: String,
-        /// The text ` did you mean ..?`, the reason why the key does not exist, or an empty text.
+        /// The text ` did you mean ..?`, or an empty text.
         hint: String,
         allowed: String,
     },
@@ -110,16 +110,16 @@ pub enum UriError {
     BadValue {
         key: String,
         value: String,
-        /// The reason, and the allowed values.
+        /// Why the value is invalid, and the allowed values.
         why: String,
     },
     /// A mandatory key is missing.
     #[error("`{scheme}:` needs the key `{key}`: {meaning}; {allowed}; {WHERE_TO_LOOK}")]
     MissingKey { scheme: Scheme, key: String, meaning: &'static str, allowed: String },
-    /// The percent-encoded bytes are not UTF-8.
+    /// Some text of the link is not UTF-8 once its `%XX` are decoded.
     #[error("`{part}` is not UTF-8 once %XX are decoded; allowed: UTF-8; {WHERE_TO_LOOK}")]
     NotUtf8 {
-        /// The part as it is written in the link.
+        /// The path, the key or the value as the link writes it, with its `%XX`.
         part: String,
     },
 }
@@ -256,7 +256,7 @@ impl LinkUri {
         self.check_count(slaves::parse(list).map_err(bad)?.len()).map_err(bad)
     }
 
-    /// Checks a number of slaves against the slot size.
+    /// Checks that a frame with the slot size of this link has room for that many slaves.
     pub(crate) fn check_count(&self, slaves: usize) -> Result<(), String> {
         let slot = self.typed("slot", slot_size).ok().flatten().unwrap_or_default();
         if slaves <= slot.max_slaves() { Ok(()) } else { Err(slaves::too_many(slot)) }

@@ -28,10 +28,10 @@ const TRIES: u32 = 3;
 /// the slave controller, where reading has no effect.
 const LOAD_INTERVAL: Duration = Duration::from_millis(1);
 const LOAD_ADDRESS: u32 = 0x0000_0000;
-/// \[OURS] Interval at which our own master is polled while it waits for a slave.
+/// \[OURS] Interval at which this crate's own master is polled while it waits for a slave.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
-/// The number of the slave [`XfNetwork::joined`] in our own master. It is 1, because that master is given one slave at a
-/// time.
+/// The number of the slave [`XfNetwork::joined`] in this crate's own master. It is 1, because that master is given one
+/// slave at a time.
 const JOINED: u8 = 1;
 
 /// The network behind an ECM-XF.
@@ -39,7 +39,7 @@ pub(super) struct XfNetwork {
     xf: Xf,
     is_virtual: bool,
     stations: Vec<u16>,
-    /// Our own master, which handles the mailboxes. It knows only the slave of `joined`.
+    /// This crate's own master, which handles the mailboxes. It knows only the slave of `joined`.
     master: Master,
     joined: Option<u8>,
 }
@@ -86,7 +86,7 @@ impl XfNetwork {
         Err(failed(DatagramError::Lost))
     }
 
-    /// Refuses to write to slaves while the chip's network is in SafeOP or OP.
+    /// Refuses to write an EEPROM or a file of a slave while the chip's network is in SafeOP or OP.
     fn expect_not_running(&self) -> Result<(), BusError> {
         match self.xf.header().state.state() {
             Some(EtherCatState::SafeOp | EtherCatState::Op) => Err(BusError::Runs { slave: 1 }),
@@ -143,8 +143,8 @@ impl Mailboxes for XfNetwork {
             if let Some(end) = self.master.take(job) {
                 return Ok(end);
             }
-            // The emergencies of slaves are dropped. Our master reads them from the mailbox with its answers, so the
-            // chip does not list them.
+            // The emergencies of slaves are dropped. This crate's own master reads them from the mailbox with its
+            // answers, so the chip does not list them.
             while self.master.take_event().is_some() {}
             if let Err(error) = wire.wait(POLL_INTERVAL) {
                 self.master.cancel(job);

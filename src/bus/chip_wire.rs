@@ -1,5 +1,5 @@
-//! Datagrams that an ECM-XF sends for its host. Our own master sends its frames as such datagrams. It needs them for
-//! the mailbox services that the chip has no commands for, on slaves that the chip runs.
+//! Datagrams that an ECM-XF sends for its host. This crate's own master sends its frames as such datagrams. It needs
+//! them for the mailbox services that the chip has no commands for, on slaves that the chip runs.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -42,7 +42,8 @@ pub(super) fn datagram(
     }
 }
 
-/// Carries the frames of our own master as datagrams of the chip. [`Wire::send`] waits until the frame is back.
+/// Carries the frames of this crate's own master as datagrams of the chip. [`Wire::send`] waits until the frame is
+/// back.
 pub(super) struct ChipWire<'x> {
     xf: &'x mut Xf,
     /// Frames that have come back from the slaves, until the master receives them.
@@ -60,7 +61,7 @@ impl<'x> ChipWire<'x> {
         self.xf.link().now()
     }
 
-    /// Waits for this time, or until a frame has come back.
+    /// Waits for this time, unless a frame that the master has not received yet has come back already.
     ///
     /// # Errors
     /// The chip cannot be reached any more.
@@ -72,7 +73,8 @@ impl<'x> ChipWire<'x> {
     }
 
     /// Sends a datagram, in several parts if it is longer than the chip can send. Parts are allowed because a mailbox
-    /// counts as written, or read, only with the access to its last byte. `None` if a part did not come back.
+    /// counts as written, or read, only with the access to its last byte. `None` if the chip cannot send a datagram with
+    /// this command, if a part did not come back, or if the parts came back with different working counters.
     fn send_datagram(&mut self, datagram: &mut DatagramMut<'_>) -> Result<Option<()>, XfError> {
         let header = datagram.header();
         let Some(operation) = operation(header.command) else { return Ok(None) };
@@ -95,8 +97,8 @@ impl<'x> ChipWire<'x> {
     }
 }
 
-/// The chip's operation for a datagram of our own master; `None` if it has none. FPRD and FPWR suffice, since a master
-/// that joined a running network addresses slaves by station address only.
+/// The chip's operation for a datagram of this crate's own master; `None` if it has none. FPRD and FPWR suffice, since
+/// a master that joined a running network addresses slaves by station address only.
 const fn operation(command: Command) -> Option<RawOperation> {
     match command {
         Command::Fprd => Some(RawOperation::Fprd),

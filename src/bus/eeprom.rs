@@ -12,7 +12,7 @@ const BYTES_MAX: usize = 0x8000;
 /// A word of an EEPROM that new content changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WordChange {
-    /// The address of the word.
+    /// The address of the word, counted in words of 16 bits.
     pub word: u16,
     /// The value that the EEPROM has now.
     pub from: u16,

@@ -1,4 +1,5 @@
-//! Mailbox services that our own master handles, whether it or a chip runs the network: SDO information and FoE.
+//! Mailbox services that this crate's own master handles, whether it or a chip runs the network: SDO information and
+//! FoE.
 
 use super::{BusError, Network};
 use crate::ethercat::Ns;
@@ -10,7 +11,8 @@ use crate::master::{Ending, FileError, Job, MailboxInfo, Master, SdoError};
 /// \[OURS] Timeout for each answer of a slave's mailbox.
 pub(super) const ANSWER_MAX_NS: Ns = 5_000_000_000;
 
-/// A network whose mailboxes our own master can use: it runs the network itself, or has joined the network of a chip.
+/// A network whose mailboxes this crate's own master can use: it runs the network itself, or has joined the network of
+/// a chip.
 pub(super) trait Mailboxes: Network {
     /// The mailbox of a slave as its EEPROM describes it; `None` if it has none.
     ///
@@ -18,8 +20,8 @@ pub(super) trait Mailboxes: Network {
     /// [`BusError::NoSuchSlave`], or the EEPROM cannot be read.
     fn mailbox(&mut self, slave: u8) -> Result<Option<MailboxInfo>, BusError>;
 
-    /// Starts a job of our own master with `start` and waits until it ends. `start` gets the number that the slave has in
-    /// this master, which differs from `slave` behind a chip.
+    /// Starts a job of this crate's own master with `start` and waits until it ends. `start` gets the number that the
+    /// slave has in this master, which differs from `slave` behind a chip.
     ///
     /// # Errors
     /// The network card is gone, or the chip cannot be reached.

@@ -1,17 +1,17 @@
 //! Inspects a network that no program uses: its slaves, their ports and cables, objects, EEPROMs, files and clocks. Nothing
 //! moves, because no slave is brought above PreOP.
 //!
-//! A [`Network`] gives access to the slaves; [`open()`] makes one from a link. Behind `nic:` (a network card) and `sim:`
-//! (simulated slaves in virtual time) it is [our own master](crate::master); an ECM-XF is a master itself. Everything else
-//! uses the trait alone:
+//! A [`Network`] gives access to the slaves; [`open()`] makes one from a link. Behind `nic:` (a network card) and
+//! `sim:` (simulated slaves in virtual time) it is [this crate's own master](crate::master); an ECM-XF is a master
+//! itself. Everything else uses the trait alone:
 //!
 //! | file | what it contains |
 //! | --- | --- |
 //! | `network.rs` | [`Network`], [`FoundSlave`] |
 //! | `open.rs` | [`open()`]: the network of a link; [`over`]: a network behind any wires |
-//! | `chip.rs`, `chip_wire.rs` | the network of an ECM-XF by its commands; our master's frames as the chip's datagrams |
-//! | `mailboxes.rs` | the mailbox services that our own master handles, also where a chip runs the network |
-//! | `software.rs`, `simulated.rs` | the network of our own master, on a card or on simulated slaves; the simulated slaves |
+//! | `chip.rs`, `chip_wire.rs` | the network of an ECM-XF by its commands; frames of the crate's master as datagrams |
+//! | `mailboxes.rs` | the mailbox services that this crate's own master handles, also where a chip runs the network |
+//! | `software.rs`, `simulated.rs` | the network of the crate's own master, on a card or on simulated slaves; these slaves |
 //! | `dictionary.rs` | [`dictionary`]: the objects of a slave as it describes them, with their values |
 //! | `port_errors.rs` | [`port_errors`]: the error counters of all ports, and which cable is bad |
 //! | `clocks.rs` | [`clocks`]: how well the distributed clocks are synchronized |

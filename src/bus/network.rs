@@ -15,7 +15,7 @@ use crate::master::{FrameCounters, Upstream};
 pub struct SlaveState {
     /// The AL status register: the state, and the error flag.
     pub status: AlStatusRegister,
-    /// The AL status code: why the slave is in this state.
+    /// The AL status code: why the slave has refused or left a state; 0 if it has done neither.
     pub code: AlStatus,
 }
 
@@ -32,7 +32,8 @@ pub struct FoundSlave {
     pub identity: SiiIdentity,
     /// The name in the slave's EEPROM; empty if there is none.
     pub name: String,
-    /// The AL state in which the slave was before the scan.
+    /// The AL state in which the slave was before the scan. If an ECM-XF had to initialise its network for the scan, it is
+    /// the state after that.
     pub found: SlaveState,
     /// The DL status: which ports are open and have a link.
     pub ports: DlStatus,
@@ -73,7 +74,7 @@ pub trait Network {
     /// Whether a scan takes all slaves to Init. If a chip runs the network, the scan leaves them in their states.
     fn resets_slaves(&self) -> bool;
 
-    /// Waits for this time. Our own master keeps the slaves' distributed clocks synchronized meanwhile.
+    /// Waits for this time. This crate's own master keeps the slaves' distributed clocks synchronized meanwhile.
     ///
     /// # Errors
     /// [`BusError::CardGone`], or [`BusError::Chip`] if the chip cannot be reached.
@@ -138,8 +139,8 @@ pub trait Network {
     /// has no CoE, or no SDO information service.
     fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError>;
 
-    /// The content of a slave's EEPROM from its first word to the end of its categories. Our own master returns the
-    /// content that the last scan has read.
+    /// The content of a slave's EEPROM from its first word to the end of its categories. This crate's own master
+    /// returns the content that the last scan has read.
     ///
     /// # Errors
     /// [`BusError::Eeprom`]: the EEPROM cannot be read.
@@ -154,7 +155,7 @@ pub trait Network {
     /// Writes words to a slave's EEPROM, beginning at the word `first`.
     ///
     /// # Errors
-    /// [`BusError::Eeprom`]: the words cannot be written.
+    /// [`BusError::Eeprom`]: the words cannot be written. [`BusError::Runs`]: a chip runs the network in SafeOP or OP.
     fn write_eeprom_words(&mut self, slave: u8, first: u16, words: &[u16]) -> Result<(), BusError>;
 
     /// Reads a file by FoE.
@@ -168,7 +169,7 @@ pub trait Network {
     ///
     /// # Errors
     /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it has refused the transfer, or has not answered in
-    /// time.
+    /// time. [`BusError::Runs`]: a chip runs the network in SafeOP or OP.
     fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError>;
 
     /// The slave with the reference clock; `None` if no slave has a clock, or if it is not known.

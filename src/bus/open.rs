@@ -40,8 +40,8 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
     }
 }
 
-/// A network whose slaves our own master reaches over `wires`, a network card or a simulated one, as [`open`] returns it
-/// for a link `nic:`. Nothing is sent yet.
+/// A network whose slaves this crate's own master reaches over `wires`, a network card or a simulated one, as [`open`]
+/// returns it for a link `nic:`. Nothing is sent yet.
 #[cfg(any(feature = "sim", all(feature = "nic", target_os = "linux")))]
 pub fn over<W: crate::fieldbus::nic::NicWires + 'static>(
     wires: W,

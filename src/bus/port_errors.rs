@@ -170,8 +170,8 @@ fn cable_at(slaves: &[FoundSlave], end: CablePort) -> (Option<CablePort>, Option
     (Some(end), slaves.iter().find(is_there).map(|found| CablePort { slave: found.slave, port: 0 }))
 }
 
-/// Finds the cables, slaves or the master that cause the counted errors, in network order. Each cable is listed once,
-/// with the counters of both its ends.
+/// Finds the cables, slaves or the master that cause the counted errors: cables and slaves in network order, the master
+/// last. Each cable is listed once, with the counters of both its ends.
 pub fn judge(slaves: &[FoundSlave], errors: &[SlaveErrors]) -> Vec<Problem> {
     let mut problems: Vec<Problem> = Vec::new();
     let counters = |end: Option<CablePort>| {

@@ -39,8 +39,9 @@ impl RoundTrips {
 }
 
 /// Sends `times` frames to the slaves of a link `nic:`, one after the other, and measures their round-trip times. The
-/// frames only read AL states. `None` if no frame came back. The checks of `nic:` come first: nothing is sent on a card
-/// that another program has, that belongs to another network, or on which another master sends.
+/// frames only read AL states. `None` if no frame came back: if the first three are lost, no more are sent. The checks of
+/// `nic:` come first: nothing is sent on a card that another program has, that belongs to another network, or on which
+/// another master sends.
 ///
 /// # Errors
 /// [`BusError::Link`]: the network card cannot be opened, or a check refuses it.

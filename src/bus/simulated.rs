@@ -1,5 +1,5 @@
-//! Simulated slaves in virtual time, which our own master reaches like slaves on a network card. The script of the link
-//! (`script=`) acts on them. Also a simulated chip with such slaves.
+//! Simulated slaves in virtual time, which this crate's own master reaches like slaves on a network card. The script of
+//! the link (`script=`) acts on them. Also a simulated chip with such slaves.
 
 use super::BusError;
 use crate::address::uri::LinkUri;
@@ -28,15 +28,15 @@ const DRIFT_PPB: u32 = 20_000;
 /// Longest step of virtual time between two runs of the script, ns: an action of the script is late by at most this.
 const STEP_NS: Ns = 1_000_000;
 
-/// Simulated slaves that were just powered on.
+/// The wires to simulated slaves that were just powered on, and the script that acts on these slaves.
 pub(super) struct SimulatedWires {
     slaves: ChainWires,
     script: Option<RunningScript>,
 }
 
 impl SimulatedWires {
-    /// The slaves of a link `sim:`. Only the keys `slaves` and `script` are used, and the script must not contain lines
-    /// about a board.
+    /// The wires to the slaves of a link `sim:`. Only the keys `slaves` and `script` are used, and the script must not
+    /// contain lines about a board.
     pub(super) fn new(uri: &LinkUri) -> Result<Self, BusError> {
         let handle = SimHandle::default();
         let (devices, script) = slaves(uri, &handle)?;

@@ -1,4 +1,4 @@
-//! A network that our own master runs over a network card, or over simulated slaves.
+//! A network that this crate's own master runs over a network card, or over simulated slaves.
 
 use std::time::Duration;
 
@@ -28,7 +28,7 @@ const LOAD_NS: Ns = 250_000;
 const LOAD_BYTES: usize = 1400;
 const LOAD_BYTE: u8 = 0x55;
 
-/// A network with our own master.
+/// A network of slaves that this crate's own master runs over a network card or over simulated wires.
 pub(super) struct SoftwareNetwork<W> {
     master: Master,
     wires: W,
@@ -37,7 +37,7 @@ pub(super) struct SoftwareNetwork<W> {
 }
 
 impl<W: NicWires> SoftwareNetwork<W> {
-    /// A network that our own master reaches over these wires. Nothing is sent yet.
+    /// A network that this crate's own master reaches over these wires. Nothing is sent yet.
     pub(super) fn new(wires: W, settings: Settings) -> Self {
         let settings = Settings { watch_ns: WATCH_NS, ..settings };
         Self { master: Master::new(settings), wires, found: Vec::new() }

@@ -8,7 +8,7 @@ const EARLY_FRACTION: i64 = 4;
 /// Counts the cycles of the board from the moment the network reaches OP until it leaves OP.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cycles {
-    /// The number of cycles so far.
+    /// The number of the board's cycles in OP so far.
     passed: i64,
     before_ns: Option<i64>,
     /// How much later the previous report came than the counted cycles say, in nanoseconds. Each report halves the value,
@@ -17,7 +17,7 @@ pub(super) struct Cycles {
 }
 
 impl Cycles {
-    /// The number of cycles so far.
+    /// The number of the board's cycles in OP so far.
     pub(super) const fn passed(&self) -> i64 {
         self.passed
     }

@@ -41,12 +41,12 @@ pub enum Deviation {
         /// The result in each run, from Data1 of slot 0.
         results: [u32; 2],
     },
-    /// In the run `side` a drive had a fault, even if the fault was reset before the answer; in the other run it had
-    /// none.
+    /// In the run `side` a drive had a fault with this error code, even if the fault was reset before the answer; in
+    /// the other run it had none with this code.
     Fault {
         slave: u8,
         side: Side,
-        /// Object 0x603F; 0 if the drive showed none.
+        /// The error code, object 0x603F; 0 if the drive showed none.
         error_code: u16,
     },
     /// The compared bits of a drive's statusword differ.
@@ -58,12 +58,12 @@ pub enum Deviation {
         slave: u8,
         /// The number of the axis: 1, or 2 for the second axis of a two-channel HSP.
         axis: u8,
-        /// Object 0x6064; 0x6864 for the second axis.
+        /// The actual positions in counts: object 0x6064, or 0x6864 for the second axis.
         counts: [i32; 2],
     },
     /// The inputs of an IO slave or an HSP differ, or the outputs that an IO slave reports back.
     Inputs { slave: u8, bits: [u16; 2] },
-    /// The slave is of another kind, or present in one run only.
+    /// In the two runs the slave is of different kinds, or it is present in one of them only.
     Kind { slave: u8 },
     /// The answers to an SDO transfer differ.
     Sdo { answers: [SdoResponse; 2] },

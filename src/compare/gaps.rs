@@ -124,9 +124,9 @@ impl GapCount {
         }
     }
 
-    /// Takes over a new value of the cycle offset, if enough commands have shown it. The change counts as a gap if the
-    /// answers differ, so that the axis is elsewhere in one run. In addition, the FIFO has to have been empty, or the
-    /// change has to be larger than [`Observation::unsure_cycles`].
+    /// Decides on a new value of the cycle offset, if enough commands have shown it. The change counts as a gap if the
+    /// answers differ, so that the axis is elsewhere in one run, and if the FIFO was empty or the change is larger than
+    /// [`Observation::unsure_cycles`]. The new value is taken over with a gap, and if the answers are equal.
     fn accept_change(&mut self) {
         let Some((observation, count)) = self.candidate.take() else { return };
         let Some(offset) = self.cycle_offset.filter(|_| count >= SURE_COMMANDS) else { return };

@@ -25,9 +25,9 @@ pub struct Latency {
     /// The most frequent latency, in cycles. If several are equally frequent, the one nearest to 0. 0 if no command
     /// counts.
     pub usual: i64,
-    /// The smallest latency of a command, in cycles.
+    /// The smallest latency of a command: by how many cycles run B answers it later than run A; negative if earlier.
     pub least: i64,
-    /// The largest latency of a command, in cycles.
+    /// The largest latency of a command: by how many cycles run B answers it later than run A; negative if earlier.
     pub most: i64,
     /// The parts of the runs between changes of the latency. A new part begins when several consecutive commands differ by
     /// more than two cycles. At least one part, unless no command counts.

@@ -50,8 +50,8 @@ impl BoardReport {
         }
     }
 
-    /// The actual positions of both axes of `slave` in counts; `None` for an axis that it does not have, or if its slot
-    /// is empty.
+    /// The actual positions of both axes of `slave` in counts; `None` for an axis that it does not have, if its slot is
+    /// empty, or if the network is not in OP.
     pub(super) fn positions(&self, slave: u8) -> [Option<i32>; 2] {
         if !self.is_op() || self.frame.slot(self.size, slave.into()).is_zero() {
             return [None; 2];

@@ -49,7 +49,7 @@ pub struct Comparison {
     /// The run that ends first although all its commands are equal to those of the other run; `None` if neither run does.
     /// Its end counts as a difference.
     pub ends_early: Option<Side>,
-    /// The last three commands before the first difference.
+    /// The last commands before the first difference, at most three.
     pub context: Vec<Context>,
 }
 

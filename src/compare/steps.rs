@@ -65,7 +65,8 @@ pub struct Step {
     /// are among them.
     pub(super) kept: VecDeque<BoardReport>,
     /// The number of the command among the frames sent in OP, which is compared with the last executed command that a
-    /// report shows. `None` if the command was sent outside OP, where the board executes commands on arrival.
+    /// report shows. `None` if the command was sent outside OP, where the board executes commands on arrival, or if the
+    /// network has left OP since.
     entry: Option<u64>,
 }
 

@@ -13,8 +13,9 @@
 //!   another position for a while. Until it is at rest in both runs, or both have shown the same position for a while,
 //!   the position of each run has to occur in the other run within that number of cycles, or close to it. An axis at
 //!   rest has to be at the same position.
-//! - The last answers of a run, and the last answers before slaves leave OP, have to be the same. The only exception is
-//!   the position of an axis that still moves in both runs if one of them had additional cycles.
+//! - The last answers of a run, and the last answers before slaves leave OP, have to be the same, but for an axis that
+//!   still moves in both runs. Its target reached (bit 10) may differ, and if one of the runs had additional cycles also
+//!   its position and all bits of its statusword that do not belong to the CiA 402 state.
 
 use std::collections::VecDeque;
 
@@ -87,10 +88,11 @@ pub(super) enum NextSteps {
 /// position.
 #[derive(Clone, Copy, Debug, Default)]
 struct CycleOffset {
-    /// The cycle count of run B minus that of run A at the last answer that showed the axis the same in both runs, either at
-    /// rest or for the 16th time in a row; `None` before the first answer in OP.
+    /// The cycle count of run B minus that of run A at the first answer in OP; `None` before it. It is updated at an
+    /// answer that shows the axis the same in both runs, either at rest or for the 16th time in a row. It is also
+    /// updated if reports were only assigned to the wrong commands.
     offset_when_equal: Option<i64>,
-    /// The largest change of that difference since then, in cycles.
+    /// The largest change of that difference since it was last updated, in cycles.
     largest_change: u64,
     /// The number of consecutive answers that showed the same for this axis in both runs.
     same: u32,
@@ -149,8 +151,8 @@ impl PairWindow {
         Some((pair, what))
     }
 
-    /// Whether enough reports after the next pair are known to judge it: more than [`Self::window`] of each run, or more
-    /// than [`WAY_CYCLES`] if a run had additional cycles.
+    /// Whether enough reports after the next pair are known to judge it: more than [`Self::window`] of each run, or
+    /// more than [`WAY_CYCLES`] if a run had additional cycles. [`PAIRS_MAX`] pairs are enough in any case.
     fn is_followed(&self) -> bool {
         let wanted = if self.axes.iter().any(|axis| axis.largest_change > 0) { WAY_CYCLES } else { self.window() };
         let enough = |side| self.reports(self.next + 1, self.pairs.len(), side) > wanted;
@@ -269,8 +271,8 @@ impl PairWindow {
         }
     }
 
-    /// Whether a difference between last answers concerns an axis that moves in both runs and is in the same CiA 402
-    /// state.
+    /// Whether additional cycles of a run explain a difference between last answers: it is the position of an axis that
+    /// moves in both runs, or such an axis has statuswords with the same CiA 402 state.
     fn moves_at_end(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let Some(answers) = self.pairs.get(at).and_then(StepPair::answers_in_op) else { return false };
         let is_state = match what {

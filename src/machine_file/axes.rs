@@ -15,7 +15,7 @@ use crate::sk::SlaveKind;
 const NAME_MAX: usize = 32;
 
 /// Checks the axes of the file and returns them in the order of their slaves. It is an error if two axes have the same
-/// slave, or if a slave has no axis.
+/// slave, or if the slave of an axis is of a kind without axes.
 pub(super) fn axes(
     source: &Source<'_>,
     fields: &BTreeMap<String, AxisFields>,

@@ -15,7 +15,7 @@ use crate::address::uri::LinkUri;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{CycleTime, SlaveKind, SlotSize};
 
-/// The highest number that a slave may have.
+/// The highest number of a slave in a machine file.
 const SLAVES_MAX: usize = SlotSize::Bytes12.max_slaves();
 /// The number of inputs, and of outputs, that an IO slave has.
 const BITS: i64 = 16;

@@ -93,7 +93,7 @@ pub struct MachineAxis {
     pub slave: u8,
     /// The unit of the axis's positions.
     pub unit: Unit,
-    /// The counts of one unit.
+    /// How many counts one unit has.
     pub scale: Scale,
     /// The range in which targets of the axis have to be, counts. The tool refuses other targets; programs are not
     /// checked.
@@ -180,8 +180,8 @@ impl MachineFile {
         self.slaves.get(usize::from(slave).checked_sub(1)?)
     }
 
-    /// What an error code of a slave means, if the file says it. A text for its product goes before one for its vendor, and
-    /// that before one for all.
+    /// What an error code of a slave means, if the file says it. The file may have texts for a product, for a vendor,
+    /// and for all drives, in this order of precedence. Vendor and product of the slave are those in the file.
     pub fn alarm_text(&self, slave: u8, code: u16) -> Option<&str> {
         let expected = self.slave(slave).map(|slave| slave.expected).unwrap_or_default();
         let fits = |wanted: Option<u32>, found: Option<u32>| wanted.is_none() || wanted == found;

@@ -28,7 +28,7 @@ impl<'t> Places<'t> {
         }
     }
 
-    /// The value of a field that is outside all tables; `None` if there is none.
+    /// The value of a field that is outside all tables; `None` if the text has no such field.
     pub(super) fn top(&self, name: &str) -> Option<&DeValue<'t>> {
         self.root.iter().find(|(key, _)| key.get_ref() == name).map(|(_, value)| value.get_ref())
     }

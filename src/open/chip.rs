@@ -46,7 +46,7 @@ pub(crate) fn connect(uri: &LinkUri) -> Result<Box<dyn ChipLink>, ChipError> {
     }
 }
 
-/// Opens the board that the URI describes.
+/// Opens the board that the URI describes, whose slaves are reached over a real chip.
 #[cfg_attr(not(unix), allow(dead_code, reason = "no link to a real chip is in the build"))]
 pub(super) fn board(uri: &LinkUri) -> Result<EngineLink, LinkError> {
     let options = ChipBoard::from_uri(uri)?;

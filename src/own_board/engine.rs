@@ -48,7 +48,7 @@ impl Default for RunOptions {
     }
 }
 
-/// The reason that is given for a lost board if its bus has none.
+/// The reason for the loss of a board whose bus gives no reason.
 const BUS_GONE: &str = "the hardware that runs its network is gone";
 
 enum Runner {
@@ -167,8 +167,8 @@ impl EngineLink {
         }
     }
 
-    /// Logs the commands that the board did not execute. The thread that calls the link does this, because the cyclic
-    /// thread must not wait for the log.
+    /// Logs the events of the board, such as commands that it did not execute, and the loss of a network card. The
+    /// thread that calls the link does this, because the cyclic thread must not wait for the log.
     fn log_events(&self) {
         if !log::log_enabled!(log::Level::Warn) {
             return;

@@ -11,7 +11,7 @@ use crate::span::Seconds;
 /// An episode has ended once its counter has not changed for this long, in nanoseconds of the board's time \[OURS].
 const QUIET_NS: Ns = 1_000_000_000;
 
-/// A period in which commands of one kind were not executed.
+/// A period in which commands were not executed for one reason, such as a full FIFO.
 #[derive(Clone, Copy)]
 struct Episode {
     /// When the first command of the episode was noticed, in the board's time.

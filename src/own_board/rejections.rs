@@ -52,7 +52,8 @@ impl RejectionLog {
         Self { kinds, aborts: Throttle::default(), episodes: Episodes::new(counters) }
     }
 
-    /// Logs events, and rejections for which there is no event but only a higher counter. `now` is the board's time.
+    /// Logs events. Rejections that got no line of their own are summed up once their window is over. `now` is the
+    /// board's time.
     pub(crate) fn log(
         &mut self,
         events: impl IntoIterator<Item = Event>,

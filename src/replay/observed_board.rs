@@ -20,8 +20,8 @@ pub struct ObservedBoard {
     state: Option<StateByte>,
     sdo: Option<SdoResponse>,
     fifo_free: u16,
-    /// The number of reports since the newest command. Once there are enough, an empty FIFO is at rest, and the model's
-    /// FIFO has to be empty, too.
+    /// The number of reports since the newest command. From [`AT_REST_REPORTS`] on an empty FIFO counts as at rest, and the
+    /// model's FIFO has to be empty, too.
     reports_since_command: u16,
     slaves: [ObservedSlave; MAX_SLAVES],
 }
@@ -31,8 +31,8 @@ pub struct ObservedBoard {
 struct ObservedSlave {
     statusword: Option<Statusword>,
     positions: [i32; 2],
-    /// The number of reports in a row that show the same positions. Once there are enough, the axes stand still, and
-    /// those of the model have to as well.
+    /// The number of reports in a row that show the same positions. From [`AT_REST_REPORTS`] on the axes count as at rest,
+    /// and those of the model have to be at rest, too.
     still: u16,
     /// The inputs of an IO slave, and the command that its slot answers.
     inputs: Option<(CommandId, u16)>,

@@ -11,7 +11,8 @@ pub(super) const CYCLE_NS: i64 = 1_000_000;
 const REPORTS_FOR_TICK: usize = 500;
 
 /// Where a replay begins. The model starts like a board that was just powered on, so the replay begins at the first
-/// report in Init or PreOP, and skips the frames before it. \[OURS]
+/// report in Init or PreOP, and skips the frames before it. If this is the first report of the recording, the command
+/// frames before it are replayed, too. \[OURS]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplayStart {
     /// The number of frames before the start.

@@ -49,7 +49,8 @@ impl GapFinder {
         gap
     }
 
-    /// Forgets the last target, because another command has replaced it. The next target then begins a new motion.
+    /// Forgets the last target, because another command or a change of the AL state has ended the motion. The next
+    /// target then begins a new motion.
     pub fn reset(&mut self) {
         *self = Self { longest_step: self.longest_step, ..Self::default() };
     }

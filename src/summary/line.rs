@@ -6,10 +6,11 @@ use std::fmt;
 
 use crate::sk::{MasterState, StateByte};
 
-/// One line of the file: an event, a message of the log, or the value of a counter.
+/// One line of the file that the library writes for `ecmsk exec`: an event, a message of the log, or the value of a
+/// counter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// A message of the log that is the first of its kind.
+    /// A message of the log that is the first of its kind. Messages of one kind differ only in their numbers.
     Message {
         /// The number of this kind of message, by which [`Line::Repeated`] refers to it.
         id: u32,
@@ -59,7 +60,7 @@ pub struct StateFailed {
     pub declared: bool,
 }
 
-/// The longest text of a line, in bytes. \[OURS]
+/// The maximum length of the text in a line, in bytes. \[OURS]
 const TEXT_MAX: usize = 1000;
 
 impl fmt::Display for Line {

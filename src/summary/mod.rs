@@ -214,8 +214,9 @@ impl fmt::Display for Summary {
     }
 }
 
-/// Whether a message of the log only gives a number of earlier messages or a final count, such as "12 in all". Such messages
-/// are left out of the summary, which has these numbers itself.
+/// Whether a message of the log only gives what the summary has itself: a number of earlier messages, a final count
+/// such as "12 in all", or the state that was not reached yet when the program closed the board. Such messages are left
+/// out of the summary.
 pub fn is_sum(text: &str) -> bool {
     text.contains(" more rejected as ") || text.ends_with(" in all") || text.contains(" was still under way when ")
 }

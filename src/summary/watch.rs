@@ -44,12 +44,12 @@ pub struct FrameCounts {
 pub struct FrameWatch {
     size: SlotSize,
     kinds: Kinds,
-    /// Whether SET_AXIS has declared a slave of another kind than IO.
+    /// Whether SET_AXIS has declared a slave of another kind than IO since the last reset of the board.
     declared: bool,
     state: StateByte,
     /// The time of the request for the state in [`FrameCounts::unreached`], ns on the clock of the frames.
     asked_ns: i64,
-    /// Whether the program still waits for that state: it has not requested a lower one since.
+    /// Whether the program still waits for that state: it has not requested a state since that the board had already.
     is_waiting: bool,
     /// The FIFO-full count and the CRC error count in the last report of OP. An increase means lost command frames.
     losses: Option<(u16, u8)>,

@@ -153,7 +153,7 @@ impl SummaryWriter {
         }
     }
 
-    /// The main loop of the thread.
+    /// The main loop of the thread that writes the queued lines.
     fn run(&self) {
         while self.write() {
             std::thread::park_timeout(PERIOD);

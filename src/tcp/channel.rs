@@ -77,7 +77,7 @@ pub enum Came {
     All,
     /// No bytes were waiting.
     Nothing,
-    /// The other end has shut down its sending direction: no more bytes will come.
+    /// No more bytes will come: the other end has shut down its sending direction, or the connection was reset.
     End,
 }
 

@@ -26,7 +26,7 @@ const CALLS_RECEIVE: bool = cfg!(not(windows));
 /// How often the background thread receives while no call waits. \[OURS]
 const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// The part of a link that the program's threads and the background thread share.
+/// The part of a `tcp:` link that the program's threads and the background thread share.
 pub(super) struct Shared {
     pub(super) info: LinkInfo,
     /// The URI with which the server has opened the board.

@@ -50,7 +50,7 @@ pub(super) fn get_counters(get: &mut Get<'_>) -> Result<Counters, WireError> {
 }
 
 impl Counts {
-    /// How much each counter has increased since the value `before`.
+    /// How much each counter has increased since `before`, an earlier reading of the same counters.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         let mut since = *self;

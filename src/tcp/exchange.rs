@@ -34,7 +34,7 @@ pub(super) struct Request {
 #[allow(clippy::large_enum_variant, reason = "there is one at a time, taken as soon as it is there")]
 pub(super) enum Answer {
     Written(Stamp),
-    /// The answer to a read request: the data of a report, whose bytes are in [`Exchange::got`].
+    /// The answer to a read request: time and sequence number of a report, whose bytes are in [`Exchange::got`].
     Got(ReadMeta),
     Passed(Option<Stamp>),
     Counted(Counts),
@@ -43,9 +43,9 @@ pub(super) enum Answer {
 /// The state of a client's exchange of messages with its server.
 pub(super) struct Exchange {
     name: String,
-    /// Unread reports, oldest first.
+    /// The reports that the program has not read yet, oldest first.
     reports: VecDeque<(Frame, ReadMeta)>,
-    /// How many unread reports are kept; the oldest are dropped.
+    /// How many reports that the program has not read yet are kept. If there is one more, the oldest is dropped.
     queue_max: usize,
     /// Reports dropped from `reports`, because the program did not read them in time.
     pub(super) dropped: u64,
@@ -55,7 +55,7 @@ pub(super) struct Exchange {
     /// The number of the next request. Requests are numbered from 1.
     pub(super) next_request: u64,
     pub(super) request: Option<Request>,
-    /// The report that came with [`Answer::Got`].
+    /// The bytes of the report that came with [`Answer::Got`].
     pub(super) got: Frame,
     /// The board's time as of the server's newest answer, on virtual time; `None`: unknown.
     pub(super) now: Option<Stamp>,
@@ -66,7 +66,8 @@ pub(super) struct Exchange {
 }
 
 impl Exchange {
-    /// `first_sequence` is the sequence number of the next report; `queue_max` unread reports are kept.
+    /// `first_sequence` is the server's sequence number of the next report; at most `queue_max` unread reports are
+    /// kept.
     pub(super) fn new(name: String, first_sequence: u64, queue_max: usize, now: Option<Stamp>) -> Self {
         Self {
             name,
@@ -204,7 +205,7 @@ impl Exchange {
         }
     }
 
-    /// The report's data with its sequence number counted from the first report of this link.
+    /// Time, sequence number and drops of a report, with the sequence number counted from the first report of this link.
     const fn renumbered(&self, meta: ReadMeta) -> ReadMeta {
         ReadMeta { sequence: meta.sequence.saturating_sub(self.first_sequence), ..meta }
     }

@@ -5,8 +5,8 @@
 use std::os::fd::RawFd;
 use std::sync::atomic::{AtomicI32, Ordering};
 
-/// The maximum number of links that are registered here. \[OURS] If a writer has more links and its children live on, the
-/// server notices the writer's end only after four keep-alive times.
+/// The maximum number of links whose sockets are registered, so that forked children close their copies. \[OURS] If a writer
+/// has more links and its children live on, the server notices the writer's end only after four keep-alive times.
 const SOCKETS_MAX: usize = 64;
 /// The value of an entry in which no socket is registered.
 const FREE: RawFd = -1;

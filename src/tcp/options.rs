@@ -1,4 +1,4 @@
-//! The keys of `tcp:` as Rust types.
+//! The keys in the URI of a `tcp:` link, as Rust types.
 
 use std::path::PathBuf;
 use std::time::Duration;

@@ -41,7 +41,7 @@ impl ServerTls {
         Ok(Self(Arc::new(config)))
     }
 
-    /// The server's end of a new session.
+    /// The server's end of a new TLS session.
     ///
     /// # Errors
     /// The session cannot be set up, for example without random numbers of the system.
@@ -50,7 +50,7 @@ impl ServerTls {
     }
 }
 
-/// The client's end of a new session.
+/// The client's end of a new TLS session.
 pub fn connect() -> io::Result<Connection> {
     let provider = Arc::new(ring::default_provider());
     let verifier = Arc::new(AnyCertificate(Arc::clone(&provider)));

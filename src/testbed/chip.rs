@@ -72,8 +72,9 @@ impl SimChip {
     /// Builds the chip with these options; `name` is the name of the link in messages. The script starts immediately.
     ///
     /// # Errors
-    /// [`ChipError::Script`] or [`ChipError::ManufacturerObjects`] if the file cannot be read or is invalid;
-    /// [`ChipError::Network`] if a slave does not define the content of its EEPROM.
+    /// [`ChipError::Script`] if the script cannot be read or is invalid; [`ChipError::ManufacturerObjects`] if that is
+    /// so for a file of manufacturer-specific objects; [`ChipError::Network`] if a slave does not define the content of
+    /// its EEPROM.
     pub fn with_options(name: &str, options: &SimChipOptions) -> Result<Self, ChipError> {
         let network = options.chip.network.unwrap_or(ChipNetwork::Controllers);
         let script = match &options.script {

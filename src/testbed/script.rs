@@ -167,7 +167,8 @@ impl Script {
         self.steps.is_empty()
     }
 
-    /// Starts the script on a board and its network. Its times count from `now`, the board's time.
+    /// Starts the script on a board and its network. The times of lines with the origin `start`, the default, count from
+    /// `now`, the board's time.
     pub fn start(self, network: Cable, board: BoardHandle, now: Ns) -> RunningScript {
         RunningScript::new(&self.steps, network, board, now)
     }

@@ -145,7 +145,8 @@ fn bus(
     })
 }
 
-/// Advances a board by the time in which no link used it, on the real clock by `catch_up_ms=` at most.
+/// Advances a board by the time in which no link used it, on the real clock by `catch_up_ms=` at most. A board on a
+/// virtual clock is not advanced, unless it is still starting up; then it is advanced by [`FAILED_OPEN`].
 fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
     let away = rate(options).slowed(away);
     let away = match (options.clock, board.engine().talks()) {

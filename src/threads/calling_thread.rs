@@ -7,12 +7,12 @@
 pub struct CallingThread(imp::Thread);
 
 impl CallingThread {
-    /// The calling thread.
+    /// The identity of the thread that calls this function.
     pub fn current() -> Self {
         Self(imp::Thread::current())
     }
 
-    /// Whether the thread has ended.
+    /// Whether the thread with this identity has ended.
     pub fn is_gone(&self) -> bool {
         self.0.is_gone()
     }

@@ -33,7 +33,7 @@ impl CrcCoverage {
         self.end(HEADER_LEN + size.bytes(), len)
     }
 
-    /// Like [`Self::bytes`], for a header and data segment of `covered` bytes together.
+    /// Like [`Self::bytes`]; `covered` is the number of bytes of the header and the data segment together.
     fn end(self, covered: usize, len: u16) -> usize {
         let valid = HEADER_LEN + usize::from(len);
         match self {

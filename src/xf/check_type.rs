@@ -11,7 +11,7 @@ pub enum CheckType {
     /// 0: the fixed word [`FIXED_CHECK`], the chip's setting at power-on (OBS).
     #[default]
     Fixed = 0,
-    /// 3: CRC-32.
+    /// 3: a CRC-32 of the header and the data segment.
     Crc32 = 3,
 }
 

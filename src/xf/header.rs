@@ -23,7 +23,8 @@ bits! {
         /// Bit 0: "header outputs valid" in the manuals, "update state" in the vendor's header. Always send 0, since
         /// the sources disagree.
         BIT_0 = 1 << 0;
-        /// Bit 1: the chip reads the states of all slaves, which makes the packet non-immediate (XF EN 211).
+        /// Bit 1: the chip reads the states of all slaves. This takes time, so the packet counts as a non-immediate
+        /// command, whatever its code (XF EN 211).
         UPDATE_STATE = 1 << 1;
         /// Bit 3: clears [`Errors::NON_IMMEDIATE`].
         CLEAR_NON_IMMEDIATE = 1 << 3;
@@ -72,7 +73,8 @@ bits! {
         PORT_READY = 1 << 3;
         /// Bit 4: process data are configured and exchanged.
         PDO_CONFIGURED = 1 << 4;
-        /// Bit 5: the answer belongs to no command; its return byte and its data have no meaning.
+        /// Bit 5: the answer has no result, since the chip took the packet for a repetition of the one before, or
+        /// rejected it. Its return byte and its data have no meaning.
         NOP = 1 << 5;
         /// Bit 6: the chip takes an RxPDO out of the RxFIFO in each cycle.
         FIFO_ON = 1 << 6;
@@ -262,10 +264,11 @@ headers! {
 
     /// The header of an answer, without the start word.
     AnswerHeader {
-        /// Byte 0x04: number of packets that the chip received with a wrong check word. The driver assumes that the
-        /// count stops at 255. CRC_ERR_CNT_CLR clears it.
+        /// Byte 0x04: number of packets that the chip received with a wrong check word. The driver in
+        /// [`host`](super::host) assumes that the count stops at 255. CRC_ERR_CNT_CLR clears it.
         crc_errors: u8 = 0x04,
-        /// Byte 0x05: number of cycles with a wrong working counter. The driver assumes that the count stops at 255.
+        /// Byte 0x05: number of cycles with a wrong working counter. The driver in [`host`](super::host) assumes that
+        /// the count stops at 255.
         wkc_errors: u8 = 0x05,
         /// Byte 0x06: number of TxPDOs in the FIFO that the host has not read yet. The value lags two exchanges behind
         /// (OBS).
@@ -297,7 +300,8 @@ headers! {
 }
 
 impl CommandHeader {
-    /// A header of INFO_UPDATE_OP, which requests nothing, with this index.
+    /// The header of an INFO_UPDATE_OP packet with this index, in which all other fields are 0.
+    /// [`write_request`](super::write_request) replaces the command code and the arguments by those of a request.
     pub const fn with_index(index: u8) -> Self {
         Self {
             info: [0; 4],

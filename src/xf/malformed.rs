@@ -7,7 +7,7 @@ use core::fmt;
 pub struct Malformed {
     /// The name of the field, as in `SDO_REQ operation`.
     pub field: &'static str,
-    /// The value that the field has, a length for a field that is too long or too short.
+    /// The value that the field has; for a field that is too long or too short its length in bytes.
     pub found: u32,
     /// The values that the field may have.
     pub allowed: Allowed,

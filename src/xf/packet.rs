@@ -306,7 +306,7 @@ impl<'p> CommandPacket<'p> {
 }
 
 impl CommandHeader {
-    /// The header fields that belong to the request.
+    /// The arguments of the request in this header: parameter, information bytes, reserve bits and length.
     pub const fn arguments(&self) -> Arguments {
         Arguments { parameter: self.parameter, info: self.info, reserve: self.reserve, len: self.len }
     }

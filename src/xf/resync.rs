@@ -46,15 +46,16 @@ const FRUITLESS_MAX: usize = 2 * MAX_PACKET;
 #[derive(Clone, Debug)]
 pub struct Resync {
     bytes: [u8; CAPACITY],
-    /// Number of bytes held, at the beginning of `bytes`.
+    /// Number of received bytes in the buffer `bytes`, from its beginning on.
     held: usize,
-    /// Number of bytes at the beginning that were returned as a packet.
+    /// Number of bytes at the beginning of `bytes` that were returned as a packet. The next call of `push` or
+    /// `next_packet` removes them.
     given: usize,
     /// The position of the first possible border that was not yet compared with earlier ones. Without it, a stream full
     /// of borders would be compared again with each new byte.
     compared: usize,
     size: Option<DataSize>,
-    /// Whether the reader has found the size by itself.
+    /// Whether the reader has found the packet size by itself, and not the caller has set it.
     found: bool,
     /// Number of bytes outside packets since the newest packet, or since the size was found.
     fruitless: usize,

@@ -28,10 +28,10 @@ pub enum XfError {
         "slave {slave} aborts the SDO transfer of {object}: {abort}; check object, size and state in the slave's manual"
     )]
     SdoAborted { slave: u8, object: ObjectAddress, abort: AbortCode },
-    /// An object has a different size than the Rust type.
+    /// The chip returned another number of bytes for an object than the Rust type has as which the program reads it.
     #[error("{object} of slave {slave} has {found} bytes, not {wanted}; read it as a type of that size, or as bytes")]
     SdoSize { slave: u8, object: ObjectAddress, found: usize, wanted: usize },
-    /// A change of state ended in another state.
+    /// After a change of state some slaves are in another state, or report an error.
     #[error(
         "{wanted:?} was not reached: {}; look the code up in the slave's manual, and check its mapping and the states \
          between",
@@ -64,7 +64,7 @@ pub enum XfError {
          ConfigMap in PreOP after a change"
     )]
     OtherLayout { slave: u8, direction: &'static str, mapped: usize, laid_out: usize },
-    /// Process data were not accepted into the RxFIFO.
+    /// An exchange of process data failed: the chip did not take the outputs, or gave no inputs.
     #[error("process data were not taken ({outcome:?}): {}", advice(*.outcome))]
     ProcessData { outcome: ProcessOutcome },
     /// The cycle is too short to transfer the process data to the chip.

@@ -90,7 +90,8 @@ impl<L: ChipLink> Xf<L> {
     /// Brings slaves to a state, and checks that all of them have reached it.
     ///
     /// # Errors
-    /// [`XfError::StateStuck`] names the slaves that have not reached it; otherwise as with [`Xf::run`].
+    /// [`XfError::StateStuck`] names the slaves that have not reached it, [`XfError::NoSuchSlave`] if the network has
+    /// no slave with this number; otherwise as with [`Xf::run`].
     pub fn set_state(&mut self, slaves: Slaves, state: EtherCatState) -> Result<(), XfError> {
         // The chip's answer to the change of state does not tell which slave has refused it.
         let changed = self.run(&StateSet { slaves, state });
@@ -153,7 +154,7 @@ impl<L: ChipLink> Xf<L> {
         })
     }
 
-    /// Whether a slave has distributed clocks; `None` with older firmware, which refuses this item.
+    /// Whether a slave has distributed clocks; `None` with older firmware, which refuses to report this.
     fn has_dc(&mut self, slave: u8) -> Result<Option<bool>, XfError> {
         match self.item(slave, SlaveInfoItem::HasDc) {
             Ok(has_dc) => Ok(Some(has_dc != 0)),

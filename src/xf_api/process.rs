@@ -94,7 +94,7 @@ impl ProcessData {
         value.put_le(&mut self.outputs[output.at..output.at + T::BYTES]);
     }
 
-    /// The value that an output has in the next cycle.
+    /// The value of an output that the next cycle sends.
     ///
     /// # Panics
     /// As with [`Self::set`].

@@ -60,7 +60,7 @@ struct StopProgress {
     restarted: bool,
     /// The error after which no further command is tried, because nothing reaches the chip any more.
     given_up: Option<XfError>,
-    /// The first error of the stop.
+    /// The first error that occurred while the axes were stopped.
     first: Result<(), XfError>,
 }
 

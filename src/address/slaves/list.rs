@@ -1,11 +1,11 @@
-//! The syntax that all lists of slaves share: comma-separated entries `KIND:PART:PART*N`. The callers define the kinds
-//! and the meaning of the parts.
+//! The syntax that all lists of slaves share: comma-separated entries `KIND:PART:PART*N`. The callers define the kinds,
+//! and the meaning of the parts, which are the options of a kind.
 
 use std::iter::repeat_n;
 
 use crate::address::text::decimal;
 
-/// The characters that separate a kind, its parts and the number of slaves.
+/// The characters that begin an option of a kind (`:`) and the repeat count (`*`).
 const SIGNS: [char; 2] = [':', '*'];
 
 /// One entry of a list, split at `:` and `*`.
@@ -40,7 +40,7 @@ impl<'a> Entry<'a> {
         entry
     }
 
-    /// The entry with blanks removed around the kind, the parts and the repeat count.
+    /// The entry with blanks removed around the kind, its options and the repeat count.
     fn trimmed(mut self) -> Self {
         self.kind = self.kind.trim();
         self.parts.iter_mut().chain(&mut self.numbers).for_each(|piece| *piece = piece.trim());
@@ -83,7 +83,7 @@ pub(super) enum Form {
     /// For links: without blanks, and with the repeat count last, so that each list has one form and normal forms can
     /// be compared.
     Strict,
-    /// For text that people type: blanks are ignored, and parts may follow the repeat count.
+    /// For text that people type: blanks are ignored, and options of the kind may follow the repeat count.
     Loose,
 }
 

@@ -63,7 +63,8 @@ impl ScriptAction {
         matches!(self, Self::Noise(_))
     }
 
-    /// The slave that the action affects, from 1; `None` if the action affects the cable or the board.
+    /// The slave that the action affects, from 1; for a cut of the cable the first slave behind it. `None` if the
+    /// action affects the whole cable or the board.
     const fn slave(self) -> Option<u8> {
         match self {
             Self::Fault { slave, .. }

@@ -20,7 +20,7 @@ pub enum FieldPosition {
     Reserve,
     /// Word 0x0E of a command, for commands in which it is not a length.
     Length,
-    /// Offset in the data segment, in bytes.
+    /// A byte of the data segment: its offset from the beginning of the segment.
     Data(u16),
 }
 

@@ -125,7 +125,7 @@ pub fn function(name: &str) -> impl Iterator<Item = &'static FunctionFields> {
     typed.into_iter().chain(FUNCTIONS.iter().filter(named))
 }
 
-/// Whether two names have the same letters and digits, ignoring case.
+/// Whether two names are the same if case, `_` and `-` are ignored.
 fn is_same(a: &str, b: &str) -> bool {
     fn letters(text: &str) -> impl Iterator<Item = u8> {
         text.bytes().filter(|byte| !matches!(byte, b'_' | b'-')).map(|byte| byte.to_ascii_lowercase())

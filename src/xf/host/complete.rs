@@ -1,5 +1,5 @@
-//! Ends a packet in flight: passes its answer, or the loss of its answer, to the command, the process data or the step
-//! of the start for which it was sent.
+//! Ends a packet in flight: passes its answer, or the loss of its answer, to the command, to the process data, or to
+//! the step of the chip's start for which it was sent.
 
 use super::flight::{AnswerMatch, CommandPart, Flight, Purpose};
 use super::process::{NOT_TAKEN, Overtaken, ProcessOutcome};
@@ -18,7 +18,7 @@ impl Host {
         let lost = matched == AnswerMatch::Lost;
         match flight.purpose {
             Purpose::Start(step) if !lost => self.started(now, step, header),
-            // Nothing to do: the start repeats a step whose answer is lost.
+            // Nothing to do: a step of the chip's start whose answer is lost is repeated.
             Purpose::Start(_) => {}
             // An answered INFO_UPDATE counts as an attempt to clear errors if the errors are still there.
             Purpose::Info => self.clear_tries += u32::from(self.cleared.intersects(header.errors)),
@@ -34,7 +34,7 @@ impl Host {
         }
     }
 
-    /// Evaluates the answer to a step of the start.
+    /// Evaluates the answer to a step of the chip's start.
     fn started(&mut self, now: Ns, step: StartStep, header: &AnswerHeader) {
         let answer = AnswerPacket { header: *header, data: self.receive_buffer.data(self.size) };
         let next = match step {
@@ -246,7 +246,7 @@ impl Host {
     /// (`flight`) has come. If an error bit of [`NOT_TAKEN`] is set, their outcome is unknown. Otherwise the number of
     /// packets decides that the chip has rejected since the next process data were sent.
     ///
-    /// If there are none, the overtaken process data were written. Copies of `flight` may have been rejected too,
+    /// If it has rejected none, the overtaken process data were written. Copies of `flight` may have been rejected too,
     /// except two: the one that ran, and the newest one, which the chip's count does not include yet. If more packets
     /// were rejected than there are other copies, the overtaken process data were rejected. If not, their outcome is
     /// unknown.

@@ -70,7 +70,7 @@ pub struct Timeouts {
     /// Timeout of the search for packets in the stream of bytes; 3 s by default, since a chip takes up to 1 s to start
     /// (OBS).
     pub search_ns: Ns,
-    /// Timeout of the whole start, including the search; 10 s by default.
+    /// Timeout of the chip's whole start, including the search for packets; 10 s by default.
     pub start_ns: Ns,
     /// Timeout of the wait for an edge of INT0; 10 ms by default.
     pub int0_ns: Ns,
@@ -100,7 +100,7 @@ impl Default for Timeouts {
 }
 
 impl HostConfig {
-    /// The defaults that the comments of the fields name.
+    /// The defaults, which the comments of [`HostConfig`]'s fields explain.
     pub const DEFAULT: Self = Self {
         size: None,
         wanted_size: None,
@@ -120,7 +120,7 @@ impl HostConfig {
 }
 
 impl Timeouts {
-    /// The defaults that the comments of the fields name.
+    /// The defaults, which the comments of [`Timeouts`]'s fields explain.
     pub const DEFAULT: Self = Self {
         search_ns: 3 * S,
         start_ns: 10 * S,

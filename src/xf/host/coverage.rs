@@ -4,7 +4,7 @@
 
 use crate::xf::{CrcCoverage, CrcCoverages, DataSize};
 
-/// How many packets of the start the chip may reject for their check word before CRC-32 is given up. \[OURS] Each
+/// How many packets the chip may reject for their check word during its start before CRC-32 is given up. \[OURS] Each
 /// coverage has three tries, so that a single bit error on the wire does not decide.
 const REJECTIONS_MAX: u32 = 3 * CrcCoverage::EVERY.len() as u32;
 /// Number of answers in a row with a wrong CRC-32 under every coverage after which CRC-32 is given up, as long as no
@@ -84,8 +84,8 @@ impl CoverageSearch {
         CrcCoverages { commands: self.of_commands(), answers: self.answers.first() }
     }
 
-    /// Whether several coverages are still possible for commands. A command of another length may then decide, since in
-    /// it they include different bytes.
+    /// Whether several coverages are still possible for commands. A command of another length may then decide, since the
+    /// coverages include different bytes of it.
     pub(super) fn is_open(&self) -> bool {
         self.commands.iter().count() > 1
     }

@@ -12,14 +12,14 @@ use crate::xf::{CommandCode, DataSize, Malformed, PacketError};
 pub enum HostError {
     /// The driver has stopped: it found no packets in the bytes from the chip.
     Silent {
-        /// Duration of the search.
+        /// Duration of the search for packets.
         waited_ns: Ns,
         /// Number of bytes received during the search.
         bytes: u64,
     },
-    /// The driver has stopped: the start took too long.
+    /// The driver has stopped: the chip's start took longer than [`Timeouts::start_ns`](super::Timeouts::start_ns).
     StartTooLong {
-        /// The step that did not finish.
+        /// The step of the chip's start that did not finish.
         step: StartStep,
         /// Time since the driver began to start the chip.
         waited_ns: Ns,
@@ -35,9 +35,9 @@ pub enum HostError {
     },
     /// The driver has stopped: INT0 did not become active.
     Int0Missing {
-        /// Duration of each wait.
+        /// Duration of each wait for INT0.
         waited_ns: Ns,
-        /// Number of timeouts in a row.
+        /// How many waits for INT0 in a row ended without it.
         times: u32,
     },
     /// No answer came. It is unknown whether the command ran.

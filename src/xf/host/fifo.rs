@@ -8,7 +8,7 @@ const COUNT_LAG: u8 = 2;
 struct Write {
     sequence: u32,
     pdos: u8,
-    /// The exchange in which the last copy of the write was sent.
+    /// The number of the exchange in which the last copy of the write was sent.
     exchange: u64,
     /// Number of answers received in exchanges after `exchange`. From [`COUNT_LAG`] on their level includes the write.
     answers: u8,
@@ -75,7 +75,7 @@ impl RxFreeEstimate {
         }
     }
 
-    /// Resets the estimate: the FIFO was emptied, or the chip was reset.
+    /// Forgets all writes that the level may not include yet, because the FIFO was emptied.
     pub(super) fn cleared(&mut self) {
         self.writes = [None; 4];
     }

@@ -40,7 +40,7 @@ pub(super) enum Purpose {
     /// Process data: RxPDOs to write, TxPDOs to read, or both.
     Process {
         sequence: u32,
-        /// Number of RxPDOs in the packet, for the FIFO or direct.
+        /// Number of RxPDOs that the packet writes, into the FIFO or past it (PDO_DATA_OP).
         written: u8,
         /// Number of the written RxPDOs that go into the FIFO.
         queued: u8,
@@ -70,7 +70,7 @@ pub(super) struct Flight {
     pub(super) index: u8,
     pub(super) code: CommandCode,
     pub(super) copies: u32,
-    /// The exchange in which the first copy was sent.
+    /// The number of the exchange in which the first copy of the packet was sent.
     pub(super) first: u64,
     pub(super) since: Ns,
     pub(super) deadline: Ns,
@@ -88,7 +88,7 @@ impl Flight {
         Self { since, deadline: since.saturating_add(answer_ns), ..self }
     }
 
-    /// Whether the packet has had no answer for too long.
+    /// Whether the timeout of the packet's answer has passed and at least [`COPIES_BEFORE_TIMEOUT`] copies were sent.
     pub(super) const fn is_expired(&self, now: Ns) -> bool {
         now >= self.deadline && self.copies >= COPIES_BEFORE_TIMEOUT
     }

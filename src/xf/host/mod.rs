@@ -177,14 +177,14 @@ pub struct Host {
     receive_buffer: ReceiveBuffer,
     index: u8,
     exchange: u64,
-    /// The number of the exchange with the newest answer.
+    /// The number of the exchange in which the newest answer was received.
     answered: u64,
     pending_exchange: Option<PendingExchange>,
     /// Whether INT0 has become active since the present exchange began. It counts once the owner of the wires reports
     /// the end of the exchange.
     ready_seen: bool,
     header: Option<AnswerHeader>,
-    /// The header of the first answer.
+    /// The header of the first answer since the driver was created, for [`Self::found`].
     found: Option<AnswerHeader>,
     /// Number of packets that the chip rejected, as far as its answers show.
     rejections: u64,
@@ -317,8 +317,9 @@ impl Host {
         (self.config.size, self.config.wanted_size) = (None, None);
     }
 
-    /// Starts the chip again and sets it to another data segment size n (SPI_RECONFIG_OP). As after every start, the
-    /// RxFIFO is off and empty afterwards; the number of its entries stays. An ECM-XFU refuses this.
+    /// Starts the chip again and sets it to another data segment size n (SPI_RECONFIG_OP). As after every start without
+    /// [`HostConfig::keep_fifo`], the RxFIFO is off and empty afterwards; the number of its entries stays. An ECM-XFU
+    /// refuses this.
     pub fn resize(&mut self, now: Ns, size: DataSize) {
         (self.config.size, self.config.wanted_size) = (Some(self.size), Some(size));
         let entries = self.rx_estimate.entries;
@@ -359,7 +360,7 @@ impl Host {
     }
 
     /// The header of the newest answer, with errors, FIFO levels, interrupt flags and GPIO. `None` before the first
-    /// answer.
+    /// answer since the driver last began to start the chip.
     pub const fn header(&self) -> Option<&AnswerHeader> {
         self.header.as_ref()
     }

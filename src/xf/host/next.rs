@@ -12,7 +12,8 @@ use crate::xf::packet::write_around;
 use crate::xf::request::{Arguments, InfoUpdate};
 use crate::xf::{CommandCode, CommandHeader, Control, Errors, Request, Reserve, WriteError, write_request};
 
-/// After this many attempts to clear it, an error counts as permanent and is ignored until it disappears.
+/// After this many attempts to clear an error bit, its error counts as permanent. The bit is then ignored until it
+/// disappears.
 const CLEAR_TRIES: u32 = 3;
 
 /// The next action, like [`Next`] but without the bytes.
@@ -22,10 +23,10 @@ pub(super) enum ExchangePlan {
     WaitForReady { until: Ns },
 }
 
-/// The content of the next exchange, if there is one.
+/// The content of the next exchange, or the time until which there is none.
 enum Choice {
     Filler,
-    /// The packet in `packets[current]`.
+    /// A packet, which is in `packets[current]`.
     Packet,
     Nothing {
         until: Ns,
@@ -264,7 +265,8 @@ impl Host {
         Choice::Nothing { until: due.min(deadline.max(now + 1)) }
     }
 
-    /// The next command that may be sent now.
+    /// The next queued command that may be sent now: the index of its slot, and whether the command, the read of its
+    /// result or the read of its abort code is sent.
     fn waiting_command(&self) -> Option<(usize, CommandPart)> {
         let request = |slot| (slot, CommandPart::Request);
         let other = || self.slots.first_waiting(false).filter(|_| self.slots.running().is_none() && !self.busy);
@@ -317,8 +319,8 @@ impl Host {
         Choice::Packet
     }
 
-    /// Sends a request of the start or INFO_UPDATE. These are short enough for the smallest packet, so an error in building
-    /// the packet is not reported.
+    /// Sends INFO_UPDATE or a request of the chip's start. These are short enough for the smallest packet, so an error
+    /// in building the packet is not reported.
     fn send_short(&mut self, now: Ns, purpose: Purpose, control: Control, request: &Request<'_>) -> Choice {
         let header = self.new_header(control);
         match write_request(&mut self.packets[self.current], self.size, self.rule, header, request) {

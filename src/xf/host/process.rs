@@ -42,7 +42,7 @@ pub enum ProcessRequest<'d> {
 }
 
 impl<'d> ProcessRequest<'d> {
-    /// Splits into the kind of exchange and the RxPDOs.
+    /// Splits the process data into the kind of their exchange and the RxPDOs.
     pub(super) fn parts(self) -> (ProcessKind, &'d [u8]) {
         match self {
             Self::Exchange { count, outputs } => (ProcessKind::Exchange { count }, outputs),
@@ -164,9 +164,9 @@ pub(super) struct Process {
     sequence: u32,
     waiting: Option<OutgoingProcessData>,
     reports: [Option<ProcessReport>; REPORTS],
-    /// The index of the oldest report.
+    /// The index in `reports` of the oldest report that the program has not taken yet.
     oldest: usize,
-    /// Number of reports kept.
+    /// Number of reports that the program has not taken yet.
     kept: usize,
     pub(super) overtaken: Option<Overtaken>,
 }

@@ -7,7 +7,7 @@ use crate::xf::{AnswerHeader, DataSize, HEADER_LEN, MAX_PACKET};
 #[derive(Clone, Debug)]
 pub(super) struct ReceiveBuffer {
     packets: [[u8; MAX_PACKET]; 2],
-    /// The buffer in which the next packet is received.
+    /// The index of the buffer into which the next packet is received. The other buffer holds the newest TxPDOs.
     current: usize,
     inputs_len: usize,
 }
@@ -17,7 +17,7 @@ impl ReceiveBuffer {
         Self { packets: [[0; MAX_PACKET]; 2], current: 0, inputs_len: 0 }
     }
 
-    /// The receive buffer for the next packet; afterwards it holds that packet.
+    /// The buffer into which the caller receives the next packet.
     pub(super) const fn packet(&mut self) -> &mut [u8; MAX_PACKET] {
         &mut self.packets[self.current]
     }

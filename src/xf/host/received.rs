@@ -226,8 +226,8 @@ impl Host {
         }
     }
 
-    /// Handles a rejected packet of the start. If it is the packet in flight and no command with a CRC-32 was accepted
-    /// yet, the packet is replaced by one with another coverage. Returns whether that was done.
+    /// Handles a packet that the chip has rejected during its start. If it is the packet in flight and no command with
+    /// a CRC-32 was accepted yet, the packet is replaced by one with another coverage. Returns whether that was done.
     fn tries_coverage(&mut self, header: &AnswerHeader) -> bool {
         let Some(flight) = self.flight.filter(|flight| matches!(flight.purpose, Purpose::Start(_))) else {
             return false;
@@ -247,7 +247,7 @@ impl Host {
         true
     }
 
-    /// Learns from a packet of the start that has run: if it had a CRC-32, its coverage is right.
+    /// Learns from a packet of the chip's start that has run: if it had a CRC-32, its coverage is right.
     fn learn_coverage(&mut self, flight: &Flight) {
         if self.rule.kind == CheckType::Crc32
             && matches!(flight.purpose, Purpose::Start(_))

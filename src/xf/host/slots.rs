@@ -190,8 +190,8 @@ impl CommandSlots {
         })
     }
 
-    /// The non-immediate command that is running or whose result is still to be read; no other one may begin before
-    /// that.
+    /// The slot of the non-immediate command that is in flight or running, or whose result is still to be read. Until its
+    /// end no other non-immediate command may begin.
     pub(super) fn running(&self) -> Option<usize> {
         use CommandPart::{AbortCode, Read, Request};
         if !self.maybe_pending {
@@ -219,7 +219,7 @@ impl CommandSlots {
         }
     }
 
-    /// Ends commands that have been queued or have been running for too long.
+    /// Ends commands that have been queued or running for too long, or whose result could not be read for too long.
     pub(super) fn expire(&mut self, now: Ns, queue_ns: Ns) {
         if !self.maybe_pending {
             return;

@@ -1,4 +1,4 @@
-//! The steps that take an unknown chip to one that accepts commands: the usual start of an application (OBS).
+//! The steps that start a chip of unknown state, until it accepts commands: the usual start of an application (OBS).
 
 use core::fmt;
 
@@ -7,7 +7,7 @@ use crate::xf::request::{
 };
 use crate::xf::{CheckType, Control, DataSize};
 
-/// A step of the start. Each step may be repeated without harm, and is repeated if its answer is lost.
+/// A step of the chip's start. Each step may be repeated without harm, and is repeated if its answer is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum StartStep {
     /// Packets and their data segment size n are searched in the stream of bytes.

@@ -17,32 +17,32 @@ pub struct FieldDecl {
     pub fixed: Option<Fixed>,
 }
 
-/// The parameter byte of a command, `par`.
+/// A field in the parameter byte of a command, `par`.
 pub const fn par() -> FieldDecl {
     FieldDecl::new(FieldPosition::Parameter)
 }
 
-/// The return byte of an answer, `ret`.
+/// A field in the return byte of an answer, `ret`.
 pub const fn ret() -> FieldDecl {
     FieldDecl::new(FieldPosition::Return)
 }
 
-/// An information byte of a command, `i0` to `i3`.
+/// A field that begins in an information byte of a command: byte 0 is `i0`, byte 3 is `i3`.
 pub const fn info(byte: u8) -> FieldDecl {
     FieldDecl::new(FieldPosition::Info(byte))
 }
 
-/// Word 0x08 of a command.
+/// A field in word 0x08 of a command, which the manuals call reserve.
 pub const fn reserve() -> FieldDecl {
     FieldDecl::new(FieldPosition::Reserve)
 }
 
-/// Word 0x0E of a command, for commands in which it is not a length.
+/// A field in word 0x0E of a command, for commands in which this word is not a length.
 pub const fn length() -> FieldDecl {
     FieldDecl::new(FieldPosition::Length)
 }
 
-/// The position at this byte of the data segment.
+/// A field that begins at this byte of the data segment.
 pub const fn at(byte: u16) -> FieldDecl {
     FieldDecl::new(FieldPosition::Data(byte))
 }
@@ -107,7 +107,7 @@ impl FieldDecl {
         self.kind(FieldKind::Bits(names))
     }
 
-    /// Sets the value that the field has if a request does not name it.
+    /// Sets the default: the value of the field in a request that does not set it.
     pub const fn or(self, default: u32) -> Self {
         self.with(Field { default: Some(default), ..self.field })
     }

@@ -16,7 +16,7 @@ impl FieldList {
     /// A list without fields, to which [`Self::with`] and [`Self::and`] add fields.
     pub const NONE: Self = Self { fields: [super::par().field; Self::MOST], len: 0 };
 
-    /// A declared field, with its byte count and its fixed number if it has them.
+    /// The list of a declared field alone, with its byte count and its fixed number if it has them.
     pub const fn of(decl: FieldDecl) -> Self {
         let list = match decl.count {
             Some(ByteCount { field, .. }) => Self::NONE.with(Field { counts: Some(decl.field.name), ..field }),

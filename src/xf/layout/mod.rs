@@ -120,7 +120,7 @@ pub trait FieldLayout<'d>: Sized {
     }
 }
 
-/// The possible forms of an answer, as fields.
+/// The possible forms of an answer, each with its length and its fields.
 pub trait Forms {
     /// The forms in the order in which they are tried; the length of an answer selects its form.
     const FORMS: &'static [AnswerFields];

@@ -5,7 +5,7 @@ use crate::xf::layout::{FieldLayout, FieldList, FieldReader, FieldWriter, Fixed,
 use crate::xf::value::choices;
 
 layout! {
-    /// ECM_AdcClose, code 35, parameter 41: closes the ADC (XF EN 1084).
+    /// ECM_AdcClose, command code 35, parameter byte 41: closes the ADC (XF EN 1084).
     pub struct AdcClose;
 }
 
@@ -20,7 +20,8 @@ choices! {
 }
 
 layout! {
-    /// ECM_AdcOpen, code 35, parameter 40: opens the ADC (XF EN 1076). Data, 4 bytes (@offset): @0 u32 mode.
+    /// ECM_AdcOpen, command code 35, parameter byte 40: opens the ADC (XF EN 1076). Data, 4 bytes (@offset): @0 u32
+    /// mode.
     pub struct AdcOpen {
         /// Whether one input is measured against ground, or the difference between two inputs.
         pub mode: AdcMode = at(0),
@@ -68,22 +69,23 @@ const WITH_RESERVED: usize = 12;
 const WHOLE: u32 = u32::MAX;
 
 fixed! {
-    /// ECM_AdcConfigSampleModule, code 35, parameter 42: conversions are started by software, the only trigger there is
-    /// (XF EN 1091). Data, 12 bytes (@offset): @0 reserved, @4 u32 trigger, 0, @8 reserved.
+    /// ECM_AdcConfigSampleModule, command code 35, parameter byte 42: conversions are started by software, the only
+    /// trigger there is (XF EN 1091). Data, 12 bytes (@offset): @0 reserved, @4 u32 trigger, 0, @8 reserved.
     AdcConfigSampleModule = at(4).named("trigger").or(0), bits WHOLE, of WITH_RESERVED,
         "ECM_AdcConfigSampleModule trigger", "0 software";
 
-    /// ECM_AdcGetDataValidFlag, code 35, parameter 17: asks whether a conversion is complete (XF EN 1102). Data, 4
-    /// bytes (@offset): @0 u32 0x1000. Answer: u32 at byte 0, not 0 if complete.
+    /// ECM_AdcGetDataValidFlag, command code 35, parameter byte 17: asks whether a conversion is complete (XF EN 1102).
+    /// Data, 4 bytes (@offset): @0 u32 0x1000. Answer: u32 at byte 0 of the data, not 0 if complete.
     AdcGetDataValidFlag = at(0).hex().or(SAMPLE_MODULE), bits SAMPLE_MODULE, of 4,
         "ECM_AdcGetDataValidFlag number", "0x1000, or more bits beside it";
 
-    /// ECM_AdcStartConv, code 35, header parameter 12: starts a conversion (XF EN 1117). Data, 4 bytes (@offset): @0 u32
-    /// 0x1000; additional bits are accepted.
+    /// ECM_AdcStartConv, command code 35, parameter byte 12: starts a conversion (XF EN 1117). Data, 4 bytes (@offset):
+    /// @0 u32 0x1000; additional bits are accepted.
     AdcStartConv = at(0).hex().or(SAMPLE_MODULE), bits SAMPLE_MODULE, of 4,
         "ECM_AdcStartConv number", "0x1000, or more bits beside it";
 
-    /// ECM_AdcGetConvData, code 35, parameter 15: reads the converted value (XF EN 1128). Data, 4 bytes (@offset): @0
-    /// u32 12, which the manuals prescribe without an explanation. Answer: u32 at byte 0, 0..=4095 for 0 V to 3.3 V.
+    /// ECM_AdcGetConvData, command code 35, parameter byte 15: reads the converted value (XF EN 1128). Data, 4 bytes
+    /// (@offset): @0 u32 12, which the manuals prescribe without an explanation. Answer: u32 at byte 0 of the data,
+    /// 0..=4095 for 0 V to 3.3 V.
     AdcGetConvData = at(0).hex().or(12), bits WHOLE, of 4, "ECM_AdcGetConvData number", "12";
 }

@@ -6,58 +6,59 @@ use crate::xf::layout::{field_values, layout};
 use crate::xf::{CheckType, DataSize, Malformed};
 
 layout! {
-    /// SPI_PACK_SIZE_GET, code 20: reads n, the size of the data segment (XF EN 704). Answer: u16 at byte 0.
+    /// SPI_PACK_SIZE_GET, command code 20: reads n, the size of the data segment (XF EN 704). Answer: u16 at byte 0 of
+    /// the data.
     pub struct SpiPackSizeGet;
 
-    /// CRC_ERR_CNT_CLR, code 24: clears the count of wrong check words. The manuals do not say what the return byte
-    /// means (XF EN 730).
+    /// CRC_ERR_CNT_CLR, command code 24: clears the count of wrong check words. The manuals do not say what the return
+    /// byte means (XF EN 730).
     pub struct CrcErrorCountClear;
 
-    /// FW_VERSION_GET, code 56: reads version and series of the chip (XF EN 1285).
+    /// FW_VERSION_GET, command code 56: reads version and series of the chip (XF EN 1285).
     pub struct FirmwareVersionGet;
 
-    /// WARM_RESET, code 127: resets the chip as at power-on. The next command has to wait until the chip has started,
-    /// for which the vendor's driver allows 1 s (XF EN 1517).
+    /// WARM_RESET, command code 127: resets the chip as at power-on. The next command has to wait until the chip has
+    /// started, for which the vendor's driver allows 1 s (XF EN 1517).
     pub struct WarmReset;
 
-    /// ECAT_WKC_CONTI_ERR_CNT_GET, code 130: reads the number of wrong working counters in a row, from the return byte
-    /// (XF EN 1526).
+    /// ECAT_WKC_CONTI_ERR_CNT_GET, command code 130: reads the number of wrong working counters in a row, from the
+    /// return byte (XF EN 1526).
     pub struct WkcErrorCountGet;
 
-    /// ECAT_WKC_CONTI_ERR_MAX_GET, code 131: reads how many wrong working counters in a row are allowed, from the
-    /// return byte (XF EN 1538).
+    /// ECAT_WKC_CONTI_ERR_MAX_GET, command code 131: reads how many wrong working counters in a row are allowed, from
+    /// the return byte (XF EN 1538).
     pub struct WkcErrorMaxGet;
 
-    /// CRC_TYPE_SET, code 25: sets the type of check words, from the answer to this command on. The parameter is the
-    /// type (XF EN 741).
+    /// CRC_TYPE_SET, command code 25: sets the type of check words, from the answer to this command on. The parameter
+    /// byte is the type (XF EN 741).
     pub struct CrcTypeSet {
         /// The new type of check words: the fixed word or CRC-32.
         pub kind: CheckType = par(),
     }
 
-    /// SPI_RECONFIG_OP, code 23: sets another n, the size of the data segment. The length field is the new n, and the
-    /// check word of this packet is always the fixed one (XF EN 715). An ECM-XFU keeps its 992 bytes.
+    /// SPI_RECONFIG_OP, command code 23: sets another n, the size of the data segment. The length field is the new n,
+    /// and the check word of this packet is always the fixed one (XF EN 715). An ECM-XFU keeps its 992 bytes.
     pub struct SpiReconfig {
         /// The new size of the data segment.
         pub size: DataSize = length(),
     }
 
-    /// ASYNCCMD_RESET, code 75: makes a chip that is busy with a non-immediate command accept another one. The chip
-    /// always accepts this request itself. The parameter selects the actions: clear the busy flag, skip the wait for
-    /// the network port, give up the running command (XF EN 1446).
+    /// ASYNCCMD_RESET, command code 75: makes a chip that is busy with a non-immediate command accept another one. The
+    /// chip always accepts this request itself. The parameter byte selects the actions: clear the busy flag, skip the
+    /// wait for the network port, give up the running command (XF EN 1446).
     pub struct AsyncReset {
         actions: AsyncResetActions = par().named("action"),
     }
 
-    /// ECAT_WKC_CONTI_ERR_MAX_SET, code 132: sets how many wrong working counters in a row are allowed. Beyond this
-    /// limit the chip stops exchanging process data and clears bits 4 and 6 of the status. The parameter is the limit
-    /// (XF EN 1553).
+    /// ECAT_WKC_CONTI_ERR_MAX_SET, command code 132: sets how many wrong working counters in a row are allowed. Beyond
+    /// this limit the chip stops exchanging process data and clears bits 4 and 6 of the status. The parameter byte is
+    /// the limit (XF EN 1553).
     pub struct WkcErrorMaxSet {
         limit: WkcErrorLimit = par(),
     }
 
-    /// MDIO, code 81: writes or reads a register of a PHY (XF EN 1455). Parameter: 0 write, 1 read; information bytes:
-    /// `i0` register, `i1` PHY, `i2` and `i3` data as u16.
+    /// MDIO, command code 81: writes or reads a register of a PHY (XF EN 1455). Parameter byte: 0 write, 1 read;
+    /// information bytes: `i0` register, `i1` PHY, `i2` and `i3` data as u16.
     pub enum Mdio by operation: u8 = par(), "operation", "0 write, 1 read" {
         /// Writes a register of a PHY.
         Write = 0 {
@@ -68,7 +69,7 @@ layout! {
             /// The new value of the register.
             value: u16 = info(2).hex().or(0),
         },
-        /// Reads a register of a PHY. Answer: u16 at byte 0.
+        /// Reads a register of a PHY. Answer: u16 at byte 0 of the data.
         Read = 1 {
             /// Address of the PHY.
             phy: u8 = info(1),

@@ -5,10 +5,10 @@ use crate::xf::layout::layout;
 use crate::xf::value::choices;
 
 layout! {
-    /// ECM_DacClose, code 34, parameter 21: closes the DAC (XF EN 1042).
+    /// ECM_DacClose, command code 34, parameter byte 21: closes the DAC (XF EN 1042).
     pub struct DacClose;
 
-    /// ECM_DacStartConv, code 34, parameter 0: outputs the value that was set (XF EN 1069).
+    /// ECM_DacStartConv, command code 34, parameter byte 0: outputs the value that was set (XF EN 1069).
     pub struct DacStartConv;
 }
 
@@ -31,21 +31,22 @@ choices! {
 }
 
 layout! {
-    /// ECM_DacOpen, code 34, parameter 20: opens the DAC (XF EN 1034). Data, 4 bytes (@offset): @0 u32 trigger.
+    /// ECM_DacOpen, command code 34, parameter byte 20: opens the DAC (XF EN 1034). Data, 4 bytes (@offset): @0 u32
+    /// trigger.
     pub struct DacOpen {
         /// The trigger at which the DAC outputs the value that was set.
         pub trigger: DacTrigger = at(0),
     }
 
-    /// ECM_DacSetDelayTime, code 34, parameter 22: sets the duration of a conversion (XF EN 1050). Data, 4 bytes
-    /// (@offset): @0 u32 in units of 1/96 us.
+    /// ECM_DacSetDelayTime, command code 34, parameter byte 22: sets the duration of a conversion (XF EN 1050). Data, 4
+    /// bytes (@offset): @0 u32 in units of 1/96 us.
     pub struct DacSetDelayTime {
         /// The duration of a conversion, 0..=1023 in units of 1/96 us. The manuals call it the delay time.
         pub delay: DacDelay = at(0),
     }
 
-    /// ECM_DacSetData, code 34, parameter 11: sets the output value (XF EN 1058). Data, 4 bytes (@offset): @0 u32,
-    /// 0..=4095 for 0 V to 3.3 V.
+    /// ECM_DacSetData, command code 34, parameter byte 11: sets the output value (XF EN 1058). Data, 4 bytes (@offset):
+    /// @0 u32, 0..=4095 for 0 V to 3.3 V.
     pub struct DacSetData {
         /// The value to output, 0..=4095 for 0 V to 3.3 V.
         pub value: Analog = at(0),

@@ -4,13 +4,14 @@ use crate::xf::layout::layout;
 use crate::xf::value::choices;
 
 layout! {
-    /// ECM_EncStart, code 33, parameter 5: starts counting (XF EN 1007).
+    /// ECM_EncStart, command code 33, parameter byte 5: starts counting (XF EN 1007).
     pub struct EncStart;
 
-    /// ECM_EncStop, code 33, parameter 6: stops counting (XF EN 1014).
+    /// ECM_EncStop, command code 33, parameter byte 6: stops counting (XF EN 1014).
     pub struct EncStop;
 
-    /// ECM_EncGetCount, code 33, parameter 21: reads the count (XF EN 1021). Answer: u32 at byte 0.
+    /// ECM_EncGetCount, command code 33, parameter byte 21: reads the count (XF EN 1021). Answer: u32 at byte 0 of the
+    /// data.
     pub struct EncGetCount;
 }
 
@@ -31,7 +32,8 @@ choices! {
 }
 
 layout! {
-    /// ECM_EncOpen, code 33, parameter 4: opens the encoder (XF EN 995). Data, 4 bytes (@offset): @0 u32 mode.
+    /// ECM_EncOpen, command code 33, parameter byte 4: opens the encoder (XF EN 995). Data, 4 bytes (@offset): @0 u32
+    /// mode.
     pub struct EncOpen {
         /// How many edges per period are counted, and whether up to a comparison value.
         pub mode: EncoderMode = at(0),

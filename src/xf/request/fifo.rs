@@ -9,54 +9,58 @@ use crate::xf::value::choices;
 pub const FIFO_ENTRIES: u8 = 64;
 
 layout! {
-    /// FIFO_GET_TX_CNT, code 53: reads the capacity of the TxFIFO from the return byte, in entries (XF EN 1249).
+    /// FIFO_GET_TX_CNT, command code 53: reads the capacity of the TxFIFO from the return byte, in entries
+    /// (XF EN 1249).
     pub struct FifoGetTxCount;
 
-    /// FIFO_GET_RX_CNT, code 55: reads the capacity of the RxFIFO from the return byte, in entries (XF EN 1273).
+    /// FIFO_GET_RX_CNT, command code 55: reads the capacity of the RxFIFO from the return byte, in entries
+    /// (XF EN 1273).
     pub struct FifoGetRxCount;
 
-    /// FIFO_INIT, code 66: allocates the FIFOs from their capacities and the sizes of the PDOs, together at most 0x4000
-    /// bytes (XF EN 1345).
+    /// FIFO_INIT, command code 66: allocates the FIFOs from their capacities and the sizes of the PDOs, together at
+    /// most 0x4000 bytes (XF EN 1345).
     pub struct FifoInit;
 
-    /// FIFO_ENABLE, code 18: switches on or off that the chip takes an RxPDO out of the RxFIFO in each cycle. The
-    /// parameter is the switch (XF EN 674).
+    /// FIFO_ENABLE, command code 18: switches on or off that the chip takes an RxPDO out of the RxFIFO in each cycle.
+    /// The parameter byte is 1 for on, 0 for off (XF EN 674).
     pub struct FifoEnable {
         /// Whether the chip takes an RxPDO out of the RxFIFO in each cycle.
         pub on: bool = par(),
     }
 
-    /// FIFO_PACK_SIZE_GET, code 19: reads the size of one PDO, which is one entry of a FIFO. The parameter selects the
-    /// FIFO (XF EN 685). Answer: u16 at byte 0, in bytes.
+    /// FIFO_PACK_SIZE_GET, command code 19: reads the size of one PDO, which is one entry of a FIFO. The parameter byte
+    /// selects the FIFO (XF EN 685). Answer: u16 at byte 0 of the data, in bytes.
     pub struct FifoPackSizeGet {
         /// The FIFO whose entry size is read.
         pub fifo: Fifo = par(),
     }
 
-    /// FIFO_CLR_OP, code 51: empties FIFOs. The parameter selects them (XF EN 1224).
+    /// FIFO_CLR_OP, command code 51: empties FIFOs. The parameter byte selects them (XF EN 1224).
     pub struct FifoClear {
         /// The FIFOs to empty.
         pub fifos: Fifos = par(),
     }
 
-    /// FIFO_SET_TX_CNT, code 52: sets the capacity of the TxFIFO, 64 entries at power-on. A full TxFIFO loses its
-    /// oldest entry. The parameter is the number of entries (XF EN 1236).
+    /// FIFO_SET_TX_CNT, command code 52: sets the capacity that the TxFIFO has from the next [`FifoInit`] on; it is 64
+    /// entries at power-on. A full TxFIFO loses its oldest entry. The parameter byte is the number of entries
+    /// (XF EN 1236).
     pub struct FifoSetTxCount {
         /// The new capacity of the TxFIFO in entries.
         pub entries: u8 = par(),
     }
 
-    /// FIFO_SET_RX_CNT, code 54: sets the capacity of the RxFIFO, 64 entries at power-on. A full RxFIFO loses the new
-    /// entry. The parameter is the number of entries (XF EN 1262).
+    /// FIFO_SET_RX_CNT, command code 54: sets the capacity that the RxFIFO has from the next [`FifoInit`] on; it is 64
+    /// entries at power-on. A full RxFIFO loses the new entry. The parameter byte is the number of entries
+    /// (XF EN 1262).
     pub struct FifoSetRxCount {
         /// The new capacity of the RxFIFO in entries.
         pub entries: u8 = par(),
     }
 }
 
-/// ECAT_SET_FIFO_TH, code 70: sets the FIFO levels that raise an interrupt (XF EN 1374). Parameter: bit 0 enables the
-/// interrupt of the TxFIFO, bit 1 that of the RxFIFO; information bytes: `i0` level of the TxFIFO, `i1` level of the
-/// RxFIFO.
+/// ECAT_SET_FIFO_TH, command code 70: sets the FIFO levels that raise an interrupt (XF EN 1374). Parameter byte: bit 0
+/// enables the interrupt of the TxFIFO, bit 1 that of the RxFIFO; information bytes: `i0` level of the TxFIFO, `i1`
+/// level of the RxFIFO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FifoThresholdSet {
     /// The level that raises an interrupt when the TxFIFO rises to it; `None` for no interrupt.

@@ -6,7 +6,7 @@ use crate::xf::fields::FieldKind;
 use crate::xf::layout::layout;
 
 layout! {
-    /// FOE_FUNC_GET, code 140: returns the data that [`FoeRequest::ReadFlash`] has read (XF EN 1621).
+    /// FOE_FUNC_GET, command code 140: returns the data that [`FoeRequest::ReadFlash`] has read (XF EN 1621).
     pub struct FoeGet;
 
     /// A file to transfer between a slave and the flash memory.
@@ -26,7 +26,7 @@ layout! {
         pub name: &'d [u8] = tail(20).kind(FieldKind::Text),
     }
 
-    /// FOE_FUNC_REQ, code 139: transfers files, and reads and writes the flash memory through which they pass
+    /// FOE_FUNC_REQ, command code 139: transfers files, and reads and writes the flash memory through which they pass
     /// (XF EN 1598, XF ZH 1517). Data, 20 bytes and the name or the data (@offset): @0 slave, @2 operation, @4 u32
     /// password, @8 u32 bytes, @12 u32 timeout in us, @16 u32 start in the flash memory, @20 name or data.
     pub enum FoeRequest<'d> by operation: u8 = at(2),

@@ -8,19 +8,20 @@ use crate::xf::layout::layout;
 use crate::xf::value::choices;
 
 layout! {
-    /// ECM_GpioGetValue, code 32, parameter 1: reads the inputs (XF EN 940). Answer: u16 at byte 0, bit k is GPIO k.
+    /// ECM_GpioGetValue, command code 32, parameter byte 1: reads the inputs of GPIO 0 to 15 (XF EN 940). Answer: u16
+    /// at byte 0 of the data, bit k is GPIO k.
     pub struct GpioGetValue;
 
-    /// ECM_GpioExtGetValue, code 32, parameter 3, from firmware 9 on: reads the inputs of GPIO 0 to 19 (XF EN 953).
-    /// Answer: u32 at byte 0, bit k is GPIO k.
+    /// ECM_GpioExtGetValue, command code 32, parameter byte 3, from firmware 9 on: reads the inputs of GPIO 0 to 19
+    /// (XF EN 953). Answer: u32 at byte 0 of the data, bit k is GPIO k.
     pub struct GpioExtGetValue;
 
-    /// ECM_GpioGetIntFlag, code 32, parameter 5: reads the interrupt flags (XF EN 968). Answer: u16 at byte 0, bit k is
-    /// GPIO k.
+    /// ECM_GpioGetIntFlag, command code 32, parameter byte 5: reads the interrupt flags of GPIO 0 to 15 (XF EN 968).
+    /// Answer: u16 at byte 0 of the data, bit k is GPIO k.
     pub struct GpioGetIntFlag;
 
-    /// ECM_GpioExtGetIntFlag, code 32, parameter 7: reads the interrupt flags of GPIO 0 to 19 (XF EN 980). Answer: u32
-    /// at byte 0, bit k is GPIO k.
+    /// ECM_GpioExtGetIntFlag, command code 32, parameter byte 7: reads the interrupt flags of GPIO 0 to 19 (XF EN 980).
+    /// Answer: u32 at byte 0 of the data, bit k is GPIO k.
     pub struct GpioExtGetIntFlag;
 }
 
@@ -74,8 +75,8 @@ choices! {
 }
 
 layout! {
-    /// ECM_GpioSetMode, code 31, parameter 0: sets the mode of GPIO 0 to 15 (XF EN 825). Information bytes: `i0` and
-    /// `i1` mask, `i2` mode, `i3` pull resistor.
+    /// ECM_GpioSetMode, command code 31, parameter byte 0: sets the mode of GPIO 0 to 15 (XF EN 825). Information
+    /// bytes: `i0` and `i1` mask of the GPIOs, `i2` mode, `i3` pull resistor.
     pub struct GpioSetMode {
         /// The GPIOs whose mode is set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
@@ -85,8 +86,8 @@ layout! {
         pub pull: GpioPull = info(3).or(0),
     }
 
-    /// ECM_GpioSetMode, code 31, parameter 8: sets the mode of GPIO 16 to 19 (XF EN 838). Information bytes: `i0` mask,
-    /// `i2` mode, `i3` pull resistor.
+    /// ECM_GpioSetMode, command code 31, parameter byte 8: sets the mode of GPIO 16 to 19 (XF EN 838). Information
+    /// bytes: `i0` mask of the GPIOs, `i2` mode, `i3` pull resistor.
     pub struct GpioSetModeExt {
         /// The GPIOs whose mode is set: bit k is GPIO 16 + k.
         pub pins: UpperPins = info(0).hex(),
@@ -96,8 +97,8 @@ layout! {
         pub pull: GpioPull = info(3).or(0),
     }
 
-    /// ECM_GpioEnableDebounce, code 31, parameter 2: switches debouncing of inputs among GPIO 0 to 15 on or off
-    /// (XF EN 850). Information bytes: `i0` and `i1` mask, `i2` switch.
+    /// ECM_GpioEnableDebounce, command code 31, parameter byte 2: switches debouncing of inputs among GPIO 0 to 15 on
+    /// or off (XF EN 850). Information bytes: `i0` and `i1` mask of the GPIOs, `i2` 1 on, 0 off.
     pub struct GpioEnableDebounce {
         /// The GPIOs whose debouncing is set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
@@ -105,8 +106,8 @@ layout! {
         pub on: bool = info(2),
     }
 
-    /// ECM_GpioEnableDebounce, code 31, parameter 9: switches debouncing of inputs among GPIO 16 to 19 on or off
-    /// (XF EN 861). Information bytes: `i0` mask, `i2` switch.
+    /// ECM_GpioEnableDebounce, command code 31, parameter byte 9: switches debouncing of inputs among GPIO 16 to 19 on
+    /// or off (XF EN 861). Information bytes: `i0` mask of the GPIOs, `i2` 1 on, 0 off.
     pub struct GpioEnableDebounceExt {
         /// The GPIOs whose debouncing is set: bit k is GPIO 16 + k.
         pub pins: UpperPins = info(0).hex(),
@@ -114,15 +115,16 @@ layout! {
         pub on: bool = info(2),
     }
 
-    /// ECM_GpioSetDebounceClock, code 31, parameter 3: sets the sampling period of debounced inputs to 2^exponent periods
-    /// of the clock source (XF EN 876). Information byte `i0`: bits 0 to 3 exponent, bit 4 clock source.
+    /// ECM_GpioSetDebounceClock, command code 31, parameter byte 3: sets the sampling period of debounced inputs to
+    /// 2^exponent periods of the clock source (XF EN 876). Information byte `i0`: bits 0 to 3 exponent, bit 4 clock
+    /// source.
     pub struct GpioSetDebounceClock {
         /// The clock source, and how many of its periods make one sampling period.
         pub clock: DebounceClock,
     }
 
-    /// ECM_GpioIntEnable, code 31, parameter 1: sets which edges of a GPIO raise an interrupt (XF EN 890). Information
-    /// bytes: `i0` channel, `i1` edges.
+    /// ECM_GpioIntEnable, command code 31, parameter byte 1: sets which edges of a GPIO raise an interrupt (XF EN 890).
+    /// Information bytes: `i0` channel, `i1` edges.
     pub struct GpioIntEnable {
         /// The GPIO, 0..=19. GPIO 16 to 19 exist only with "certain versions" of the chip, which the manuals do not
         /// name.
@@ -131,28 +133,29 @@ layout! {
         pub trigger: GpioTrigger = info(1),
     }
 
-    /// ECM_GpioIntClear, code 31, parameter 4: clears interrupt flags (XF EN 899). Information bytes: `i0` and `i1`
-    /// mask.
+    /// ECM_GpioIntClear, command code 31, parameter byte 4: clears interrupt flags of GPIO 0 to 15 (XF EN 899).
+    /// Information bytes: `i0` and `i1` mask of the GPIOs.
     pub struct GpioIntClear {
         /// The GPIOs whose interrupt flags are cleared: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
     }
 
-    /// ECM_GpioIntClear, code 31, parameter 6, from firmware 9 on: clears interrupt flags of GPIO 0 to 19 (XF EN 910).
-    /// Information bytes: `i0` to `i2` mask.
+    /// ECM_GpioIntClear, command code 31, parameter byte 6, from firmware 9 on: clears interrupt flags of GPIO 0 to 19
+    /// (XF EN 910). Information bytes: `i0` to `i2` mask of the GPIOs.
     pub struct GpioIntClearExt {
         /// The GPIOs whose interrupt flags are cleared: bit k is GPIO k.
         pub pins: AllPins = info(0).bytes(3).hex(),
     }
 
-    /// ECM_GpioSetValue, code 32, parameter 0: sets the outputs (XF EN 920). Information bytes: `i0` and `i1` bits.
+    /// ECM_GpioSetValue, command code 32, parameter byte 0: sets the outputs of GPIO 0 to 15 (XF EN 920). Information
+    /// bytes: `i0` and `i1` bits.
     pub struct GpioSetValue {
         /// The outputs: bit k is GPIO k.
         pub values: u16 = info(0).hex(),
     }
 
-    /// ECM_GpioExtSetValue, code 32, parameter 2, from firmware 9 on: sets the outputs of GPIO 0 to 19 (XF EN 930).
-    /// Information bytes: `i0` to `i2` bits.
+    /// ECM_GpioExtSetValue, command code 32, parameter byte 2, from firmware 9 on: sets the outputs of GPIO 0 to 19
+    /// (XF EN 930). Information bytes: `i0` to `i2` bits.
     pub struct GpioExtSetValue {
         /// The outputs: bit k is GPIO k.
         pub values: AllPins = info(0).bytes(3).hex(),

@@ -21,9 +21,9 @@ bits! {
 }
 
 layout! {
-    /// 402_CONFIG_SET, code 26: sets the positions of an axis's controlword and statusword in the process data (XF EN 750,
-    /// XF ZH 708). Parameter: motor; information bytes: `i0` offset of the controlword, `i1` offset of the statusword, `i2`
-    /// control byte, `i3` slave.
+    /// 402_CONFIG_SET, command code 26: sets the positions of an axis's controlword and statusword in the process data
+    /// (XF EN 750, XF ZH 708). Parameter byte: motor; information bytes: `i0` offset of the controlword, `i1` offset of
+    /// the statusword, `i2` control byte, `i3` slave.
     pub struct HelperConfigSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
@@ -37,8 +37,8 @@ layout! {
         pub slave: SlaveNumber = info(3),
     }
 
-    /// 402_STATE_SET, code 27: sets the state that an axis has to reach (XF EN 767). Parameter: motor; information
-    /// bytes: `i0` state.
+    /// 402_STATE_SET, command code 27: sets the state that an axis has to reach (XF EN 767). Parameter byte: motor;
+    /// information bytes: `i0` state.
     pub struct HelperStateSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
@@ -46,14 +46,15 @@ layout! {
         pub state: DriveState = info(0),
     }
 
-    /// 402_STATE_GET, code 28: reads the state of an axis from the return byte (XF EN 778). Parameter: motor.
+    /// 402_STATE_GET, command code 28: reads the state of an axis from the return byte (XF EN 778). Parameter byte:
+    /// motor.
     pub struct HelperStateGet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
     }
 
-    /// 402_CTL_SET, code 29: sets what the helper does with an axis (XF EN 795). Parameter: motor; information bytes:
-    /// `i0` control byte, `i1` 0x5A, `i2` number of motors, `i3` slave.
+    /// 402_CTL_SET, command code 29: sets what the helper does with an axis (XF EN 795). Parameter byte: motor;
+    /// information bytes: `i0` control byte, `i1` 0x5A, `i2` number of motors, `i3` slave.
     pub struct HelperControlSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
@@ -66,14 +67,15 @@ layout! {
         pub slave: SlaveNumber = info(3),
     }
 
-    /// 402_CTL_GET, code 30: reads the control byte of an axis from the return byte (XF EN 813). Parameter: motor.
+    /// 402_CTL_GET, command code 30: reads the control byte of an axis from the return byte (XF EN 813). Parameter
+    /// byte: motor.
     pub struct HelperControlGet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
     }
 
-    /// 402_GET_STATUSWORD, code 74: reads the statusword of an axis (XF EN 1432). Parameter: motor. Answer: u16 at
-    /// byte 0.
+    /// 402_GET_STATUSWORD, command code 74: reads the statusword of an axis (XF EN 1432). Parameter byte: motor.
+    /// Answer: u16 at byte 0 of the data.
     pub struct HelperStatuswordGet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),

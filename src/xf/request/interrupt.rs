@@ -7,7 +7,7 @@ use crate::xf::fields::FieldKind;
 use crate::xf::layout::{field_values, layout};
 
 layout! {
-    /// ECAT_INT_GET_ENABLE, code 59: reads the settings of [`InterruptSetEnable`] (XF EN 1327).
+    /// ECAT_INT_GET_ENABLE, command code 59: reads the settings of [`InterruptSetEnable`] (XF EN 1327).
     pub struct InterruptGetEnable;
 }
 
@@ -52,9 +52,9 @@ layout! {
         pub peripherals: PeripheralInterrupts = at(5).or(0),
     }
 
-    /// ECAT_INT_SET_ENABLE, code 58: sets which interrupts raise INT1, and the polarity of both lines (XF EN 1310).
-    /// Parameter: polarity. Data, 6 bytes (@offset): @0 u32 interrupts, @4 GPIO 0 to 7, @5 GPIO 8 to 11 and the
-    /// encoder.
+    /// ECAT_INT_SET_ENABLE, command code 58: sets which interrupts raise INT1, and the polarity of both lines
+    /// (XF EN 1310). Parameter byte: polarity. Data, 6 bytes (@offset): @0 u32 interrupts, @4 GPIO 0 to 7, @5 GPIO 8 to
+    /// 11 and the encoder.
     pub struct InterruptSetEnable {
         /// The new settings of interrupts and polarity.
         pub enable: InterruptEnable,

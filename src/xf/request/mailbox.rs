@@ -11,7 +11,8 @@ use crate::xf::{Malformed, segment};
 pub const EMERGENCIES_MAX: usize = 8;
 
 layout! {
-    /// COE_EMERGENCY, code 83: reads the newest emergencies. The parameter is their number (XF EN 1490).
+    /// COE_EMERGENCY, command code 83: reads the newest emergencies. The parameter byte is the number of emergencies to
+    /// read (XF EN 1490).
     pub struct CoeEmergency {
         /// How many of the newest emergencies are read.
         pub count: EmergencyCount = par(),
@@ -23,31 +24,31 @@ layout! {
         length: PartNumber = info(2).or(0),
     }
 
-    /// RECV_MAILBOX, code 143: reads a message that a slave has sent by mailbox (XF EN 1646, XF ZH 1563). The answer to
-    /// `Read` has the bytes.
+    /// RECV_MAILBOX, command code 143: reads a message that a slave has sent by mailbox (XF EN 1646, XF ZH 1563). The
+    /// answer to `Read` has the bytes.
     pub enum ReceiveMailbox by operation: u8 = par(), "RECV_MAILBOX operation", "0 request, 1 read" {
-        /// Parameter 0: the chip fetches the message from a slave's mailbox. Information bytes: `i0` and `i1`: slave as
-        /// u16.
+        /// Parameter byte 0: the chip fetches the message from a slave's mailbox. Information bytes: `i0` and `i1`:
+        /// slave as u16.
         Request = 0 {
             /// The slave from whose mailbox the message is fetched.
             slave: SlaveNumber = info(0).bytes(2).or(0),
         },
-        /// Parameter 1: reads a part of the fetched message. Information bytes: `i0` and `i1` start, `i2` and `i3`
+        /// Parameter byte 1: reads a part of the fetched message. Information bytes: `i0` and `i1` start, `i2` and `i3`
         /// length.
         Read = 1 (part: MailboxPart),
     }
 
-    /// MBX_STAT, code 144: reads which slaves have mailbox messages, and sets or reads which mailboxes the chip polls
-    /// (XF EN 1663, XF ZH 1580). The answers to `ReadFlags` and `ReadPolling` have one bit per slave.
+    /// MBX_STAT, command code 144: reads which slaves have mailbox messages, and sets or reads which mailboxes the chip
+    /// polls (XF EN 1663, XF ZH 1580). The answers to `ReadFlags` and `ReadPolling` have one bit per slave.
     pub enum MailboxStatus by operation: u8 = par(),
         "MBX_STAT operation", "0 read flags, 1 set polling, 2 read polling"
     {
-        /// Parameter 0: reads which mailboxes are full, in OP.
+        /// Parameter byte 0: reads which mailboxes are full, in OP.
         ReadFlags = 0,
-        /// Parameter 1: sets which mailboxes the chip polls, from the next [`Reconfig`](super::Reconfig) on. The data
-        /// have one bit per slave.
+        /// Parameter byte 1: sets which mailboxes the chip polls, from the next [`Reconfig`](super::Reconfig) on. The
+        /// data have one bit per slave.
         SetPolling = 1 (slaves: SlaveBits = tail(0)),
-        /// Parameter 2: reads which mailboxes the chip polls.
+        /// Parameter byte 2: reads which mailboxes the chip polls.
         ReadPolling = 2,
     }
 }

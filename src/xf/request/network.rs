@@ -8,27 +8,29 @@ use crate::xf::value::choices;
 use crate::xf::{EtherCatState, Malformed, Reserve};
 
 layout! {
-    /// INFO_UPDATE_OP, code 0: requests a new header and nothing else (XF EN 369).
+    /// INFO_UPDATE_OP, command code 0: requests a new header and nothing else (XF EN 369).
     pub struct InfoUpdate;
 
-    /// ECAT_RECONFIG_OP, code 2: the chip allocates its memory again after a change of process data (XF EN 402).
+    /// ECAT_RECONFIG_OP, command code 2: the chip allocates its memory again after a change of process data
+    /// (XF EN 402).
     pub struct Reconfig;
 
-    /// ECAT_INIT_DC_OP, code 3: initialises the distributed clocks, which is needed after [`DcSync`] (XF EN 413).
+    /// ECAT_INIT_DC_OP, command code 3: initialises the distributed clocks, which is needed after [`DcSync`]
+    /// (XF EN 413).
     pub struct InitDc;
 
-    /// ECAT_SLV_CNT_GET, code 16: reads the number of slaves from the return byte (XF EN 661).
+    /// ECAT_SLV_CNT_GET, command code 16: reads the number of slaves from the return byte (XF EN 661).
     pub struct SlaveCountGet;
 
-    /// ECAT_STATE_UPDATE, code 57: the chip reads the states of the slaves into its memory (XF EN 1304).
+    /// ECAT_STATE_UPDATE, command code 57: the chip reads the states of the slaves into its memory (XF EN 1304).
     pub struct StateUpdate;
 
-    /// ECAT_CONFIG_MAP, code 73: like [`Reconfig`], for slaves that would fall back to their default process data with
-    /// it (XF EN 1421, XF ZH 410).
+    /// ECAT_CONFIG_MAP, command code 73: like [`Reconfig`], for slaves that would fall back to their default process
+    /// data with it (XF EN 1421, XF ZH 410).
     pub struct ConfigMap;
 
-    /// ECAT_STATE_SET, code 12: brings slaves to a state. Parameter: slaves; information byte `i0`: state. Bit 4 may be
-    /// added to the state, as one application does to acknowledge an error (XF EN 619; OBS).
+    /// ECAT_STATE_SET, command code 12: brings slaves to a state. Parameter byte: slaves; information byte `i0`: state.
+    /// Bit 4 may be added to the state, as one application does to acknowledge an error (XF EN 619; OBS).
     pub struct StateSet {
         /// The slaves to bring to the state.
         pub slaves: Slaves = par(),
@@ -36,7 +38,7 @@ layout! {
         pub state: EtherCatState = info(0),
     }
 
-    /// ECAT_STATE_CHECK, code 41: combines [`StateSet`], [`StateUpdate`] and [`StateGet`] (XF EN 1187).
+    /// ECAT_STATE_CHECK, command code 41: combines [`StateSet`], [`StateUpdate`] and [`StateGet`] (XF EN 1187).
     pub struct StateCheck {
         /// The slaves to bring to the state.
         pub slaves: Slaves = par(),
@@ -44,30 +46,30 @@ layout! {
         pub state: EtherCatState = info(0),
     }
 
-    /// ECAT_STATE_GET, code 13: reads the state stored in the chip, which [`StateUpdate`] renews, from the return byte.
-    /// Parameter: slaves (XF EN 627).
+    /// ECAT_STATE_GET, command code 13: reads the state stored in the chip, which [`StateUpdate`] renews, from the
+    /// return byte. Parameter byte: slaves (XF EN 627).
     pub struct StateGet {
         /// The slaves whose state is read.
         pub slaves: Slaves = par(),
     }
 
-    /// ECAT_PDO_WC_GET, code 4: reads the working counter of the last cycle, or the number of slaves with inputs or
-    /// with outputs, from which the expected working counter follows. The parameter selects which (XF EN 421). Answer:
-    /// u32 at byte 0.
+    /// ECAT_PDO_WC_GET, command code 4: reads the working counter of the last cycle, or the number of slaves with
+    /// inputs or with outputs, from which the expected working counter follows. The parameter byte selects which
+    /// (XF EN 421). Answer: u32 at byte 0 of the data.
     pub struct PdoWorkingCounterGet {
         /// Whether to read the working counter, the number of slaves with inputs, or that with outputs.
         pub which: WorkingCounterItem = par(),
     }
 
-    /// ENABLE_LRW, code 142: sets whether process data travel in one LRW datagram, if the slaves support it, or in LRD
-    /// and LWR. The parameter is the switch (XF EN 1635).
+    /// ENABLE_LRW, command code 142: sets whether process data travel in one LRW datagram, if the slaves support it, or
+    /// in LRD and LWR. The parameter byte is 1 for LRW, 0 for LRD and LWR (XF EN 1635).
     pub struct EnableLrw {
         /// True for LRW, false for LRD and LWR.
         pub lrw: bool = par(),
     }
 
-    /// ECAT_SLV_INFO_GET, code 15: reads an item about a slave. Parameter: slave; information byte `i0`: item
-    /// (XF EN 643).
+    /// ECAT_SLV_INFO_GET, command code 15: reads a property of a slave. Parameter byte: slave; information byte `i0`:
+    /// number of the property (XF EN 643).
     pub struct SlaveInfoGet {
         /// The slave whose property is read.
         pub slave: SlaveNumber = par(),
@@ -89,10 +91,10 @@ layout! {
         pub shift_ns: i32 = at(12).or(0),
     }
 
-    /// ECAT_DCSYNC, code 50: sets other times for one slave, after [`EcatInit`] and before [`InitDc`] (XF EN 1201,
-    /// XF ZH 1136). Data, 16 bytes as in [`EcatInit`], except @0 slave and @1 reserved.
+    /// ECAT_DCSYNC, command code 50: sets other times for one slave, after [`EcatInit`] and before [`InitDc`]
+    /// (XF EN 1201, XF ZH 1136). Data, 16 bytes as in [`EcatInit`], except @0 slave and @1 reserved.
     pub struct DcSync {
-        /// The slave to set. `[OURS]` 0xFF means all slaves, as elsewhere.
+        /// The slave to set. `[OURS]` 0xFF means all slaves, as in other requests.
         pub slaves: Slaves = at(0),
         /// The times of the distributed clock.
         pub dc: DcTiming,
@@ -153,7 +155,7 @@ choices! {
 }
 
 impl SlaveInfoGet {
-    /// Decodes the answer. Its length decides the type, except for items that are texts.
+    /// Decodes the answer. Its length decides the type of the value, except for the name, which is always a text.
     pub(super) fn info<'a>(&self, returned: Returned, data: &'a [u8]) -> Result<SlaveInfo<'a>, Malformed> {
         match self.item {
             SlaveInfoItem::Name => Ok(SlaveInfo::Text(returned.valid(data)?)),
@@ -162,9 +164,9 @@ impl SlaveInfoGet {
     }
 }
 
-/// ECAT_INIT_OP, code 1: initialises the network (XF EN 375, XF ZH 384). Parameter: 48 for special slaves; reserve bits
-/// 12 and 11. Data, 16 bytes (@offset): @0 0xFF, @1 0x81 for a FIFO that is off at start, @2 u16 AssignActivate, @4 u32
-/// SYNC0, @8 u32 SYNC1, @12 i32 shift, times in nanoseconds.
+/// ECAT_INIT_OP, command code 1: initialises the network (XF EN 375, XF ZH 384). Parameter byte: 48 for special slaves;
+/// reserve bits 12 and 11. Data, 16 bytes (@offset): @0 0xFF, @1 0x81 for a FIFO that is off at start, @2 u16
+/// AssignActivate, @4 u32 SYNC0, @8 u32 SYNC1, @12 i32 shift, times in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EcatInit {
     /// Sends 48 instead of 0 as the parameter. The manuals require it for "special slaves" and do not say which these are.

@@ -9,7 +9,7 @@ use crate::xf::value::choices;
 use crate::xf::{Malformed, segment};
 
 layout! {
-    /// ECAT_PDO_CONFIG_GET, code 9: returns the PDOs that [`PdoConfigRequest`] has read (XF EN 533).
+    /// ECAT_PDO_CONFIG_GET, command code 9: returns the PDOs that [`PdoConfigRequest`] has read (XF EN 533).
     pub struct PdoConfigGet;
 }
 
@@ -34,8 +34,9 @@ field_values! {
 }
 
 layout! {
-    /// ECAT_PDO_DATA_FIFO_OP, code 5: puts RxPDOs into the FIFO and takes TxPDOs out of it (XF EN 436). Parameter:
-    /// number of PDOs; information byte `i0`: operation. The length is that of all RxPDOs together (OBS).
+    /// ECAT_PDO_DATA_FIFO_OP, command code 5: puts RxPDOs into the FIFO and takes TxPDOs out of it (XF EN 436).
+    /// Parameter byte: number of PDOs; information byte `i0`: operation. The length is that of all RxPDOs together
+    /// (OBS).
     pub struct PdoDataFifo<'d> {
         /// The number of PDOs to write, and the maximum number to read.
         pub count: u8 = par(),
@@ -45,8 +46,8 @@ layout! {
         pub data: &'d [u8] = tail(0),
     }
 
-    /// ECAT_PDO_DATA_OP, code 6: writes outputs and reads inputs directly, bypassing the FIFO (XF EN 452). Information
-    /// bytes: `i0` operation; the data are one RxPDO.
+    /// ECAT_PDO_DATA_OP, command code 6: writes outputs and reads inputs directly, bypassing the FIFO (XF EN 452).
+    /// Information bytes: `i0` operation; the data are one RxPDO.
     pub struct PdoData<'d> {
         /// The operation: write, read or both, with [`PdoOperation::VALID`].
         pub operation: PdoOperation = info(0),
@@ -54,8 +55,8 @@ layout! {
         pub data: &'d [u8] = tail(0),
     }
 
-    /// ECAT_PDO_CONFIG_REQ, code 8: reads the PDOs of a slave, which [`PdoConfigGet`] then returns (XF EN 517). Data, 4
-    /// bytes (@offset): @0 slave, @1 0, @2 u16 assignment.
+    /// ECAT_PDO_CONFIG_REQ, command code 8: reads the PDOs of a slave, which [`PdoConfigGet`] then returns (XF EN 517).
+    /// Data, 4 bytes (@offset): @0 slave, @1 0, @2 u16 assignment.
     pub struct PdoConfigRequest {
         /// The slave whose PDOs are read.
         pub slave: SlaveNumber = at(0),
@@ -266,7 +267,7 @@ impl PdoConfig {
     }
 }
 
-/// ECAT_PDO_CONFIG_SET, code 7: sets the PDOs of a slave, at most 3 with at most 8 objects each (XF EN 468).
+/// ECAT_PDO_CONFIG_SET, command code 7: sets the PDOs of a slave, at most 3 with at most 8 objects each (XF EN 468).
 ///
 /// The layout is [`PdoConfig`]'s of 112 bytes. For more PDOs or objects use SDOs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

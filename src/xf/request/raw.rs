@@ -5,7 +5,7 @@ use crate::xf::layout::{FieldDecl, at, layout, tail};
 use crate::xf::value::choices;
 
 layout! {
-    /// RAW_ECAT_FUNC_GET, code 138: returns the datagram of [`RawRequest`] as it came back (XF EN 1580).
+    /// RAW_ECAT_FUNC_GET, command code 138: returns the datagram of [`RawRequest`] as it came back (XF EN 1580).
     pub struct RawGet;
 }
 
@@ -49,9 +49,9 @@ pub(in crate::xf) const fn raw_data(name: &'static str) -> FieldDecl {
 }
 
 layout! {
-    /// RAW_ECAT_FUNC_REQ, code 137: sends a datagram (XF EN 1560, XF ZH 1474). Data, 20 bytes and the datagram's
-    /// (@offset): @0 operation, @2 u16 bytes, @4 u16 ADP, @6 u16 ADO, @8 u32 logical address, @12 i32 timeout in us,
-    /// @20 data.
+    /// RAW_ECAT_FUNC_REQ, command code 137: sends a datagram (XF EN 1560, XF ZH 1474). Data, 20 bytes and the
+    /// datagram's (@offset): @0 operation, @2 u16 bytes, @4 u16 ADP, @6 u16 ADO, @8 u32 logical address, @12 i32
+    /// timeout in us, @20 data.
     ///
     /// A datagram that reads has data too: as many bytes as it has to read.
     pub struct RawRequest<'d> {

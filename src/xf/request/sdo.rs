@@ -8,11 +8,11 @@ use crate::xf::layout::{field_values, layout};
 use crate::xf::value::Switch;
 
 layout! {
-    /// ECAT_SDO_GET, code 11: returns the data that [`SdoRequest`] has read (XF EN 606).
+    /// ECAT_SDO_GET, command code 11: returns the data that [`SdoRequest`] has read (XF EN 606).
     pub struct SdoGet;
 
-    /// ECAT_SDO_ABORTCODE_GET, code 69: reads the abort code of the last failed [`SdoRequest`] (XF EN 1358). Answer:
-    /// u32 at byte 0.
+    /// ECAT_SDO_ABORTCODE_GET, command code 69: reads the abort code of the last failed [`SdoRequest`] (XF EN 1358).
+    /// Answer: u32 at byte 0 of the data.
     pub struct SdoAbortCodeGet;
 }
 
@@ -34,8 +34,9 @@ layout! {
         },
     }
 
-    /// ECAT_SDO_REQ, code 10: reads or writes an object of a slave (XF EN 579). If it fails, the answer that ends it
-    /// has [`Errors::NON_IMMEDIATE`](crate::xf::Errors::NON_IMMEDIATE) set, and [`SdoAbortCodeGet`] reads the reason.
+    /// ECAT_SDO_REQ, command code 10: reads or writes an object of a slave (XF EN 579). If it fails, the answer that
+    /// ends it has [`Errors::NON_IMMEDIATE`](crate::xf::Errors::NON_IMMEDIATE) set, and [`SdoAbortCodeGet`] reads the
+    /// reason.
     ///
     /// Data, 12 bytes and the data to write (@offset): @0 0 write, 1 read, @1 slave, @2 u16 index, @4 sub-index, @5
     /// complete access, @6 u16 bytes, @8 u32 timeout in us, @12 data (the manual prints 0x12). The length field gives

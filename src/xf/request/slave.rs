@@ -6,8 +6,8 @@ use crate::xf::layout::{FieldDecl, FieldLayout, FieldList, FieldReader, FieldWri
 use crate::xf::value::choices;
 
 layout! {
-    /// ECAT_CONFIG_SM, code 71: sets a sync manager differently from the slave's EEPROM (XF EN 1388, XF ZH 1297). Data,
-    /// 8 bytes (@offset): @0 slave, @1 number, @2 u16 start, @4 u16 length, @6 control, @7 activate.
+    /// ECAT_CONFIG_SM, command code 71: sets a sync manager differently from the slave's EEPROM (XF EN 1388,
+    /// XF ZH 1297). Data, 8 bytes (@offset): @0 slave, @1 number, @2 u16 start, @4 u16 length, @6 control, @7 activate.
     pub struct ConfigSyncManager {
         /// The slave with the sync manager.
         pub slave: SlaveNumber = at(0),
@@ -23,19 +23,19 @@ layout! {
         pub activate: u8 = at(7).hex(),
     }
 
-    /// DIRECT_ASSIGN, code 82: assigns the lengths of a slave's process data manually (XF EN 1472, XF ZH 1381).
+    /// DIRECT_ASSIGN, command code 82: assigns the lengths of a slave's process data manually (XF EN 1472, XF ZH 1381).
     pub enum DirectAssign by operation: u8 = par(), "DIRECT_ASSIGN operation", "0 switch, 1 length" {
-        /// Parameter 0: switches the manual lengths on or off. Information bytes: `i0` slave, `i1` 0 off, 1 on.
+        /// Parameter byte 0: switches the manual lengths on or off. Information bytes: `i0` slave, `i1` 0 off, 1 on.
         Switch = 0 {
-            /// The slave with the manual lengths.
+            /// The slave whose process data have manually assigned lengths.
             slave: SlaveNumber = info(0),
             /// Whether the chip uses the assigned lengths, and not those of the slave's mapping.
             on: bool = info(1).or(0),
         },
-        /// Parameter 1: assigns a length. Information bytes: `i0` slave, `i1` 0 output, 1 input, `i2` and `i3` bytes as
-        /// u16.
+        /// Parameter byte 1: assigns a length. Information bytes: `i0` slave, `i1` 0 output, 1 input, `i2` and `i3`
+        /// bytes as u16.
         Length = 1 {
-            /// The slave whose length is assigned.
+            /// The slave to whose process data a length is assigned.
             slave: SlaveNumber = info(0),
             /// Whether the length is that of the outputs or of the inputs.
             direction: Direction = info(1).or(0),
@@ -55,8 +55,8 @@ choices! {
     }
 }
 
-/// ECAT_CONFIG_FMMU, code 72: has no effect, since the chip sets the FMMUs itself (XF EN 1407, XF ZH 1314). Data, 5
-/// bytes (@offset): @0 slave, @1..@4 the functions of FMMU 0 to 3.
+/// ECAT_CONFIG_FMMU, command code 72: has no effect, since the chip sets the FMMUs itself (XF EN 1407, XF ZH 1314).
+/// Data, 5 bytes (@offset): @0 slave, @1..@4 the functions of FMMU 0 to 3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ConfigFmmu {
     /// The slave with the FMMUs.

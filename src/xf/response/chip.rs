@@ -82,7 +82,7 @@ impl Forms for MdioAnswer {
     const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[value("value").hex().returned::<u16>()])];
 }
 
-/// The limit is the return byte.
+/// The answer to ECAT_WKC_CONTI_ERR_MAX_GET: the limit is the return byte.
 impl Answer<'_> for WkcErrorLimit {
     fn encode(&self, _: &mut [u8]) -> Result<Returned, Malformed> {
         Ok(Returned::value(self.code()))
@@ -97,7 +97,7 @@ impl Forms for WkcErrorLimit {
     const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[ret().of::<WkcErrorLimit>("limit").field])];
 }
 
-/// The size of the data segment is the u16 at byte 0 of the data.
+/// The answer to SPI_PACK_SIZE_GET: n, the size of the data segment, is the u16 at byte 0 of the data.
 impl Answer<'_> for DataSize {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         self.get().encode(data)

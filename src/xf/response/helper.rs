@@ -32,6 +32,7 @@ field_values! {
 }
 
 answers! {
-    /// The polarity in the return byte, and 6 bytes of data as in the command (XF EN 1327).
+    /// The answer to ECAT_INT_GET_ENABLE: the polarity in the return byte, and 6 bytes of data as in
+    /// ECAT_INT_SET_ENABLE (XF EN 1327).
     InterruptEnable;
 }

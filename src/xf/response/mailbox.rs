@@ -92,7 +92,7 @@ impl Forms for Emergencies {
         &[AnswerFields { every: Some(EMERGENCY as u16), ..answer_fields!(Emergency) }];
 }
 
-/// The set of slaves (XF EN 1663), with as many bytes as the length field says.
+/// The answer to MBX_STAT (XF EN 1663): a set of slaves, with as many bytes as the length field says.
 impl Answer<'_> for SlaveBits {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         let mut to = FieldWriter::new(data);

@@ -1,28 +1,28 @@
-//! Answers with items about slaves.
+//! Answers with properties of slaves.
 
 use super::{Answer, Returned};
 use crate::xf::Malformed;
 use crate::xf::fields::{AnswerFields, FieldKind};
 use crate::xf::layout::{Forms, tail};
 
-/// The answer to [`SlaveInfoGet`](crate::xf::request::SlaveInfoGet). The manuals give no sizes, so the length of the
-/// answer decides the type (XF EN 643).
+/// The answer to [`SlaveInfoGet`](crate::xf::request::SlaveInfoGet): a property of a slave. The manuals give no sizes,
+/// so the length of the answer decides the type (XF EN 643).
 ///
-/// `[OURS]` The chip answers items 0 to 2, 8 and 9 with 4 bytes, 4 to 7 with 2 bytes, and 3 with a text.
+/// `[OURS]` The chip answers the properties 0 to 2, 8 and 9 with 4 bytes, 4 to 7 with 2 bytes, and 3 with a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlaveInfo<'a> {
-    /// An item of one byte.
+    /// A property of one byte.
     U8(u8),
-    /// An item of two bytes.
+    /// A property of two bytes.
     U16(u16),
-    /// An item of four bytes.
+    /// A property of four bytes.
     U32(u32),
-    /// The name, or an item of any other length.
+    /// The name, or a property of any other length.
     Text(&'a [u8]),
 }
 
 impl SlaveInfo<'_> {
-    /// The item as a number; `None` for a text.
+    /// The property as a number; `None` for a text.
     pub const fn number(self) -> Option<u32> {
         match self {
             Self::U8(n) => Some(n as u32),

@@ -74,7 +74,7 @@ value_answers! {
     Analog = FieldPosition::Data(0);
 }
 
-/// The state in bits 0 to 3, and the error bit.
+/// The fields of the return byte: the state in bits 0 to 3, and the error bit in bit 4.
 impl Forms for NetworkState {
     const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[
         ret().part(0, 4).of::<NetworkState>("state").field,
@@ -84,7 +84,7 @@ impl Forms for NetworkState {
 
 const _: () = assert!(NetworkState::ERROR == 1 << 4);
 
-/// The valid bytes of the data segment.
+/// A slice as an answer: the valid bytes of the data segment.
 impl<'a> Answer<'a> for &'a [u8] {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         segment::put_at(data, 0, self).map(Returned::data)

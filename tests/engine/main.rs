@@ -11,7 +11,8 @@
 //! - buses that take outputs ahead: `bus_ahead`, `ahead_entries`, `honest`, `sag`, `repeats`, and `over`, which runs the whole
 //!   group over such a bus; `any_bus`, rules that others show cycle by cycle, for every bus
 //! - over an ECM-XF: `xf_bus`, `xf_counters`, `xf_faults`, `xf_doubts`, `xf_packets`, `xf_start`, `xf_state`, `xf_ahead`
-//! - over our own master: `nic_bus`, `nic_counters`, `nic_gone`, `nic_odd`, `nic_predecessor`, `nic_ring`, `nic_runner`, `nic_terminals`
+//! - over our own master: `nic_bus`, `nic_counters`, `nic_gone`, `nic_odd`, `nic_predecessor`, `nic_ring`, `nic_runner`,
+//!   `nic_terminals`, `stale_program`
 //! - random runs, and invariants: `random`, `random_networks`, `allocation`, `nic_allocation`
 //! - the tools of the tests: `host`, `probe`, `rig`, `network_rig`, `models`, `puppet`, `homer`, `entries`, `watch`, `handles`
 
@@ -79,6 +80,7 @@ mod sag;
 mod sdo;
 mod sdo_beside;
 mod slave_answers;
+mod stale_program;
 mod states;
 mod step;
 mod test_mode;

@@ -1,5 +1,5 @@
 //! Wrong working counters, over the bus of a network card: inputs with a wrong counter are not used, and missing inputs
-//! become stale.
+//! become stale. And its axes when it is switched off.
 
 use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::engine::{EngineConfig, EventKind, StateFailure};
@@ -184,6 +184,32 @@ fn inputs_are_stale_after_ten_cycles_and_20_ms() {
     }
 }
 
+/// Nobody can be asked whose inputs stay away: each state of a slave is read with a counter that cannot be, so that the
+/// search never ends. After 100 ms, not before, all slaves of the datagram are lost, and stand. `STALE_AT_LAST_NS`.
+#[test]
+fn where_nobody_can_be_asked_inputs_are_stale_after_100_ms() {
+    const AL_STATUS_BYTES: usize = 6;
+    let (mut host, lies, network) = three_in_csv(20_000);
+    lies.tell(|answer: &mut Answer<'_>| match answer.command {
+        Command::Fprd if answer.data.len() == AL_STATUS_BYTES => answer.count = 1,
+        Command::Lrw => answer.silence(inputs_of(2), INPUTS),
+        _ => {}
+    });
+    let cycles = (STALE_AT_LAST_NS / 1_000_000) as usize;
+    let before = network.shaft(2, 0).expect("a shaft");
+    host.cycles(cycles - 1);
+    assert_eq!(host.state(), StateByte::reached(MasterState::Op), "one cycle before");
+    let way = network.shaft(2, 0).expect("a shaft") - before;
+    assert!((19 * cycles as i64..=20 * cycles as i64).contains(&way), "until then it goes on: {way}");
+    host.cycles(1);
+    assert_eq!(host.state(), StateByte::failed(Some(MasterState::Op)));
+    assert_eq!((host.board.engine().lost(), host.counters().inputs_stale), (SlaveSet::first(3), 3));
+    host.cycles(300);
+    for slave in 1..=3 {
+        assert_eq!(velocity(&network, &mut host, slave), 0, "slave {slave}");
+    }
+}
+
 /// A working counter above the sum of all slaves, with inputs that would enable a drive at a wrong position: none of
 /// them reaches an axis. Switching on waits, and completes at the drive's position when counters are right again.
 #[test]
@@ -258,6 +284,25 @@ fn one_wrong_counter_now_and_then_is_counted_and_nothing_else() {
     for puppet in &puppets {
         assert_eq!(puppet.targets_from(1), all);
     }
+}
+
+/// Closing a board on a network card, as the end of its program does on Linux, brings its axes to a standstill, switches
+/// them off and takes the network to PreOP. The board's part of it, `Board::switch_off`, takes some seconds at most.
+#[test]
+fn a_board_that_is_switched_off_stops_its_axes() {
+    let (mut host, _, network) = three_in_csv(20_000);
+    assert_ne!(velocity(&network, &mut host, 1), 0);
+    let (began, at) = (host.board.now(), [1, 2, 3].map(|slave| network.shaft(slave, 0).expect("a shaft")));
+    assert_eq!(host.board.switch_off(), SlaveSet::EMPTY);
+    let took = host.board.now() - began;
+    assert!(took < 3_000_000_000, "{took} ns");
+    let stood = [1, 2, 3].map(|slave| network.shaft(slave, 0).expect("a shaft"));
+    for (at, stood) in at.into_iter().zip(stood) {
+        assert!((0..20_000).contains(&(stood - at)), "it brakes, and does not turn round: {at} {stood}");
+    }
+    host.cycles(300);
+    assert_eq!(host.board.engine().state(), StateByte::reached(MasterState::PreOp));
+    assert_eq!([1, 2, 3].map(|slave| network.shaft(slave, 0).expect("a shaft")), stood, "they stand");
 }
 
 /// Inputs that come again before they are stale have no effect. Once they are stale the slave is lost even if they come again:

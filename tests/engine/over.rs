@@ -281,7 +281,8 @@ const NOT_BEHIND_CHIP: [&str; 38] = [
 ];
 
 /// Modules whose tests use their own bus for every board, and single tests of that kind.
-const OWN_BUS: [&str; 6] = ["nic_counters::", "nic_gone::", "over::", "random::", "random_networks::", "xf_counters::"];
+const OWN_BUS: [&str; 7] =
+    ["nic_counters::", "nic_gone::", "over::", "random::", "random_networks::", "stale_program::", "xf_counters::"];
 
 /// Runs this program's tests once more; returns the names of the tests that passed and of those that failed, and the
 /// output.

@@ -8,6 +8,7 @@ mod line;
 use crate::followed;
 use crate::run_all;
 pub use how::How;
+pub use line::Trouble;
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
 const SCHEDULES: u64 = 40;

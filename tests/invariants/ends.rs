@@ -1,6 +1,6 @@
 //! A writer's end at a server: for every cause, at every message, each axis that it moved stands within the documented
-//! time, and no entry that it left in the FIFO moves an axis later. The same holds if the server's process stalls
-//! meanwhile. The server has no sockets and no reader of its messages, as one whose log stalls; time is the board's.
+//! time, and no entry that it left in the FIFO moves an axis later. The same holds if the server's process stalls at any
+//! time. The server has no sockets and no reader of its messages, as one whose log stalls; time is the board's.
 //!
 //! `cargo xtask soak` runs 10,000 of them. To repeat one: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
 
@@ -46,6 +46,7 @@ struct Done {
     spoiled: u64,
     broken: u64,
     stood: u64,
+    stood_before: u64,
     longest: Duration,
 }
 
@@ -63,6 +64,7 @@ impl AddAssign for Done {
         self.spoiled += other.spoiled;
         self.broken += other.broken;
         self.stood += other.stood;
+        self.stood_before += other.stood_before;
         self.longest = self.longest.max(other.longest);
     }
 }
@@ -97,7 +99,13 @@ fn schedule(seed: u64, may_break: bool) -> Done {
     if checks {
         writer = writer.spoiling(spoils);
     }
+    let mut early = Dice(seed ^ 0x4561_726C_7921);
+    if may_break && early.one_in(4) {
+        let rarely = early.pick(&[20, 200, 1000]);
+        eyes.stand_still(early, rarely);
+    }
     writer.live(&set_up);
+    let stood_before = eyes.stood() > Duration::ZERO;
     let (caller, bounds, life) = writer.dies();
 
     // The server's steps must not exceed the writer's.
@@ -113,7 +121,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
     }
     let mut stalls = Dice(seed ^ 0x5374_616C_6C21);
     if may_break && stalls.one_in(4) {
-        eyes.stand_still(stalls);
+        eyes.stand_still(stalls, 20);
     }
     let end = End::of(caller, &server, &eyes, cycle);
     let was_broken = heal(&eyes, cycle);
@@ -152,6 +160,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
         spoiled: u64::from(life.spoiled > 0),
         broken: was_broken.into(),
         stood: stood.into(),
+        stood_before: stood_before.into(),
         longest: end.took,
     }
 }
@@ -184,6 +193,7 @@ fn writers_that_die() {
     let (schedules, all) = run_all("writers_that_die", SCHEDULES, |seed| schedule(seed, true));
     if schedules >= SCHEDULES {
         let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, broken, stood, .. } = all;
+        let Done { stood_before, .. } = all;
         for (what, n, of) in [
             ("moving", moving, 3),
             ("full", full, 12),
@@ -196,6 +206,7 @@ fn writers_that_die() {
             ("spoiled", spoiled, 10),
             ("broken", broken, 20),
             ("stood", stood, 8),
+            ("stood before", stood_before, 10),
         ] {
             assert!(n >= schedules / of, "{what}: only {n} of {schedules}");
         }

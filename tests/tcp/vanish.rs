@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
@@ -17,6 +17,9 @@ use ecmsk::sk::{
 };
 use support::tcp::proxy::Cable;
 use support::tcp::{LIMIT, SIZE, Told, connect, connect_next, options, own, serve_with, until, uri};
+
+/// The keep-alive time of a link that names none.
+const KEEPALIVE: Duration = Duration::from_millis(500);
 
 /// A writer's link, and its cable.
 struct Wired {
@@ -263,10 +266,13 @@ fn a_pulled_cable() {
     let Wired { link, cable } = prepared(&server, &told);
     drive(link.as_ref(), 200);
     cable.pull();
+    let pulled = Instant::now();
     let ended = link.write(&Frame::new(), Wait::For(LIMIT)).unwrap_err();
     assert!(matches!(ended, LinkError::Unsure { .. }), "{ended:?}");
     assert!(matches!(link.check(), Err(LinkError::Lost { .. })));
     told.wait("no word for");
+    // The newest word may have been a keep-alive time older. A late machine takes longer, but no server is hasty.
+    assert!(pulled.elapsed() >= 3 * KEEPALIVE, "docs/SAFETY.md: four keep-alive times, {:?}", pulled.elapsed());
     told.wait("stand still");
     let (first, later) = after(&server);
     assert!((later[1].0 - first[1].0).abs() < 20, "the velocity has ended: {first:?} {later:?}");

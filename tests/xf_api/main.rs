@@ -6,6 +6,7 @@ mod example;
 mod network;
 mod picture;
 mod process;
+mod stalls;
 mod stops;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -5,7 +5,8 @@
 //! - random frames against every network of tests/engine, and against slaves in every state in tests/ethercat
 //! - networks whose slaves another master has left in any state, in tests/master
 //! - all tests of tests/engine on a bus that queues outputs
-//! - fault schedules between the driver of the ECM-XF and the model of the chip, in tests/xf
+//! - fault schedules between the driver of the ECM-XF and the model of the chip, in tests/xf, and programs that stall in their
+//!   end, in tests/xf_api
 //! - programs on a board and behind a chip, compared, in tests/migration
 //! - system calls that fail, in tests/failing_calls and in tests/masters
 
@@ -52,6 +53,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         ("invariants", &[][..], arguments.schedules),
         ("master", &["what_another_master_has_left_does_not_matter"], arguments.schedules),
         ("xf", &["schedules::"], arguments.schedules),
+        ("xf_api", &["an_end_that_stalls"], arguments.schedules),
         ("migration", &["generated_programs"], few),
     ];
     let groups = groups.map(|(group, filter, count)| (test(project, group, filter), count));

@@ -52,8 +52,8 @@ struct Seen {
     /// Calls until a fault, and the fault.
     breaks_in: Option<(u64, Break)>,
     is_broken: bool,
-    /// The dice for stalls of the server's process, and the number of stalls left.
-    stalls: Option<(Dice, u64)>,
+    /// Stalls of the server's process.
+    stalls: Option<Stalls>,
     /// Time at rest.
     stood: Duration,
     /// Whether a drive was homing: it may begin to move by itself.
@@ -63,6 +63,14 @@ struct Seen {
     since: Shafts,
     /// The drives' commands since the writer's end: the last target of each axis, and the greatest step or velocity.
     told: Option<BTreeMap<(u8, usize), Told>>,
+}
+
+/// Stalls to come.
+struct Stalls {
+    dice: Dice,
+    left: u64,
+    /// One comes before one of that many calls.
+    rarely: u64,
 }
 
 #[derive(Clone, Copy)]
@@ -131,9 +139,11 @@ impl Eyes {
         }
     }
 
-    /// From now on the drives' commands are the server's.
+    /// From now on the drives' commands are the server's. Earlier stalls are over, and forgotten.
     pub fn begin_to_compare(&self) {
-        self.seen().told = Some(BTreeMap::new());
+        let mut seen = self.seen();
+        seen.told = Some(BTreeMap::new());
+        (seen.stalls, seen.stood) = (None, Duration::ZERO);
     }
 
     /// The greatest steps and velocities since then, of axes in CSP and CSV.
@@ -202,10 +212,10 @@ impl Eyes {
         self.seen().breaks_in = Some((calls, what));
     }
 
-    /// Makes the server's process stall at some calls from now on.
-    pub fn stand_still(&self, mut dice: Dice) {
-        let times = 1 + dice.below(3);
-        self.seen().stalls = Some((dice, times));
+    /// Makes the server's process stall before one of `rarely` calls from now on, several times.
+    pub fn stand_still(&self, mut dice: Dice, rarely: u64) {
+        let left = 1 + dice.below(3);
+        self.seen().stalls = Some(Stalls { dice, left, rarely });
     }
 
     /// Time at rest.
@@ -216,8 +226,8 @@ impl Eyes {
     fn may_stand(&self) {
         let time = {
             let mut seen = self.seen();
-            let Some((dice, left)) = &mut seen.stalls else { return };
-            if *left == 0 || !dice.one_in(20) {
+            let Some(Stalls { dice, left, rarely }) = &mut seen.stalls else { return };
+            if *left == 0 || !dice.one_in(*rarely) {
                 return;
             }
             *left -= 1;

@@ -15,7 +15,7 @@ use support::hand_on;
 use support::images::{Images, number};
 use support::swift::SWIFT;
 
-use crate::chip::How;
+use crate::chip::{How, Trouble};
 use crate::followed::Setting;
 
 /// The most stalls of a runner.
@@ -65,7 +65,8 @@ impl Slave for Noting {
     }
 }
 
-/// The runner of a board on a network card, which may stall before any cycle; unused on another bus.
+/// The runner of a board on a network card, which may stall before any cycle, or of a board over a chip, which stalls before
+/// an exchange that a test chooses; unused on another bus.
 #[derive(Clone)]
 pub struct Runner(Arc<Mutex<RunnerInside>>);
 
@@ -73,11 +74,23 @@ struct RunnerInside {
     dice: Dice,
     rarely: Option<u64>,
     stood: u64,
+    chip: Option<Arc<Mutex<Trouble>>>,
 }
 
 impl Runner {
-    fn new(dice: Dice) -> Self {
-        Self(Arc::new(Mutex::new(RunnerInside { dice, rarely: None, stood: 0 })))
+    fn new(dice: Dice, chip: Option<Arc<Mutex<Trouble>>>) -> Self {
+        Self(Arc::new(Mutex::new(RunnerInside { dice, rarely: None, stood: 0, chip })))
+    }
+
+    /// Makes it stall soon.
+    pub fn stand_still_soon(&self) {
+        let mut inside = self.inside();
+        inside.rarely = Some(20);
+        let most = inside.dice.pick(&[20, 200, 1200, 5000]);
+        let late_ns = inside.dice.below(most) * MS;
+        if let Some(chip) = &inside.chip {
+            chip.lock().expect("no panic").late_ns = late_ns;
+        }
     }
 
     fn inside(&self) -> MutexGuard<'_, RunnerInside> {
@@ -186,11 +199,11 @@ pub fn net(seed: u64, count: usize, dice: &mut Dice) -> Net {
     };
     let slaves: Vec<Box<dyn Slave>> = told.iter().map(drive).collect();
     let cycle_us = dice.pick(&[500, 1000, 1000, 2000]);
-    let runner = Runner::new(Dice(dice.roll()));
+    let of_runner = Dice(dice.roll());
     match dice.below(3) {
         0 => {
             let bus = SimBus::new(slaves).with_timing(SWIFT);
-            let network = bus.handle();
+            let (network, runner) = (bus.handle(), Runner::new(of_runner, None));
             Net { bus: Box::new(bus), network, told, cycle_us, runner }
         }
         1 => {
@@ -198,13 +211,15 @@ pub fn net(seed: u64, count: usize, dice: &mut Dice) -> Net {
             let wires = ChainWires::new(slaves, network.clone()).expect("they have an EEPROM");
             let wires = Shared(Arc::new(Mutex::new(wires)));
             let bus = NicBus::new(wires.clone(), Settings::default());
+            let runner = Runner::new(of_runner, None);
             let bus = Box::new(Late { bus, wires, runner: runner.clone(), cycle_ns: Ns::from(cycle_us) * 1000 });
             Net { bus, network, told, cycle_us, runner }
         }
         _ => {
             let how = How::random(seed);
             let network = SimHandle::default();
-            let (bus, _) = how.bus(seed, slaves, network.clone());
+            let (bus, trouble) = how.bus(seed, slaves, network.clone());
+            let runner = Runner::new(of_runner, Some(trouble));
             Net { bus, network, told, cycle_us: how.cycle_us, runner }
         }
     }

@@ -1,9 +1,11 @@
 //! A writer's end at a server: for every cause, at every message, each axis that it moved stands within the documented
-//! time, and no entry that it left in the FIFO moves an axis later. The same holds if the server's process stalls at any
-//! time. The server has no sockets and no reader of its messages, as one whose log stalls; time is the board's.
+//! time, no brake passes the last accepted target in CSP or turns round, and no entry that it left in the FIFO moves an axis
+//! later. The same holds if the server's process stalls at any time. The server has no sockets and no reader of its messages,
+//! as one whose log stalls; time is the board's.
 //!
 //! `cargo xtask soak` runs 10,000 of them. To repeat one: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
 
+mod course;
 mod eyes;
 mod standstill;
 mod writer;
@@ -47,6 +49,8 @@ struct Done {
     broken: u64,
     stood: u64,
     stood_before: u64,
+    /// Commands of brakes' own.
+    own: u64,
     longest: Duration,
 }
 
@@ -65,6 +69,7 @@ impl AddAssign for Done {
         self.broken += other.broken;
         self.stood += other.stood;
         self.stood_before += other.stood_before;
+        self.own += other.own;
         self.longest = self.longest.max(other.longest);
     }
 }
@@ -107,6 +112,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
     writer.live(&set_up);
     let stood_before = eyes.stood() > Duration::ZERO;
     let (caller, bounds, life) = writer.dies();
+    course::begin(&units);
 
     // The server's steps must not exceed the writer's.
     let moving = eyes.is_moving();
@@ -124,6 +130,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
         eyes.stand_still(stalls, 20);
     }
     let end = End::of(caller, &server, &eyes, cycle);
+    let own = course::check(&units, bounds.accepted());
     let was_broken = heal(&eyes, cycle);
     if !was_broken {
         check_bounds(&bounds, &eyes);
@@ -161,6 +168,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
         broken: was_broken.into(),
         stood: stood.into(),
         stood_before: stood_before.into(),
+        own,
         longest: end.took,
     }
 }
@@ -193,7 +201,7 @@ fn writers_that_die() {
     let (schedules, all) = run_all("writers_that_die", SCHEDULES, |seed| schedule(seed, true));
     if schedules >= SCHEDULES {
         let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, broken, stood, .. } = all;
-        let Done { stood_before, .. } = all;
+        let Done { stood_before, own, .. } = all;
         for (what, n, of) in [
             ("moving", moving, 3),
             ("full", full, 12),
@@ -207,6 +215,7 @@ fn writers_that_die() {
             ("broken", broken, 20),
             ("stood", stood, 8),
             ("stood before", stood_before, 10),
+            ("commands of brakes", own, 1),
         ] {
             assert!(n >= schedules / of, "{what}: only {n} of {schedules}");
         }

@@ -10,7 +10,7 @@ use ecmsk::sk::{
 };
 use ecmsk::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, Io, Slave, Travel};
 
-use crate::tap::{Seen, Tap};
+use crate::tap::{Seen, Tap, Track};
 use support::dice::Dice;
 use support::swift::SWIFT;
 
@@ -38,6 +38,7 @@ pub struct Unit {
     /// Axes whose targets and positions are on the wire.
     pub axes: usize,
     pub seen: Seen,
+    pub track: Track,
 }
 
 impl Unit {
@@ -72,8 +73,8 @@ impl Unit {
                 }));
             }
         }
-        let (model, seen) = Tap::on(model);
-        (model, Self { slave, kind, mode: dice.pick(modes), axes, seen })
+        let (model, shown) = Tap::on(model);
+        (model, Self { slave, kind, mode: dice.pick(modes), axes, seen: shown.seen, track: shown.track })
     }
 
     /// Statusword and the positions of the axes.
@@ -124,7 +125,7 @@ impl Machine {
         let size = dice.pick(&[SlotSize::Bytes12, SlotSize::Bytes16]);
         let cycle = dice.pick(&[250, 500, 1000, 1000, 2000]);
         let cycle = CycleTime::from_us(cycle).expect("a cycle of the guide's");
-        let (io, marker) = Tap::on(Box::new(Io::default()));
+        let (io, shown) = Tap::on(Box::new(Io::default()));
         let mut slaves = vec![io];
         let mut units = Vec::new();
         for slave in MARKER + 1..=MARKER + 1 + dice.below(4) as usize {
@@ -137,7 +138,7 @@ impl Machine {
         let config = EngineConfig { slot: size, state_timeout_ns: 200_000_000, ..EngineConfig::default() };
         let mut board = Board::new(config, around(bus));
         assert!(board.boot(1_000_000_000));
-        Self { board, network, size, cycle, units, late: 0, marker }
+        Self { board, network, size, cycle, units, late: 0, marker: shown.seen }
     }
 
     /// The board checks the CRC of command frames from now on.

@@ -2,7 +2,7 @@
 
 use std::ffi::{CStr, CString, c_char};
 
-use ecmsk::engine::Reason;
+use ecmsk::engine::{Counters, Reason};
 use ecmsk::link::fault::FaultCounts;
 
 use crate::error::{self, CallError};
@@ -183,23 +183,12 @@ pub unsafe extern "C" fn ecmsk_get_stats(board: *mut EcmskBoard, stats: *mut Ecm
     }))
 }
 
-/// Gets the counters of the board since it booted. Only the modelled board has them; on other links, such as `usb:`, the
-/// result is `ECMSK_ERROR_UNSUPPORTED`.
-///
-/// # Safety
-/// `counters` is NULL or points to `counters->size` writable bytes. `board` may be any value.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *mut EcmskCounters) -> EcmskResult {
-    let handle = board.addr();
-    code(entry!(ecmsk_get_counters(handle), {
-        let link = &find(handle)?.link;
-        let Some(board) = link.stats().board else {
-            return Err(CallError::NoCounters { link: link.info().name }.into());
-        };
+impl From<&Counters> for EcmskCounters {
+    fn from(board: &Counters) -> Self {
         let mut rejected = [0; ECMSK_REJECT_KINDS];
         rejected[..Reason::KINDS].copy_from_slice(&board.rejected);
-        let value = EcmskCounters {
-            size: size_of::<EcmskCounters>() as u32,
+        Self {
+            size: size_of::<Self>() as u32,
             reserved: 0,
             frames: board.frames,
             reports: board.reports,
@@ -223,9 +212,25 @@ pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *m
             ring_broken: board.ring_broken,
             inputs_held: board.inputs_held,
             inputs_stale: board.inputs_stale,
+        }
+    }
+}
+
+/// Gets the counters of the board since it booted. Only the modelled board has them; on other links, such as `usb:`, the
+/// result is `ECMSK_ERROR_UNSUPPORTED`.
+///
+/// # Safety
+/// `counters` is NULL or points to `counters->size` writable bytes. `board` may be any value.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *mut EcmskCounters) -> EcmskResult {
+    let handle = board.addr();
+    code(entry!(ecmsk_get_counters(handle), {
+        let link = &find(handle)?.link;
+        let Some(board) = link.stats().board else {
+            return Err(CallError::NoCounters { link: link.info().name }.into());
         };
         // SAFETY: the caller's promise for `counters`.
-        unsafe { copy_out(value, counters, "counters") }
+        unsafe { copy_out(EcmskCounters::from(&board), counters, "counters") }
     }))
 }
 
@@ -302,4 +307,29 @@ unsafe fn copy_out<T: Versioned>(value: T, target: *mut T, argument: &'static st
         size.write_unaligned(filled as u32);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each counter of the board is in the field of its name.
+    #[test]
+    fn each_counter_has_its_field() {
+        let mut board =
+            Counters { frames: 1, reports: 2, ignored_homing: 3, discarded_before_enabled: 4, ..Counters::default() };
+        (board.cleared, board.full, board.crc, board.incomplete, board.executed) = (5, 6, 7, 8, 9);
+        (board.idle_cycles, board.while_booting, board.for_lost, board.modes_not_restored) = (10, 11, 12, 13);
+        (board.sdo_repeated, board.sdo_aborted, board.answers_lost, board.outputs_lost) = (14, 15, 16, 17);
+        (board.cycles_left_out, board.ring_broken, board.inputs_held, board.inputs_stale) = (18, 19, 20, 21);
+        board.rejected[Reason::KINDS - 1] = 22;
+        let shown = EcmskCounters::from(&board);
+        assert_eq!([shown.frames, shown.reports, shown.ignored_homing, shown.discarded_before_enabled], [1, 2, 3, 4]);
+        assert_eq!([shown.cleared, shown.full, shown.crc, shown.incomplete, shown.executed], [5, 6, 7, 8, 9]);
+        let waited = [shown.idle_cycles, shown.while_booting, shown.for_lost, shown.modes_not_restored];
+        assert_eq!(waited, [10, 11, 12, 13]);
+        assert_eq!([shown.sdo_repeated, shown.sdo_aborted, shown.answers_lost, shown.outputs_lost], [14, 15, 16, 17]);
+        assert_eq!([shown.cycles_left_out, shown.ring_broken, shown.inputs_held, shown.inputs_stale], [18, 19, 20, 21]);
+        assert_eq!((shown.rejected[Reason::KINDS - 1], shown.size), (22, size_of::<EcmskCounters>() as u32));
+    }
 }

@@ -128,14 +128,16 @@ pub(super) fn ramp_of(
 /// The ramp of an axis in CSP that cannot reach its last target within `cycles`: because frames were lost, that target is far
 /// away, and the drive goes there by itself. The ramp begins at the actual position, and ends before the target. `None` for an
 /// axis that is stationary or reaches its target in time. If the last target is unknown, the axis may still reach it in time,
-/// so it is ramped only if `overdue` is set: little time is left for the stop.
+/// so it is ramped only if `overdue` is set: little time is left for the stop. The target of an axis that was homing is
+/// unknown: the board has ignored its targets, and holds it where its drive comes to rest. A ramp from there would set it in
+/// motion again.
 pub(super) fn ramp_from_position(
     session: &Session,
     observed: &Observation,
     slave: u8,
     config: &Slave,
-    cycles: f64,
-    overdue: bool,
+    left: &LeftBehind,
+    (cycles, overdue): (f64, bool),
 ) -> Option<AxisRamp> {
     if config.axis()?.mode != Mode::Csp || session.credit.ahead() > 0 || !observed.moves(session, slave, config) {
         return None;
@@ -145,7 +147,7 @@ pub(super) fn ramp_from_position(
     let positions = movement::positions(session, slave, config);
     let outputs = session.targets.outputs()[usize::from(slave)];
     let cycles = cycles.max(movement::lag_cycles(session));
-    let targets = match session.targets.last(slave) {
+    let targets = match last(session, slave, left) {
         Some(SlaveCommand::Csp(last)) => Some([last.first.target, last.second.target]),
         _ => None,
     };

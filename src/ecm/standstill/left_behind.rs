@@ -111,7 +111,8 @@ impl Stop<'_, '_> {
                 // A drive goes on to its last target by itself, however far away it is. It can be held at its present
                 // position only if a report shows that position, so the newest report must not be old.
                 Some(Mode::Csp) if is_fresh => {
-                    let ramp = ramp_from_position(session, &observed, slave, config, 0.0, self.left.is_foreign);
+                    let limits = (0.0, self.left.is_foreign);
+                    let ramp = ramp_from_position(session, &observed, slave, config, self.left, limits);
                     let Some(hold) = ramp else { continue };
                     hold.at(1, 1)
                 }

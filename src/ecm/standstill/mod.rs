@@ -335,7 +335,8 @@ impl<'a, 's> Stop<'a, 's> {
         // just enough for a short ramp.
         let overdue = self.left.is_foreign && time_left < settling_time(cycle) + cycle * (2 * RAMP_FRAMES_MIN);
         let cycles = time_left.as_secs_f64() / cycle.as_secs_f64();
-        self.ramps_by(|slave, config| ramp_from_position(self.session, observed, slave, config, cycles, overdue))
+        let limits = (cycles, overdue);
+        self.ramps_by(|slave, config| ramp_from_position(self.session, observed, slave, config, self.left, limits))
     }
 
     /// Reads a report. Returns an error at the end of the time limit, and for a silent board.

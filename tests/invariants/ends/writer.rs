@@ -2,6 +2,7 @@
 //! message.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,6 +14,7 @@ use ecmsk::sk::{
     SlotCommand, SlotSize,
 };
 
+use super::course::Accepted;
 use super::eyes::Eyes;
 use crate::machine::{SPEED, Unit};
 use support::dice::Dice;
@@ -38,14 +40,26 @@ pub struct Life {
     jumps: bool,
 }
 
-#[derive(Debug)]
-/// The greatest steps and velocities that the board has taken from it.
+/// What the board has taken from it, and the greatest steps and velocities of that.
 pub struct Bounds {
     greatest: BTreeMap<(u8, usize, &'static str), i64>,
     jumps: bool,
+    accepted: Accepted,
+}
+
+impl fmt::Debug for Bounds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { greatest, jumps, accepted: _ } = self;
+        f.debug_struct("Bounds").field("greatest", greatest).field("jumps", jumps).finish_non_exhaustive()
+    }
 }
 
 impl Bounds {
+    /// All targets, velocities and torques.
+    pub fn accepted(&self) -> &Accepted {
+        &self.accepted
+    }
+
     /// For each axis, the greatest value of the writer and that of the server.
     pub fn compare<'a>(&'a self, eyes: &'a Eyes) -> impl Iterator<Item = ((u8, usize, &'static str), (i64, i64))> + 'a {
         eyes.greatest().into_iter().filter(|_| !self.jumps).map(|(slave, axis, mode, server)| {
@@ -65,8 +79,8 @@ pub struct Writer<'a> {
     /// Messages until it dies.
     left: u64,
     life: Life,
-    /// The last targets that the board has taken, by slave.
-    taken: BTreeMap<u8, [i32; 2]>,
+    /// The targets that the board has taken.
+    accepted: Accepted,
     greatest: BTreeMap<(u8, usize, &'static str), i64>,
     full: u64,
     /// The dice that choose frames with a wrong CRC, if the board checks CRCs.
@@ -88,7 +102,7 @@ impl<'a> Writer<'a> {
     ) -> Self {
         let left = if dice.one_in(5) { dice.below(300) } else { 200 + dice.below(MESSAGES) };
         let (life, full) = (Life::default(), eyes.full());
-        let (taken, greatest) = (BTreeMap::new(), BTreeMap::new());
+        let (accepted, greatest) = (Accepted::new(), BTreeMap::new());
         let (spoils, is_spoiling, spoiled_run) = (None, false, 0);
         Self {
             caller,
@@ -99,7 +113,7 @@ impl<'a> Writer<'a> {
             dice,
             left,
             life,
-            taken,
+            accepted,
             greatest,
             full,
             spoils,
@@ -119,7 +133,8 @@ impl<'a> Writer<'a> {
     }
 
     pub fn dies(self) -> (InMemoryClient<'a>, Bounds, Life) {
-        let bounds = Bounds { greatest: self.greatest, jumps: self.life.jumps || self.life.has_homed };
+        let jumps = self.life.jumps || self.life.has_homed;
+        let bounds = Bounds { greatest: self.greatest, jumps, accepted: self.accepted };
         self.eyes.begin_to_compare();
         (self.caller, bounds, self.life)
     }
@@ -229,10 +244,13 @@ impl<'a> Writer<'a> {
         let (targets, mode) = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
             Ok(SlaveCommand::Csp(motion)) => ([motion.first.target, motion.second.target], "CSP"),
             Ok(SlaveCommand::Csv(motion)) => ([motion.first.target, motion.second.target], "CSV"),
+            Ok(SlaveCommand::Cst(torque)) => ([torque.into(), 0], "CST"),
             _ => return,
         };
         let slave = unit.slave as u8;
-        let before = self.taken.insert(slave, targets);
+        let accepted = self.accepted.entry(slave).or_default();
+        let before = accepted.last().copied();
+        accepted.push(targets);
         for axis in 0..unit.axes {
             let size = match (mode, before) {
                 ("CSP", Some(before)) => i64::from(targets[axis].wrapping_sub(before[axis])).abs(),

@@ -1,5 +1,6 @@
 //! Prints a view as one JSON object. Its slots have the form of `ecmsk dump --json`.
 
+use ecmsk::engine::Counters;
 use ecmsk::sk::dump::{SlaveData, SlotLine, SlotMeaning};
 use serde::Serialize;
 
@@ -76,6 +77,26 @@ struct CountersJson {
     inputs_stale: u64,
 }
 
+impl From<&Counters> for CountersJson {
+    fn from(counters: &Counters) -> Self {
+        Self {
+            frames: counters.frames,
+            executed: counters.executed,
+            full: counters.full,
+            crc: counters.crc,
+            incomplete: counters.incomplete,
+            rejected: counters.rejected_total(),
+            idle_cycles: counters.idle_cycles,
+            outputs_lost: counters.outputs_lost,
+            answers_lost: counters.answers_lost,
+            cycles_left_out: counters.cycles_left_out,
+            ring_broken: counters.ring_broken,
+            inputs_held: counters.inputs_held,
+            inputs_stale: counters.inputs_stale,
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct Velocity {
     slave: usize,
@@ -96,25 +117,42 @@ pub fn line(view: &View) -> String {
         reports_per_s: view.rate,
         reports_lost: view.counts.lost,
         reports_bad_crc: view.counts.bad_crc,
-        counters: view.counters.map(|counters| CountersJson {
-            frames: counters.frames,
-            executed: counters.executed,
-            full: counters.full,
-            crc: counters.crc,
-            incomplete: counters.incomplete,
-            rejected: counters.rejected_total(),
-            idle_cycles: counters.idle_cycles,
-            outputs_lost: counters.outputs_lost,
-            answers_lost: counters.answers_lost,
-            cycles_left_out: counters.cycles_left_out,
-            ring_broken: counters.ring_broken,
-            inputs_held: counters.inputs_held,
-            inputs_stale: counters.inputs_stale,
-        }),
+        counters: view.counters.as_ref().map(CountersJson::from),
         trouble: view.trouble.as_deref(),
         slots: view.lines.iter().map(|(i, line)| SlotJson::of(*i, line)).collect(),
         velocities: view.lines.iter().filter_map(axis).collect(),
         axes: view.lines.iter().filter_map(|(i, line)| AxisJson::of(*i, line, view)).collect(),
     };
     serde_json::json!(json).to_string() + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each counter has its own value under its own name.
+    #[test]
+    fn each_counter_has_its_value() {
+        let counters = Counters {
+            frames: 1,
+            executed: 2,
+            full: 3,
+            crc: 4,
+            incomplete: 5,
+            idle_cycles: 6,
+            outputs_lost: 7,
+            answers_lost: 8,
+            cycles_left_out: 9,
+            ring_broken: 10,
+            inputs_held: 11,
+            inputs_stale: 12,
+            ..Counters::default()
+        };
+        let shown = serde_json::json!(CountersJson::from(&counters));
+        let names = ["frames", "executed", "full", "crc", "incomplete", "idle_cycles", "outputs_lost", "answers_lost"];
+        let names = names.into_iter().chain(["cycles_left_out", "ring_broken", "inputs_held", "inputs_stale"]);
+        for (value, name) in (1_u64..).zip(names) {
+            assert_eq!(shown[name], value, "{name}");
+        }
+    }
 }

@@ -44,6 +44,22 @@ fn what_the_library_tells_is_said_once() {
     assert_eq!((&told["said"][0]["text"], &told["said"][0]["times"]), (&"no board at usb:".into(), &5.into()));
 }
 
+/// Inputs that were not believed, and slaves that were lost for it, are in the summary with their numbers, as text and as
+/// JSON.
+#[test]
+fn stale_inputs_are_in_the_summary() {
+    let place = ExecFolder::new();
+    let tell = "(echo '7 count 0 inputs_held 37'; echo '7 count 0 inputs_stale 2') >> \"$ECMSK_TOLD\"";
+    let ran = place.run(&[], tell);
+    let lines: Vec<&str> = ran.err.lines().collect();
+    assert_eq!((ran.code, lines.len()), (Some(0), 2), "{}", ran.err);
+    assert!(lines[0].starts_with("summary: 37 cycle(s) had a wrong working counter: "), "{}", ran.err);
+    assert!(lines[1].starts_with("summary: 2 slave(s) were lost because their inputs did not come, "), "{}", ran.err);
+    let json = place.run(&["--json"], tell);
+    let told: serde_json::Value = serde_json::from_str(&json.err).expect("one object");
+    assert_eq!((&told["counts"]["inputs_held"], &told["counts"]["inputs_stale"]), (&37.into(), &2.into()));
+}
+
 /// TOOL-138 An incomplete recording has its own exit code, unless the program has failed anyway.
 #[test]
 fn a_recording_that_lacks_frames_is_an_exit_code() {

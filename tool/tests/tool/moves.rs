@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::common::board::{BOARD, RecordedTraffic, file};
+use crate::common::board::{BOARD, RecordedTraffic, file, text};
 use crate::common::{Ran, run, run_with_input};
 
 fn recorded(name: &str, slaves: &str) -> (String, PathBuf) {
@@ -158,4 +158,18 @@ fn a_drive_that_holds_an_axis_back_ends_the_move() {
     let lines = "state op\nservo on 1\nmove 1=5000\nmove 1=-200\nmove 1=-900\n";
     let ran = run_with_input(&["shell", "--keep-going", "--link", board], lines);
     assert!(ran.out.ends_with("axis 1: at -200\naxis 1: at -900\n") && ran.code == Some(1), "{ran:?}");
+}
+
+/// A slave that is lost during a move ends it: the other axis is braked on its path, and the error names the slave and
+/// says what to do.
+#[test]
+fn a_slave_that_is_lost_ends_the_move() {
+    let events = text("lost.ecmscript", "at 2s lose 2\n");
+    let board = format!("sim:?slaves=drive*2&clock=virtual&script={events}");
+    let ran = run(["move", "1=90000", "2=90000", "--velocity", "20000", "--yes", "--up", "--link", &board]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""), "{ran:?}");
+    assert!(error(&ran).contains("slave 2 is lost, the board is in "), "{ran:?}");
+    assert!(error(&ran).ends_with("check cable and power, then set_state brings it back"), "{ran:?}");
+    let first = ran.err.lines().find_map(|line| line.strip_prefix("note: axis 1 is at ")).expect("its position");
+    assert!((1..89_000).contains(&first.parse::<i32>().expect("counts")), "{ran:?}");
 }

@@ -57,6 +57,37 @@ pub fn ended(tool: &mut Command) -> Ran {
     Ran { code: ended.status.code(), out: ended.stdout, err: ended.stderr }
 }
 
+/// Starts it with pipes for what it says.
+pub fn started(command: &mut Command) -> Child {
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts")
+}
+
+/// Waits for its first line with that on standard output or standard error.
+pub fn until(from: &mut impl BufRead, what: &str) {
+    let mut said = String::new();
+    while !said.contains(what) {
+        assert!(from.read_line(&mut said).expect("text") > 0, "never: {what} in {said}");
+    }
+}
+
+/// Waits until it ends by itself.
+pub fn ends(mut child: Child, mut err: impl BufRead) -> Ran {
+    let began = Instant::now();
+    let code = loop {
+        if let Some(status) = child.try_wait().expect("it is ours") {
+            break status.code();
+        }
+        if began.elapsed() > Duration::from_secs(60) {
+            child.kill().expect("it is ours");
+            panic!("it goes on");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let mut text = String::new();
+    std::io::Read::read_to_string(&mut err, &mut text).expect("text");
+    Ran { code, out: String::new(), err: text }
+}
+
 /// `ecmsk bus` on the card.
 pub fn look(words: &[&str]) -> Ran {
     run(&[&["bus"], words, &["--link", CARD]].concat())

@@ -2,28 +2,16 @@
 
 mod needs_network_namespace {
     use std::io::{BufRead, BufReader};
-    use std::process::{Child, Command, Stdio};
+    use std::process::{Child, Command};
     use std::time::{Duration, Instant};
 
     use ecmsk::link::{LinkError, Share, Wait, open};
     use ecmsk::sk::Frame;
     use masters::{Elsewhere, MASTER, Rig, SECOND_MASTER};
 
-    use crate::card::{CARD, Ran, tool};
+    use crate::card::{CARD, ends, started, tool, until};
 
     const GONE: [&str; 2] = ["the network card veth0 was pulled, or deleted: plug in what was pulled", "ip link"];
-
-    fn started(command: &mut Command) -> Child {
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts")
-    }
-
-    /// Waits for its first line with that on standard output or standard error.
-    fn until(from: &mut impl BufRead, what: &str) {
-        let mut said = String::new();
-        while !said.contains(what) {
-            assert!(from.read_line(&mut said).expect("text") > 0, "never: {what} in {said}");
-        }
-    }
 
     /// Waits until it has opened the card.
     fn until_opened(child: &mut Child) {
@@ -38,23 +26,6 @@ mod needs_network_namespace {
             assert!(child.try_wait().expect("it is ours").is_none(), "it has ended");
             std::thread::sleep(Duration::from_millis(1));
         }
-    }
-
-    fn ends(mut child: Child, mut err: impl BufRead) -> Ran {
-        let began = Instant::now();
-        let code = loop {
-            if let Some(status) = child.try_wait().expect("it is ours") {
-                break status.code();
-            }
-            if began.elapsed() > Duration::from_secs(60) {
-                child.kill().expect("it is ours");
-                panic!("it goes on");
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        };
-        let mut text = String::new();
-        std::io::Read::read_to_string(&mut err, &mut text).expect("text");
-        Ran { code, out: String::new(), err: text }
     }
 
     /// A move, a running `bus` verb, the live table and a program under `exec`: each ends, and reports which card is

@@ -8,6 +8,7 @@
 //! - `ring.rs`: two cards
 //! - `gone.rs`: cards that are pulled
 //! - `page.rs`: the commands of docs/DEAD-BOARD.md
+//! - `stalled.rs`: moves whose process stands still
 #![cfg(target_os = "linux")]
 
 mod card;
@@ -15,5 +16,6 @@ mod gone;
 mod page;
 mod ring;
 mod shown;
+mod stalled;
 mod told;
 mod written;

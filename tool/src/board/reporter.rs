@@ -43,8 +43,8 @@ impl Reporter {
         }
     }
 
-    /// Prints a result: lines of text without the last line feed, or a JSON object. Waits until the result is written,
-    /// so no axis may move meanwhile.
+    /// Prints a result: lines of text without the last line feed, or a JSON object. To be called only while no axis moves,
+    /// because it waits until the result is written.
     pub fn result(&self, text: impl Display, json: &Value) -> io::Result<()> {
         self.clear();
         if self.json {
@@ -53,7 +53,8 @@ impl Reporter {
         output::print(format!("{text}\n"))
     }
 
-    /// Prints a result of several lines that belong together: the text, or a JSON object for each of its parts.
+    /// Prints a result of several lines: the text, or with `--json` a JSON object for each of its parts. To be called only
+    /// while no axis moves, like [`Self::result`].
     pub fn results(&self, text: impl Display, parts: &[Value]) -> io::Result<()> {
         if !self.json {
             return self.result(text, &Value::Null);

@@ -35,7 +35,7 @@ struct Run {
     polls: u64,
     repeats: u64,
     reports: u64,
-    /// Additional cycles in a motion that the other run does not have.
+    /// The gaps of this run: additional cycles in a motion that the other run does not have.
     gaps: Value,
     /// The time of the run's last frame, in nanoseconds since its first one.
     last_ns: i64,

@@ -107,7 +107,8 @@ pub fn check_output() -> io::Result<()> {
     STREAMS.get().map_or(Ok(()), |streams| streams.shared.check())
 }
 
-/// Waits until all queued standard output is written, or a signal arrives. No axis may move meanwhile.
+/// Waits until all queued standard output is written, or a signal arrives. To be called only while no axis moves, because the
+/// wait for whoever reads the output has no limit.
 ///
 /// # Errors
 /// Standard output cannot be written to; [`io::ErrorKind::Interrupted`]: a signal arrived first.

@@ -277,7 +277,7 @@ impl Publisher {
         self.events = Some(events);
     }
 
-    /// Takes events and points from reports.
+    /// Adds what these reports show: events to `events`, and points to the channels.
     fn take(&mut self, reports: &[(i64, Frame)], size: SlotSize, events: &mut Events) {
         let machine = self.subject.machine.as_deref();
         let names = Names { machine, scales: self.subject.scales.as_ref(), unit: "units" };

@@ -12,12 +12,13 @@ use support::captures::{captured, kept};
 use support::recorded::Program;
 
 const MODEL: &str = "sim:?slaves=drive,hsp2,io";
-/// Targets of each axis in the fixtures.
+/// The number of targets that the program of the captures sends to each axis.
 const TARGETS: u32 = 12;
-/// SET_AXIS, SET_DC, an SDO, SET_STATE, SV_ON; the targets; IO_WR and SET_STATE.
+/// The number of command frames in a capture: 5 with SET_AXIS, SET_DC, an SDO, SET_STATE and SV_ON, one for each target, 2 with
+/// IO_WR and SET_STATE.
 const COMMANDS: u32 = 5 + TARGETS + 2;
 
-/// The capture by usbmon of a program on a board of that slot size.
+/// The capture by usbmon of a program on a board with slots of `slot` bytes.
 fn fixture(slot: u32) -> Vec<u8> {
     let file = support::root().join(format!("tests/recordings/usbmon_{slot}.pcap"));
     fs::read(file).expect("the fixture")
@@ -38,7 +39,7 @@ impl Files {
         file
     }
 
-    /// The unchanged fixture, and the same as files of other kinds.
+    /// Files of the capture with slots of `slot` bytes: the unchanged one, and the same events in the formats of other systems.
     fn all(&self, slot: u32) -> Vec<PathBuf> {
         let captured = fixture(slot);
         let events = events(&captured);
@@ -156,7 +157,7 @@ fn without_crc_the_slots_tell_the_size() {
     }
 }
 
-/// The same board twice, on one bus.
+/// The events of the capture with 12-byte slots, and the same events again as those of a second board on the bus.
 fn two_boards() -> Vec<Event> {
     let one = events(&fixture(12));
     let mut both: Vec<Event> = one.clone();
@@ -240,7 +241,7 @@ fn replay_shows_what_a_board_does_otherwise_than_the_model() {
         &["would replace"],
         "with --plot",
     );
-    // A recording names its model, and the model's files if they may be opened.
+    // A recording names its model by its link. The files that the link names are opened only with `--allow-files`.
     tool("replay", &run.file, &[]).expect_failure(2, &["names a file (script=", "--allow-files"], "with --link");
     let found = tool("replay", &run.file, &["--allow-files"]).expect_quiet();
     assert!(found.contains("\nequal: 304 commands"), "{found}");
@@ -262,7 +263,7 @@ fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
     );
     tool("replay", &whole, &["--link", "sim:?slaves=lamp"]).expect_misuse(&["lamp"]);
 
-    // The change is in the packet of the fourth command.
+    // The capture is cut in the packet of its fourth command.
     let all = events(&captured);
     let is_command = |event: &Event| (event.what, event.endpoint, event.length) == (b'S', 0x02, 512);
     let commands: Vec<usize> = (0..all.len()).filter(|i| is_command(&all[*i])).collect();

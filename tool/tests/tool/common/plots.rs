@@ -1,4 +1,4 @@
-//! Recordings that are plotted.
+//! Plots of recordings for tests: runs of the fake board, and the tool's plots of them.
 
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ impl Recorded {
         run([&["plot", self.file.to_str().expect("UTF-8")], options].concat())
     }
 
-    /// The file of a picture with that ending.
+    /// The bytes of the plot in the format of this file name extension.
     pub fn picture(&self, ending: &str, options: &[&str]) -> Vec<u8> {
         let file = self.file.with_extension(ending);
         let name = file.to_str().expect("UTF-8");
@@ -58,14 +58,14 @@ pub fn two_axes() -> (FakeBoard, Vec<Cycle>) {
     (run, cycles)
 }
 
-/// The board's state in a cycle.
+/// The state of the fake board after a cycle: the time, and for each axis the position and the executed target.
 pub struct Cycle {
     pub seconds: f64,
     pub position: Vec<i32>,
     pub target: Vec<i32>,
 }
 
-/// Asserts equality, up to an invisible part of the whole.
+/// Asserts that a value read from a plot is the expected one, up to a hundredth of `whole`, the length of the axis.
 #[track_caller]
 pub fn near(found: f64, expected: f64, whole: f64) {
     assert!((found - expected).abs() <= whole / 100.0, "{found} instead of {expected}");

@@ -29,8 +29,8 @@ impl Script {
         self
     }
 
-    /// Delays the read of every report until that many further commands were written: they come before it in the
-    /// recording.
+    /// Delays the read of every report until `commands` further commands were written. They then come before the report in the
+    /// recording, although they are later.
     pub fn read_late(&mut self, commands: usize) -> &mut Self {
         let mut late = VecDeque::new();
         let mut order = Vec::new();
@@ -55,7 +55,7 @@ impl Script {
         self.0.len()
     }
 
-    /// Makes the frames have no CRC.
+    /// Removes the CRCs of the frames: byte 3 becomes 0.
     pub fn leave_crc_out(&mut self) -> &mut Self {
         self.0.iter_mut().for_each(|(_, _, frame)| frame.bytes_mut()[3] = 0);
         self
@@ -94,7 +94,8 @@ pub fn make_capture(file: &Path, devices: &[u8]) {
     std::fs::write(file, bytes).expect("a capture");
 }
 
-/// Records `frames` frames to `file` while the disk takes none; returns the number of frames without room.
+/// Records `frames` frames to `file` while the disk takes no bytes; returns the number of frames that were lost because the
+/// recorder's queue was full.
 pub fn record_to_a_slow_disk(file: &Path, frames: u64) -> u64 {
     let gate = Arc::new((Mutex::new(Disk::Headers), Condvar::new()));
     let sink = SlowDisk { file: File::create(file).expect("a file"), gate: Arc::clone(&gate) };
@@ -143,7 +144,7 @@ impl Write for SlowDisk {
     }
 }
 
-/// A link that plays the script, whatever the host writes.
+/// A link that takes the times of writes, and the reports with their times, from the script, whatever the host writes.
 struct Scripted(Mutex<VecDeque<(u64, Dir, Frame)>>);
 
 impl Scripted {

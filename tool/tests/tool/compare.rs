@@ -68,7 +68,7 @@ fn the_output_names_both_files_the_commands_before_and_the_difference() {
     }
     assert!(lines[9].starts_with("answers to ") && lines[9].ends_with(" later commands differ too"), "{}", ran.out);
     assert_eq!(lines[10], "B ends early: 304 of 308 commands");
-    // The frame is found again.
+    // `dump` shows the frame of the first difference under the number that the JSON gives.
     let json = compare(&a, &b, &["--json"]).json();
     let frame = json["first"]["frames"][1].as_u64().expect("a number");
     let dump = run(["dump", b.path(), "--slots", "2", "--commands", "CSP"]).expect_quiet();
@@ -116,7 +116,7 @@ fn the_latency_of_a_chip_is_told() {
     assert!(cycles("commands") >= 4 && latency["stretches"][0]["from_command"] == 4, "{found}");
     assert_eq!((&found["equal"], &found["b"]["gaps"]["count"]), (&true.into(), &0.into()));
     assert!(found["shifted_answers"].as_u64().is_some_and(|count| count > 0), "{found}");
-    // With long packets each answer is as late as all others.
+    // With packets of 1024 bytes of data each answer is late by the same number of cycles.
     let b = Program { scheme: "xf-sim", keys: "&use_n=1024".into(), ..Program::default() }.record();
     let usual = compare(&a, &b, &["--json"]).json()["latency"]["usual_cycles"].as_i64().expect("a number");
     let late = compare(&a, &b, &["--latency", &(usual - 1).to_string(), "--json"]);
@@ -176,7 +176,7 @@ fn the_picture_shows_both_positions_and_marks_where_they_differ() {
         let upright: Vec<_> = marks.iter().filter(|(at, _)| (at - command).abs() < 0.5).collect();
         assert_eq!(upright.len(), 2, "{name}: {marks:?}");
     }
-    // The picture shows the commanded positions, in both.
+    // Axis 2 ends at its last target in the curves of both runs: A is the pale one.
     let end = BEFORE as f64 + f64::from(TARGETS);
     for pale in [true, false] {
         let position = plot.panel("Axis 2").at(COLOURS[1], pale, end);

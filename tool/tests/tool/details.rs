@@ -39,7 +39,7 @@ fn half_a_count_is_refused() {
     assert_eq!(run(["move", "1=3.0", "--link", BOARD, "--up"]).out, "axis 1: at 3\n");
 }
 
-/// `info --json` has the slaves in every state: their kinds, and in OP their values.
+/// `info --json` lists the slaves in every state of the network: their kinds, and in OP also their values.
 #[test]
 fn info_as_json_has_the_slaves_in_every_state() {
     let slaves = |ran: &Ran| object(ran)["slaves"].as_array().expect("a list").clone();

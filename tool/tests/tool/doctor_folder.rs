@@ -28,7 +28,7 @@ fn doctor(folder: &Path) -> (Ran, Vec<Value>) {
     (text, findings)
 }
 
-/// State, text and next step of one finding.
+/// The state, the text and the next step of the finding of a check about one file.
 fn told<'a>(findings: &'a [Value], check: &str, subject: &str) -> (&'a str, &'a str, &'a str) {
     let mut fitting = findings.iter().filter(|finding| finding["check"] == check && finding["subject"] == subject);
     let finding = fitting.next().unwrap_or_else(|| panic!("no {check} {subject} in {findings:?}"));
@@ -82,7 +82,8 @@ fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
         assert_eq!(told(&findings, "program", "press.exe"), ("wrong", &found[..], &next[..]));
         assert!(ran.out.contains(&format!("do: {next}\n")), "{}", ran.out);
 
-        // The right library is in the folder of the package.
+        // If the library of the right width is in the sub-folder `x86` or `x64`, as in the package, the next step is to put
+        // that one in place.
         fs::create_dir(there.path().join(name)).expect("a folder");
         fs::write(there.path().join(name).join("NEXTWUSBLib.dll"), ours(machine)).expect("a file");
         let (_, findings) = doctor(there.path());
@@ -136,7 +137,7 @@ fn a_dotnet_program_has_the_width_of_its_cli_header() {
         assert!(found.contains("BadImageFormatException") && next.contains(width), "{found} {next}");
     }
 
-    // Ours has the company of the vendor's, too.
+    // The assemblies of this project have the company of the vendor's in their version resource, too. Only the product differs.
     let assembly = |product: &str| {
         let texts = [("CompanyName", "NEXTW"), ("FileVersion", "2.0.0.0"), ("ProductName", product)];
         Pe::library(X86).managed(IL_ONLY).wide("NEXTWUSBLib.dll").version(&texts).bytes()

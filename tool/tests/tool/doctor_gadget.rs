@@ -27,7 +27,8 @@ fn good() -> FakeMachine {
 
 /// The findings about the device port.
 fn findings(tree: &FakeMachine) -> Vec<Value> {
-    // Making a gadget in a folder of root is what the last check is about.
+    // The tool runs as the user of the test, because the last check is whether this user may make a gadget in the kernel's
+    // folder for gadgets.
     let mut command = tree.tool_of_us(&["doctor", "--quick", "--json", "--gadget"]);
     let ran = Ran::from(command.env("ECMSK_LINK", "sim:").output().expect("the tool starts"));
     assert!(matches!(ran.code, Some(0 | 1)) && ran.err.is_empty(), "{ran:?}");

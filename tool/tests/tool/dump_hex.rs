@@ -9,7 +9,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A line of input with its direction.
+/// A golden frame as a line of input for `dump --hex`: its direction, its bytes, and its name as a comment.
 fn line(vector: &Vector) -> String {
     format!("{} {} # {}\n", if vector.is_response() { '<' } else { '>' }, hex(&vector.bytes), vector.name)
 }
@@ -71,7 +71,7 @@ fn golden_packets_are_dumped() {
         assert_eq!(object["bytes"], hex(&packet.bytes));
         let guessed = json_lines(&dump(&["--json"], hex(&packet.bytes)).expect_quiet())[0].clone();
         assert_eq!(guessed["direction_guessed"], true, "{}", packet.name);
-        // An answer of a chip without slaves and cable, with the fixed word, looks like a command.
+        // In an answer of a chip without slaves and cable, with a fixed check word, nothing shows that it is no command.
         let is_bare = packet.is_answer && packet.bytes[8..10] == [0; 2] && packet.bytes[10] & 3 == 0;
         assert!(is_bare || guessed["direction"] == direction, "{}: {guessed}", packet.name);
     }
@@ -184,7 +184,7 @@ fn slot_size_is_found_by_the_crc() {
     assert_eq!(sizes(&format!("{narrow}\n{wide}\n{narrow}")), [Some(12), Some(16), Some(12)]);
     let all = |digits: &str| dump(&["--json", "--all"], digits).expect_quiet();
     assert_eq!(all(&narrow), all(&hex(&vector_named("csp-all-40").bytes)));
-    // A frame without a CRC counts as one of its neighbours' board.
+    // A frame without a CRC gets the slot size that the CRCs of other frames show.
     assert_eq!(sizes(&format!("{wide}\n{}", "00".repeat(512))), [Some(16), Some(16)]);
 }
 
@@ -203,7 +203,7 @@ fn an_assumed_slot_size_is_noted_once() {
     assert!(out.contains("\"slot_bytes\":16"), "{out}");
 }
 
-/// Without a list the kinds of slaves are those of the last SET_AXIS.
+/// Without `--kinds` the kinds of slaves are those of the last SET_AXIS.
 #[test]
 fn set_axis_tells_the_kinds() {
     let (axes, response) = (line(&vector_named("set-axis-group0")), line(&vector_named("resp-hsp-12")));

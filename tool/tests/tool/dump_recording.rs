@@ -13,7 +13,7 @@ use vectors::{Vector, vector_named};
 const LINK: &str = "sim:?slaves=drive*3&clock=virtual";
 const MS: u64 = 1_000_000;
 
-/// A script of golden frames, one every millisecond, from 5 ms on.
+/// The golden frames with these names as a script, one every millisecond from 5 ms on.
 fn golden(names: &[&str]) -> Script {
     let mut script = Script::default();
     for (i, vector) in (0..).zip(names.iter().map(|name| vector_named(name))) {
@@ -59,7 +59,7 @@ fn dump(file: &Path, options: &[&str]) -> Ran {
     run([&["dump", file], options].concat())
 }
 
-/// Some of each kind of frame.
+/// The names of golden frames of several kinds: commands to slot 0, to slaves and in the SDO slot, and responses.
 const MIXED: [&str; 7] = [
     "set-axis-group0",
     "resp-preop-nocrc",
@@ -180,7 +180,7 @@ fn a_truncated_recording_is_shown_up_to_the_error() {
         fs::write(&cut, &whole[..len]).expect("a file");
         let ran = dump(&cut, &[]);
         assert!(text.starts_with(&ran.out), "{len} bytes: {}", ran.out);
-        // Between two blocks a cut cannot be seen.
+        // If the cut is between two blocks of the pcapng format, nothing is truncated, and there is no error.
         if ran.code != Some(0) {
             assert_eq!(ran.code, Some(1), "{len} bytes: {ran:?}");
             assert!(ran.err.starts_with("error: ") && ran.err.contains("; "), "{len} bytes: {}", ran.err);
@@ -265,7 +265,7 @@ fn a_recording_of_several_openings_is_one_dump_with_each_link() {
 fn frames_missing_from_a_recording_are_noted() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
-    // More frames than one batch of the disk and the queue hold.
+    // More frames than the recorder's queue and the block that is being written have room for.
     let lost = record_to_a_slow_disk(&file, 1000);
     assert!(lost > 0, "nothing was lost");
     let ran = dump(&file, &["--slots", "0"]);

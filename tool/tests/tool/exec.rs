@@ -211,13 +211,13 @@ fn a_folder_for_temporary_files_that_cannot_be_used_is_named() {
 fn signals_are_inherited_as_they_were() {
     let place = ExecFolder::new();
     let script = ["--", "sh", "-c", ": > \"$ECMSK_OPENED\"; cat /proc/self/status"];
-    // Signals above 31 are the C library's own.
+    // Only the signals 1 to 31 are compared. The C library uses some of the others for itself.
     let mask = |status: &str, name: &str| {
         let mask = status.lines().find_map(|line| line.strip_prefix(name)).expect("a line");
         u64::from_str_radix(mask.trim(), 16).expect("a mask") & 0x7FFF_FFFF
     };
-    // Signals that this test's environment ignores are ignored by all processes; SIGPIPE only by programs in Rust, not
-    // by programs that they start.
+    // Processes inherit the signals that are ignored here. SIGPIPE is an exception: Rust ignores it in its own programs, but
+    // not in programs that these start.
     let own = fs::read_to_string("/proc/self/status").expect("a file");
     let ignored = mask(&own, "SigIgn:") & !(1 << 12);
     let out = Ran::from(place.exec(&script).output().expect("the tool starts")).expect_quiet();
@@ -230,7 +230,8 @@ fn signals_are_inherited_as_they_were() {
     assert_eq!(mask(&ran.expect_quiet(), "SigIgn:"), ignored | 0b11);
 }
 
-/// Starts a script that reports when it is ready, in its own process group, as a shell does.
+/// Starts `ecmsk exec` with a shell script in a process group of its own, as a shell does. Returns the tool once the script has
+/// printed `ready`.
 fn start(place: &ExecFolder, script: &str) -> Child {
     let mut command = with_default_signals(&place.exec(&["--", "sh", "-c", script]));
     let mut tool = command.stdout(Stdio::piped()).process_group(0).spawn().expect("the tool starts");
@@ -240,7 +241,7 @@ fn start(place: &ExecFolder, script: &str) -> Child {
     tool
 }
 
-/// Sends a signal to a process, or with a minus to a group.
+/// Sends a signal to a process, or to a process group if `whom` is its number with a minus.
 fn kill(signal: &str, whom: &str) {
     let sent = Command::new("kill").args([signal, "--", whom]).status().expect("kill starts");
     assert!(sent.success(), "kill {signal} {whom}");

@@ -190,7 +190,8 @@ mod needs_cxx {
             "slave 2 has an alarm, 0x2310: continuous overcurrent at the output",
         ];
         alarms.iter().for_each(|alarm| has(&ran, &[&format!("warning: {alarm}")]));
-        // The times of warnings are those of the script and of the recording: from when the board was opened.
+        // Warnings have the times of the script, which count from the opening of the board. `dump` shows the alarm at the same
+        // time, since the recording begins at once.
         has(&ran, &["warning: script, line 1: `alarm 1 0x7500` at 0.800 s"]);
         let dump = run(["dump", "--from", "799ms", "--to", "803ms", file.to_str().expect("UTF-8")]).expect_quiet();
         let shown = dump.find("Fault reaction active").expect("the alarm");
@@ -221,7 +222,7 @@ mod needs_cxx {
         fs::write(&file, &whole[..whole.len() - 3]).expect("a file");
         assert_eq!(run(["summary", "--exit-code", file.to_str().expect("UTF-8")]).code, Some(1));
 
-        // It gives up before the board is in SafeOP, and one program switches back before it ends.
+        // The program gives up before the board is in SafeOP. With `hasty_and_tidy` it sends SET_STATE Init before it ends.
         for how in ["hasty", "hasty_and_tidy"] {
             let (ran, file) = recorded(folder.path(), TWO, &["2", "0", how]);
             let hasty = "the program gave up 4 ms after it had asked for OP, while the board was on its way there; ";

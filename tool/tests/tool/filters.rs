@@ -83,7 +83,7 @@ fn dump_by_command() {
     assert_eq!((sent, sent + answered), (20, json(&recorded, &["--commands", "CSP"]).len()));
     dump(&recorded, &["--direction", "up"]).expect_misuse(&["--direction", "allowed: command, response"]);
     dump(&recorded, &["--commands", "CPS"]).expect_misuse(&["--commands", "CSP", "SET_STATE", "CYCLIC"]);
-    // SET_AXIS gives the kinds, though it is not shown.
+    // The frame with SET_AXIS is not shown, but it gives the kinds of the slaves.
     assert_eq!(second.last().expect("frames")["slots"][0]["kind_from"], "given");
 }
 
@@ -129,7 +129,7 @@ fn plot_by_axis_and_command() {
     assert!(!recorded.file.with_extension("svg").exists());
 }
 
-/// Only the stretches where a slot has the command: before and after there is no line.
+/// With `--commands` the curve begins where the slot answers the command; there is no curve before.
 #[test]
 fn plot_of_a_command() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);

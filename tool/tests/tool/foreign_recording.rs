@@ -26,13 +26,14 @@ fn harmless(ran: &Ran) {
     }
 }
 
-/// The frames of a recording under another link's name.
+/// Copies a recording to `file`, but with `link` as the link that it names.
 fn renamed(recording: &Path, link: &str, file: &Path) {
     let memory = Memory::default();
     let meta = RecordMeta { slot: None, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
     RecordLink::to_sink(Arc::new(Echo::new(true)), "m", Box::new(memory.clone()), &meta, 1).expect("memory").close();
     let mut bytes = memory.bytes();
-    // Header and interface of one recording, frames and end of the other.
+    // A recording with the wanted link gives the section header and the interface block, the recording to copy gives all frames
+    // and the end.
     let second = |bytes: &[u8]| (0..2).fold(0, |at, _| at + support::recording::u32_at(bytes, at + 4) as usize);
     bytes.truncate(second(&bytes));
     let whole = fs::read(recording).expect("a recording");
@@ -84,7 +85,8 @@ fn text_of_a_recording_is_shown() {
     assert!(shown.contains("\\u001b]0;owned\\u0007"), "{}", shown.lines().next().expect("a line"));
 }
 
-/// A recording with another time in one of its frames, or in all from there on.
+/// A copy of a recording called `name`, with changed times: `change` gets the number of each frame from 0 and its time in
+/// nanoseconds, and returns the new time.
 fn with_times(recording: &Path, name: &str, change: impl Fn(usize, u64) -> u64) -> PathBuf {
     let mut bytes = fs::read(recording).expect("a recording");
     let (mut at, mut frame) = (0, 0);

@@ -7,7 +7,7 @@ use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use serde_json::Value;
 
-/// Standard error, without the lines about this build.
+/// Standard error, without the notes on links that this build cannot open.
 fn notes(ran: &Ran) -> String {
     ran.err
         .lines()
@@ -16,7 +16,7 @@ fn notes(ran: &Ran) -> String {
         .collect()
 }
 
-/// Checks the exit code: 0 in builds that can open the links.
+/// Checks the exit code of `list`: 0 if this build can open links of the scheme, otherwise 1, with a note that says so.
 fn opens(ran: &Ran, scheme: Scheme) {
     let missing = ran.err.contains(&format!("note: this build has no {scheme}: links; {}", scheme.instead()));
     assert_eq!((ran.code, missing), (Some(i32::from(!scheme.in_build())), !scheme.in_build()), "{ran:?}");

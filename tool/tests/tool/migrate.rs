@@ -46,7 +46,7 @@ fn migrate(file: &Path, options: &[&str]) -> Ran {
     run([&["migrate", file.to_str().expect("UTF-8")], options].concat())
 }
 
-/// A program of one axis that is 30 targets ahead, and stalls for that many cycles in the motion.
+/// A program of one axis that is 30 targets ahead, and stalls for `cycles` cycles in the motion.
 fn stalled(cycles: i32) -> FakeBoard {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     let mut sent = 0;
@@ -125,8 +125,8 @@ fn what_differs_is_named_with_its_row() {
 #[test]
 fn exit_codes_are_those_of_diff() {
     let files = Files::new();
-    // A program that goes to OP does not show how long it would wait; a recording behind a chip shows that it waits
-    // long enough.
+    // A program on a board reaches OP early, so its recording does not show how long it would wait for a chip. A recording
+    // behind a chip shows that it waits long enough.
     let text = migrate(&files.recorded("ahead.pcapng", &stalled(0)), &[]);
     assert_eq!((text.code, text.err.as_str()), (Some(1), ""), "{}", text.out);
     assert!(!text.out.contains("as it is"), "{}", text.out);

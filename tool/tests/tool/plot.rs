@@ -25,7 +25,8 @@ fn targets_and_positions() {
         let whole = f64::from(10_000 * (axis as i32 + 1));
         for cycle in cycles.iter().skip(1).step_by(50) {
             near(panel.at(colour, false, cycle.seconds), cycle.position[axis].into(), whole);
-            // The target sent at that time is eight cycles further, 0.8 % of the whole: the tolerance is smaller.
+            // The target that is sent at that time is eight cycles further, which is 0.8 % of the whole way. The tolerance of
+            // 0.25 % is smaller.
             near(panel.at(colour, true, cycle.seconds), cycle.target[axis].into(), whole / 4.0);
         }
     }
@@ -54,7 +55,8 @@ fn torque_is_shown_in_percent_of_rated() {
     let plot = Recorded::new(&board).plot(&[]);
     let highest =
         plot.panel("Torque").samples(COLOURS[0], false).into_iter().map(|(_, torque)| torque).fold(0.0, f64::max);
-    // 8000 counts away, a tenth of them gone at once, a quarter as 0.1 %.
+    // The target jumps by 8000 counts. The drive goes a tenth of the way at once, and its torque in 0.1 % is a quarter of the
+    // distance that is left.
     near(highest, 7200.0 / 4.0 / 10.0, 180.0);
 }
 
@@ -88,7 +90,8 @@ fn the_fifo_level_and_lost_commands_are_shown() {
         near(panel.at(FIFO, false, *seconds), f64::from(*free), 160.0);
     }
     let full = panel.lines(ALARM, false);
-    // One report after the burst, then one for each command that was sent to a full FIFO: the board counts those too.
+    // The full count rises in the report after the burst, and in one report for each later command that finds the FIFO full.
+    // Each rise is a vertical line.
     assert!(!full.is_empty() && full.iter().all(|line| line[0].0 == line[1].0), "{full:?}");
     let first = panel.samples(ALARM, false).into_iter().map(|(seconds, _)| seconds).fold(f64::MAX, f64::min);
     near(first, levels[100].0, 0.3);
@@ -243,7 +246,7 @@ fn of_two_boards_the_one_in_op_is_plotted() {
         board.send(&[1000 * i]);
         board.cycle();
     }
-    // 4 frames on the way to OP, then a command and a report for each cycle.
+    // The recording has 4 frames on the way to OP, then a command and a report for each of 20 cycles.
     let (own, frames) = (board.positions[0], 4 + 2 * 20);
     for _ in 0..20 {
         board.positions[0] = -5000;

@@ -5,7 +5,8 @@ use crate::common::plots::Recorded;
 use crate::common::svg::{GAP, Panel};
 use ecmsk::sk::SlotSize;
 
-/// Asserts that the gaps are these, to a part of a cycle.
+/// Asserts that the panel marks these gaps, each with its beginning and end in seconds, with a tolerance of 0.8 ms: less than a
+/// cycle.
 #[track_caller]
 fn are(panel: &Panel<'_>, expected: &[(f64, f64)]) {
     let found = panel.spans(GAP);
@@ -34,7 +35,7 @@ fn late(ahead: i32, away: std::ops::Range<i32>) -> (FakeBoard, (f64, f64)) {
         }
     }
     let (first, last) = (idle[0], idle[idle.len() - 1]);
-    // The report after the last one of them is the first in which something was executed again.
+    // The gap ends in the cycle after the last one without an entry to execute.
     (run, (first, last + 0.001))
 }
 

@@ -30,7 +30,8 @@ fn page(file: &Path, options: &[&str]) -> String {
     std::fs::read_to_string(&html).expect("a page")
 }
 
-/// One file has all: nothing is fetched, a policy forbids it, and the page is small.
+/// The page is one file: it has all data, fetches nothing (a content security policy forbids it), and is small without the
+/// data.
 #[test]
 fn a_page_is_one_small_file_that_fetches_nothing() {
     let recorded = Recorded::new(&two_axes().0);
@@ -56,7 +57,8 @@ fn the_points_are_those_of_the_frames() {
     let positions = &points[&channel(&hello, 1, "position")];
     let dumped = dumped(&file);
     assert!(positions.len() > 100 && dumped.len() > 200, "{} of {}", positions.len(), dumped.len());
-    // Between two points of the page is a straight line: where it is left out, the value did not change.
+    // The page leaves out points inside a run of equal values. So a report without a point of its own has the value of the
+    // point before it.
     let mut later = positions.iter().peekable();
     let mut before = None;
     let mut compared = 0;

@@ -7,7 +7,7 @@ use ecmsk::sk::{CommandId, IoResponse, Motion, SlaveCommand, SlaveKind, SlaveRes
 
 const GET_STATUS: u8 = 0x00;
 
-/// The slot of an IO slave.
+/// The slot of an IO slave that answers the command `id`, with these bits as inputs or outputs.
 fn io(id: u8, bits: u16) -> ecmsk::sk::RawSlot {
     IoResponse { head: SlaveResponse { id, index: 0 }, bits }.encode()
 }
@@ -24,7 +24,7 @@ fn with_io() -> (FakeBoard, [f64; 3]) {
             100 | 150 => run.send_to(2, &SlaveCommand::IoWrite(if i == 100 { 1 << 15 } else { 0 })),
             _ => run.send_to(1, &SlaveCommand::Csp(Motion::to(10 * i))),
         }
-        // Ten commands wait.
+        // The board begins to execute only now, so that from here on ten commands wait in the FIFO.
         if i >= 10 {
             run.cycle();
             match i {

@@ -9,12 +9,13 @@ const FAULT: &str = STATES[0];
 const HOMING: &str = STATES[1];
 const NOT_ENABLED: &str = STATES[2];
 
-/// Operation enabled in homing mode: under way, standing before the start, home attained, homing error.
+/// Statuswords in homing mode, all of them in Operation enabled: homing is under way, the drive stands before the start, home
+/// is attained, homing has failed.
 const UNDER_WAY: u16 = 0x0237;
 const STANDS: u16 = 0x0637;
 const ATTAINED: u16 = 0x1637;
 const ERROR: u16 = 0x2637;
-/// Fault reaction active, Fault, Switch on disabled.
+/// Statuswords of the states Fault reaction active, Fault, and Switch on disabled.
 const REACTION: u16 = 0x021F;
 const FAULTED: u16 = 0x0218;
 const DISABLED: u16 = 0x0250;
@@ -23,8 +24,8 @@ const CSP: u8 = 0x15;
 const GO_HOME: u8 = 0x18;
 const ABORT_HOME: u8 = 0x19;
 
-/// Runs that many cycles in which a slave's drive has this slot; returns their begin and end in seconds: the report
-/// after them is the first one with another value.
+/// Runs `cycles` cycles in which the slot of the slave's drive has this id and statusword. Returns their beginning and end in
+/// seconds; the end is the time of the next report, the first one with other values.
 fn say(run: &mut FakeBoard, slave: usize, id: u8, statusword: u16, cycles: u32) -> (f64, f64) {
     run.drives[slave - 1] = DriveSlot { id, statusword, ..run.drives[slave - 1] };
     run.cycle();
@@ -35,7 +36,7 @@ fn say(run: &mut FakeBoard, slave: usize, id: u8, statusword: u16, cycles: u32) 
     (from, run.seconds() + 0.001)
 }
 
-/// Asserts that the spans are these, to a pixel of some milliseconds.
+/// Asserts that the areas of a colour have these beginnings and ends in seconds, with a tolerance of 1.5 ms.
 #[track_caller]
 fn are(panel: &Panel<'_>, colour: &str, expected: &[(f64, f64)]) {
     let found = panel.spans(colour);
@@ -55,7 +56,7 @@ fn homing_lasts_from_go_home_until_bits_10_and_12_are_set() {
         run.send_to(2, &SlaveCommand::GoHome);
         let (from, _) = say(&mut run, 2, GO_HOME, first, 3);
         say(&mut run, 2, GO_HOME, UNDER_WAY, 100);
-        // The host sends no command meanwhile.
+        // From here on the host sends no command, so the slot no longer answers GO_HOME. The drive is still homing.
         let (_, to) = say(&mut run, 2, 0, UNDER_WAY, 100);
         say(&mut run, 2, 0, ATTAINED, 100);
         say(&mut run, 2, CSP, ENABLED, 100);
@@ -105,7 +106,7 @@ fn an_error_an_abort_a_fault_and_leaving_op_end_homing() {
         are(&panel, HOMING, &[(from, to)]);
         let notes: Vec<&str> = panel.notes().into_iter().map(|(_, text)| text).collect();
         let expected: &[&str] = if i == 0 { &["homing error"] } else { &[] };
-        // The fault has no code here.
+        // In this test the fault has no error code, so there is no note.
         assert_eq!(notes, expected, "end {i}");
     }
 }

@@ -53,7 +53,7 @@ fn an_unknown_verb_or_an_unwritable_folder_is_an_error() {
     run(["man", "dump", "--out", "x"]).expect_misuse(&["--out"]);
 }
 
-/// A line that begins with a dot is a request that formatters know; all other dots are text.
+/// In a manual page only requests that the formatters know begin with a dot; all other lines that begin with one are escaped.
 #[test]
 fn pages_are_well_formed() {
     const REQUESTS: [&str; 13] =

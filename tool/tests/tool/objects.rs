@@ -264,7 +264,7 @@ fn a_file_that_is_no_esi_file_is_refused_with_the_next_step() {
     assert!(ran.code == Some(1) && ran.err.contains("no/such.xml"), "{}", ran.err);
 }
 
-/// A device with a text of 24 letters, an output and an input.
+/// An ESI file of a device with a text of 24 letters, an output and an input, which declares `encoding`.
 fn encoded(encoding: &str) -> String {
     format!(
         r##"<?xml version="1.0" encoding="{encoding}"?>

@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, TcpListener};
 use std::path::Path;
 use std::process::Command;
 
-/// The pages, and the least number of their commands.
+/// The pages with commands, and the number of commands that each has at least.
 const PAGES: [(&str, usize); 6] = [
     ("docs/TOOL.md", 20),
     ("docs/TOOL-NETWORK.md", 10),
@@ -15,7 +15,7 @@ const PAGES: [(&str, usize); 6] = [
     ("README.md", 3),
 ];
 
-/// A command of a page with what it prints.
+/// A command of a page, with the output that the page shows below it.
 #[derive(Debug, PartialEq, Eq)]
 struct Shown {
     command: String,
@@ -53,7 +53,7 @@ fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     let folder = tempfile::tempdir().expect("a folder");
     let script: String = shown.iter().map(|shown| format!("{}\necho '{MARK}'\n", shown.command)).collect();
     let script = script.replace("sim:?slaves=drive*2,io", &format!("sim:?slaves=drive*2,io{keys}"));
-    // Another board may be served on this machine.
+    // Another process of this machine may listen on the page's port 4711, so a free port replaces it.
     let port = free_port().to_string();
     let script = script.replace("serve tcp ", &format!("serve tcp --listen 127.0.0.1:{port} ")).replace("4711", &port);
     let tool = Path::new(env!("CARGO_BIN_EXE_ecmsk")).parent().expect("its folder");
@@ -69,7 +69,7 @@ fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     said
 }
 
-/// A port that was free a moment ago.
+/// A TCP port that was free when this function asked the system for one.
 fn free_port() -> u16 {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("there is one");
     listener.local_addr().expect("it has one").port()

@@ -14,7 +14,7 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
-/// Exports the recording beside itself, under a name with this ending.
+/// Exports the recording of a run to a file beside it, with this file name extension; returns its path.
 fn exported(whole: &Run, ending: &str) -> std::path::PathBuf {
     let file = whole.file.with_extension(ending);
     run(["recording", "export", whole.path(), text(&file)]).expect_quiet();
@@ -87,7 +87,8 @@ fn damage_is_told_with_its_time() {
         assert_eq!(json[key], checked[key], "{key}");
     }
     let mut bytes = fs::read(&blocks).expect("a file");
-    // The second block of frames: the first one, and the section before it, stay whole.
+    // A byte of the second block of frames is changed. The first block of frames, and the block before it with the metadata,
+    // stay whole.
     let places: Vec<usize> = (0..bytes.len() - 8).filter(|at| bytes[*at..].starts_with(b"\x89ECMREC\n")).collect();
     bytes[places[2] + 100] ^= 1;
     fs::write(&blocks, bytes).expect("a file");

@@ -120,7 +120,7 @@ fn a_script_that_cannot_be_read_is_an_error() {
 fn relative_moves_do_not_drift() {
     let file = file("drift");
     let board = format!("{BOARD}&record={}", file.display());
-    // After the fast one the axis is a few counts off its target.
+    // After the fast move the axis is a few counts off its target.
     let steps = "move 1=1 --relative\n".repeat(40);
     let lines = format!("state op\nservo on 1\nmove 1=50000 --velocity 1000000\n{steps}");
     let ran = script(&board, &lines);

@@ -11,7 +11,7 @@ use std::time::Duration;
 use crate::common::ecmsk;
 use rustix::process::{Pid, Signal, kill_process};
 
-/// `ecmsk serve tcp` with that socket of a service manager, and the first line of its output.
+/// `ecmsk serve tcp` that reports to `socket` as its service manager, and the first line of its output.
 fn serve(socket: &Path) -> (Child, String) {
     let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive"]);
     command.env("NOTIFY_SOCKET", socket).env_remove("ECMSK_TCP_SECRET");

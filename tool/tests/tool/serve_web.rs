@@ -10,14 +10,14 @@ use crate::common::page::{Serving, data, insist, next_text, points};
 use crate::common::run;
 
 const HOST: &str = "Host: localhost:1";
-/// The messages with counters in some minutes, after which a test gives up.
+/// How many messages with counters a test reads before it gives up; a page gets four of them a second.
 const STATUSES_MAX: u32 = 1000;
 
 fn of_a_simulated_board() -> Serving {
     Serving::start("web", &["--link", "sim:?slaves=drive*2,io"])
 }
 
-/// A board that others command, and its page.
+/// A board that is served over TCP, the link to it, and a page that shows it.
 fn of_a_served_board() -> (Serving, String, Serving) {
     let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
     let link = format!("tcp://{}", board.address());
@@ -25,7 +25,8 @@ fn of_a_served_board() -> (Serving, String, Serving) {
     (board, link, web)
 }
 
-/// The page has what keeps others out; without its token, by another name and by other methods there is none.
+/// The answer with the page has the header fields that keep other sites out. Without its token, under another host name and
+/// with other methods there is no page.
 #[test]
 fn only_who_has_the_address_gets_the_page() {
     let web = of_a_simulated_board();
@@ -140,7 +141,7 @@ fn a_page_shows_what_another_program_does() {
     assert!(info.contains("state       OP"), "{info}");
     web.end();
     let said = board.end();
-    // `home`, `io` and `info` are writers.
+    // The page is the only reader of the board. The verbs `home`, `io` and `info` are writers.
     assert_eq!(said.matches(" is a reader").count(), 1, "{said}");
     assert!(said.matches(" is a writer").count() >= 3, "{said}");
 }
@@ -155,7 +156,7 @@ fn a_crowd_of_pages_does_not_slow_the_board() {
     let last = status(&mut sockets[15])["status"]["reports"].as_u64();
     assert!(first > Some(0) && last > Some(0), "{first:?}, {last:?}");
     drop(sockets);
-    // That pages have gone is seen with the next message to them.
+    // The server notices that a page is gone when it sends it the next message.
     let mut socket = (0..10_000).find_map(|_| web.socket()).expect("there is room again");
     let (before, after) = (status(&mut socket), status(&mut socket));
     assert!(before["status"]["reports"].as_u64() < after["status"]["reports"].as_u64(), "{before} {after}");

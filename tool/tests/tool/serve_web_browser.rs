@@ -59,7 +59,7 @@ mod needs_chromium {
         let theme = browser.value("document.documentElement.dataset.theme");
         browser.press("t");
         assert_ne!(browser.value("document.documentElement.dataset.theme"), theme);
-        // What is saved, instead of a file.
+        // `saved(act)` returns the content (a Blob) that `act` would save as a file.
         browser.value(
             "globalThis.saved = (act) => new Promise((done) => { const old = URL.createObjectURL; \
              URL.createObjectURL = (blob) => { URL.createObjectURL = old; done(blob); return old(blob); }; act(); })",

@@ -32,7 +32,7 @@ fn the_esi_file_says_what_the_eeprom_says() {
         let identity = sii.info().identity;
         let found = (number(vendor.text().expect("an id")), code("ProductCode"), code("RevisionNo"));
         assert_eq!(found, (identity.vendor, identity.product, identity.revision), "{kind}");
-        // The name of the kind stands in both.
+        // The name of the device in the ESI file is that in the EEPROM.
         let category = |kind| sii.category(kind).expect("it has one");
         let name = category(CategoryKind::General).general().expect("it is whole").name;
         let name = category(CategoryKind::Strings).strings().get(name).expect("a text");

@@ -42,10 +42,10 @@ fn clients_know_what_the_server_knows() {
     assert_eq!(connect(&long, "").network(), known("", "7"), "half a list would be another one");
 }
 
-/// The variable with a secret.
+/// The environment variable with the secret that a server and its clients share.
 const SECRET: &str = "ECMSK_TCP_SECRET";
 
-/// The serving tool and its address; it ends when it is dropped.
+/// The running `ecmsk serve` and its address; dropping the value ends the tool.
 struct Serving(Child, String);
 
 impl Serving {

@@ -109,7 +109,8 @@ fn without_a_link_the_board_is_the_one_of_the_library() {
     assert_eq!(crate::common::Ran::from(ran).expect_quiet(), "PreOP\n");
     let ran = crate::common::ecmsk(["state"]).env("ECMSK_LINK", "nonsense").output().expect("it starts");
     crate::common::Ran::from(ran).expect_failure(1, &["`nonsense` has no scheme"], "ecmsk link help");
-    // The test must not use a board that is plugged in here: the library that would find it cannot be loaded.
+    // The test must not use a board that is plugged in here. So libusb, with which the tool would find it, is replaced by a
+    // file that cannot be loaded.
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("libusb-1.0.so.0"), "no library").expect("a file");
     let mut nowhere = crate::common::ecmsk(["state"]);
@@ -187,11 +188,13 @@ fn a_move_keeps_its_limits() {
     let targets = RecordedTraffic::read(&file).targets(1);
     let steps: Vec<i32> = targets.windows(2).map(|pair| pair[1] - pair[0]).collect();
     assert_eq!(steps.iter().max(), Some(&100));
-    // A change of the step is 0.2 counts at most in a cycle: over 100 cycles 20, and two for rounding.
+    // With the move's acceleration the step changes by at most 0.2 counts a cycle: by 20 counts in 100 cycles, and by two more
+    // from rounding.
     let changes: Vec<i32> = steps.windows(101).map(|window| window[100] - window[0]).collect();
     assert!(changes.iter().all(|change| change.abs() <= 22), "{changes:?}");
     assert!(changes.iter().any(|change| *change >= 18), "it uses its acceleration");
-    // The ramps with that jerk take 0.3 + 0.5 + 0.2 s, the rest is at full speed.
+    // Each ramp takes 0.7 s: 0.2 s until full acceleration, 0.3 s with it, and 0.2 s until it has ended. So 150,000 counts at
+    // 100,000 counts per second take 1.5 s + 0.7 s.
     let seconds = targets.len() as f64 / 1000.0;
     assert!((2.19..=2.21).contains(&seconds), "{seconds}");
     run(["move", "1=150000", "--up", "--link", &board]

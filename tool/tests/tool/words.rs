@@ -12,7 +12,8 @@ const LINK: &str = "sim:?slaves=drive&clock=virtual";
 fn slot_size_and_slots_mean_the_same_in_every_verb() {
     let program = Program { short: true, ..Program::default() }.record();
     let file = program.path();
-    // Behind a chip it has already waited for OP, so that it runs unchanged.
+    // The program of this recording ran behind a chip and waited for OP. So `migrate` judges that it runs unchanged, and
+    // succeeds.
     let behind_chip = Program { scheme: "xf-sim", short: true, ..Program::default() }.record();
     for arguments in [
         &["dump", file, "--slot-size", "12"][..],

@@ -148,7 +148,7 @@ fn a_wrong_value_opens_no_chip() {
         (&["read", "0", "0x1000", "--complete", "--type", "u8"], "--complete"),
         (&["read", "0", "6041"], "did you mean `0x6041`?"),
     ] {
-        // This link does not open, and an attempt would be reported.
+        // `sim:` is no link to a chip. If the tool tried to open it, it would report that instead of the wrong value.
         let ran = run([&["xf", "sdo"], words, &["--link", "sim:"]].concat());
         ran.expect_misuse(&[why]);
     }

@@ -12,7 +12,7 @@ const NETWORK: &str = "sim:?slaves=drive*2,dp3cl,io";
 /// A file without an end.
 const ENDLESS: &str = "/dev/zero";
 
-/// `scan` and `dc`, in words and as JSON.
+/// `bus scan` and `bus dc` print the slaves and their clocks, as text and as JSON.
 #[test]
 fn scan_and_dc_show_slaves_and_clocks() {
     support::snapshot(
@@ -28,7 +28,7 @@ fn scan_and_dc_show_slaves_and_clocks() {
     );
 }
 
-/// BUS-3.1, BUS-5.1, BUS-8.2 Objects and files of a slave.
+/// BUS-3.1, BUS-5.1, BUS-8.2 `bus sdo` and `bus foe` read and write objects and files of a slave.
 #[test]
 fn sdo_and_foe_show_and_write() {
     let missing = file("bus_none").display().to_string();

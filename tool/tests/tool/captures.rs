@@ -207,7 +207,7 @@ fn of_several_boards_in_a_capture_one_is_chosen() {
     tool("replay", &file, &["--link", MODEL, "--device", "five"]).expect_misuse(&["five", "1.5"]);
 }
 
-/// Exit codes, words, JSON and picture for a board that differs from the model.
+/// If the board in a capture differs from the model, `replay` shows that by its exit code, as text, as JSON and as a picture.
 #[test]
 fn replay_shows_what_a_board_does_otherwise_than_the_model() {
     let run = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();

@@ -44,7 +44,7 @@ fn the_help_documents_exit_codes_and_every_verb() {
     }
 }
 
-/// `--version` is the version of the package.
+/// `--version` prints the version of the cargo package.
 #[test]
 fn the_version_is_that_of_the_package() {
     assert_eq!(run(["--version"]).expect_quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
@@ -113,7 +113,7 @@ fn link_help_lists_every_key_that_an_error_may_name() {
     }
 }
 
-/// Every shell gets a script that names the verbs and their options.
+/// `ecmsk completions` prints for every shell a script that names the verbs and their options.
 #[test]
 fn every_shell_gets_completions_of_verbs_and_options() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {

@@ -77,7 +77,7 @@ fn the_output_names_both_files_the_commands_before_and_the_difference() {
     assert!(dump[place..].lines().nth(1).expect("a line").contains(&number), "{number}");
 }
 
-/// The same as one JSON object, with numbers for programs.
+/// `--json` prints the result as one JSON object, with numbers for programs.
 #[test]
 fn json_has_the_comparison_as_one_object() {
     let a = Program::default().record();

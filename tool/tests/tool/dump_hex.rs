@@ -51,7 +51,8 @@ fn json_has_the_numbers_of_the_golden_frames() {
     }
 }
 
-/// XF-15.7 Golden packets of a chip, commands and answers, of any size and check word, in words and as JSON; between them a frame.
+/// XF-15.7 `dump --hex` shows golden packets of a chip, commands and answers, of any size and check word, as text and as JSON,
+/// also with a frame of a board between them.
 #[test]
 fn golden_packets_are_dumped() {
     let sign = |is_answer| if is_answer { '<' } else { '>' };
@@ -88,7 +89,7 @@ fn golden_packets_are_dumped() {
     assert!(text.contains("damaged: the check word"), "{text}");
 }
 
-/// The CRC in byte 3: right, absent, wrong, and right although 0.
+/// The JSON says of the CRC in byte 3 whether it is right, absent or wrong; a right CRC may also be 0.
 #[test]
 fn json_says_whether_the_crc_is_right_absent_or_wrong() {
     for (name, status) in

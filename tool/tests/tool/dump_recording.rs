@@ -70,14 +70,14 @@ const MIXED: [&str; 7] = [
     "io-wr",
 ];
 
-/// A recording in words: the link, then every frame with its number, its time and its slots.
+/// `dump` prints a recording as text: the link, then every frame with its number, its time and its slots.
 #[test]
 fn a_recording_is_dumped_frame_by_frame_with_its_link() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
     support::snapshot("dump_recording", &recorded.dump(&[]).expect_quiet());
 }
 
-/// The same as JSON lines: times since the first frame and as recorded.
+/// `dump --json` prints a recording as JSON lines, with each time since the first frame and as recorded.
 #[test]
 fn a_recording_is_dumped_as_json_lines_with_both_times() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
@@ -154,7 +154,7 @@ fn a_set_axis_in_op_does_not_change_the_kinds_of_slaves() {
     assert_eq!(recorded.json(&["--slots", "1"])[2]["slots"][0]["kind_from"], "guessed");
 }
 
-/// The slots asked for, or all of them.
+/// `--slots` selects the slots that are shown; `--all` shows all of them.
 #[test]
 fn only_the_slots_asked_for_are_shown() {
     let recorded = Recorded::new(&golden(&["csp-all-40"]), LINK, Some(SlotSize::Bytes12));
@@ -212,7 +212,7 @@ fn a_damaged_recording_never_ends_in_a_panic() {
     }
 }
 
-/// Unreadable files, and files that are no recording.
+/// A file that cannot be read, or is no recording, is an error with the next step.
 #[test]
 fn a_file_that_is_no_recording_is_an_error() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -241,8 +241,8 @@ fn a_recording_without_frames_has_nothing_to_show() {
     assert_eq!(recorded.dump(&[]).expect_quiet(), "");
 }
 
-/// A process that opens a board again goes on in the same file: one dump, each opening shows its link, and no time
-/// occurs twice.
+/// If a process opens a board again, its recording continues in the same file. `dump` shows all of it, with the link at each
+/// opening, and no time occurs twice.
 #[test]
 fn a_recording_of_several_openings_is_one_dump_with_each_link() {
     let folder = tempfile::tempdir().expect("a folder");

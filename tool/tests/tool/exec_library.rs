@@ -36,7 +36,7 @@ fn the_search_path_is_kept() {
     }
 }
 
-/// The library: a file, or a folder that has it by either name.
+/// `--library` names the library: as a file, or as a folder that has it by either of its names.
 #[test]
 fn the_option_library_names_a_file_or_a_folder() {
     let place = ExecFolder::new();
@@ -54,8 +54,8 @@ fn the_option_library_names_a_file_or_a_folder() {
     }
 }
 
-/// Without --library: beside the tool, then in ../lib, as `cargo xtask stage` installs them, then where Debian has the
-/// libraries of this architecture.
+/// Without --library the tool searches the library beside itself, then in ../lib, as `cargo xtask stage` installs both, then in
+/// Debian's folder of libraries for this architecture.
 #[test]
 fn the_library_is_looked_for_beside_the_tool() {
     let place = ExecFolder::new();

@@ -127,7 +127,7 @@ mod needs_cxx {
         has(&ran, &["warning: the program writes frames of 504 bytes, the board's are 512 (16-byte slots); "]);
     }
 
-    /// The reason why there is no board: none is plugged in, or another program has it.
+    /// If a program gets no board, `exec` gives the reason: none is plugged in, or another program has it.
     #[test]
     fn why_a_program_got_no_board_is_told() {
         let ran = exec(&[], "tcp://127.0.0.1:9", &["1"]);
@@ -152,7 +152,7 @@ mod needs_cxx {
         has(&ran, &[&format!("{failed}see whether SET_AXIS declares each slave")]);
     }
 
-    /// A full FIFO, a FIFO that runs empty in a motion, and unread reports.
+    /// `exec` reports a full FIFO, a FIFO that runs empty in a motion, and reports that the program did not read.
     #[test]
     fn a_full_fifo_an_empty_fifo_and_unread_reports_are_told() {
         let ran = exec(&[], TWO, &["2", "500", "flood"]);
@@ -162,7 +162,7 @@ mod needs_cxx {
         assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
     }
 
-    /// A program that is killed has a summary, too.
+    /// `exec` prints a summary also for a program that is killed.
     #[test]
     fn a_program_that_is_killed() {
         let ran = exec(&[], ONE, &["2", "200", "killed"]);

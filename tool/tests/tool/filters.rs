@@ -40,7 +40,7 @@ fn slots(frame: &Value) -> Vec<u64> {
     frame["slots"].as_array().expect("slots").iter().map(|slot| slot["slot"].as_u64().expect("a number")).collect()
 }
 
-/// Slots by number, range and word; the SDO slot is the last of either frame.
+/// `dump --slots` selects slots by number, range and word; the SDO slot is the last one of a frame in either slot size.
 #[test]
 fn dump_by_slot() {
     for (size, sdo) in [(SlotSize::Bytes12, 41), (SlotSize::Bytes16, 31)] {
@@ -59,7 +59,8 @@ fn dump_by_slot() {
     }
 }
 
-/// Commands by name: the frames with these commands, the reports that answer them, and only these slots of them.
+/// `dump --commands` selects by the names of commands: it shows the frames with these commands and the reports that answer
+/// them, and of both only the slots concerned.
 #[test]
 fn dump_by_command() {
     let recorded = mixed(SlotSize::Bytes12);
@@ -87,7 +88,7 @@ fn dump_by_command() {
     assert_eq!(second.last().expect("frames")["slots"][0]["kind_from"], "given");
 }
 
-/// Times of the recording with their unit, both ends included; an empty output is reported.
+/// `dump --from --to` selects frames by times with a unit, both ends included; a note says if nothing is left.
 #[test]
 fn dump_by_time() {
     let recorded = mixed(SlotSize::Bytes12);
@@ -112,7 +113,7 @@ fn dump_by_time() {
     run(["dump", "--hex", "--from", "1"]).expect_misuse(&["--from", "--hex"]);
 }
 
-/// A plot of ranges of axes and of commands; if nothing is left there is an error and no plot.
+/// `plot` selects axes by ranges, and commands; if nothing is left there is an error and no plot.
 #[test]
 fn plot_by_axis_and_command() {
     let (run, _) = two_axes();

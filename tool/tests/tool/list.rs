@@ -47,8 +47,8 @@ fn several() -> FakeMachine {
     tree
 }
 
-/// Every board with its link, the reason why it cannot be opened, and what to do; other devices with the reason why
-/// they are no boards. In words and as JSON.
+/// `list` shows every board with its link, the reason why it cannot be opened, and what to do; it shows other devices with the
+/// reason why they are no boards. It does so as text and as JSON.
 #[test]
 fn boards_of_every_kind() {
     let tree = several();
@@ -121,7 +121,7 @@ fn the_exit_code_is_0_if_every_board_can_be_opened() {
     assert_eq!(tree.run(&["list"]).code, Some(1));
 }
 
-/// Each reason why a board cannot be opened, with what to do.
+/// `list` names each reason why a board cannot be opened, with what to do.
 #[test]
 fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
     type Change = fn(&FakeMachine);

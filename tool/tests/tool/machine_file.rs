@@ -228,7 +228,7 @@ fn a_new_file_is_equal_to_its_network() {
     assert_eq!(shown.expect_quiet(), text);
 }
 
-/// The schema names all fields, with what they mean.
+/// `machine schema` prints a schema that has all fields of a machine file, with their meanings.
 #[test]
 fn the_schema_has_the_fields_of_the_file() {
     let schema = Folder::new(MACHINE).run(&["machine", "schema"]);

@@ -14,7 +14,7 @@ fn verbs(help: &str) -> Vec<String> {
         .collect()
 }
 
-/// A page for the tool and one for each verb, with its options and its examples line by line.
+/// `ecmsk man` makes a page for the tool and one for each verb, with its options, and its examples line by line.
 #[test]
 fn a_page_for_each_verb() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -44,7 +44,7 @@ fn a_page_for_each_verb() {
     }
 }
 
-/// An unknown verb, and a folder that cannot be written.
+/// An unknown verb, and a folder that cannot be written, are errors with the next step.
 #[test]
 fn an_unknown_verb_or_an_unwritable_folder_is_an_error() {
     run(["man", "frobnicate"]).expect_failure(1, &["no verb `frobnicate`"], "`ecmsk --help` lists");

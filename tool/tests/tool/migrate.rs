@@ -67,7 +67,7 @@ fn verdict<'a>(found: &'a Value, name: &str) -> &'a Value {
     &uses.iter().find(|used| used["name"] == name).unwrap_or_else(|| panic!("no {name}: {found}"))["verdict"]
 }
 
-/// A program of two drives and an IO slave, in words and as JSON.
+/// `migrate` judges a program of two drives and an IO slave, as text and as JSON.
 #[test]
 fn a_program_in_words_and_as_json() {
     let program = Program::default().record();
@@ -83,7 +83,8 @@ fn a_program_in_words_and_as_json() {
     support::snapshot("tool_migrate", &format!("{}\n{pretty}\n", shown(&[])));
 }
 
-/// Items that run, that differ and that do not run: the program's circumstances decide, and each row has its sentence.
+/// The verdict on an item (runs, differs, does not run) depends on how the program uses it. The report names the row of
+/// docs/MIGRATION.md for each, with a sentence.
 #[test]
 fn what_differs_is_named_with_its_row() {
     let files = Files::new();
@@ -226,7 +227,8 @@ fn a_stall_wants_sets_ahead() {
     assert!(migrate(&recorded, &[]).out.contains("in virtual time no PC is late"));
 }
 
-/// The picture: the FIFO's level and the pauses, each with what `ahead=` covers, and gaps in a motion.
+/// The picture of `--plot` shows the level of the FIFO and the pauses of the host, each with the number that `ahead=` covers,
+/// and the gaps in a motion.
 #[test]
 fn the_picture_shows_level_pauses_and_ahead() {
     let files = Files::new();
@@ -266,7 +268,7 @@ fn captures_are_read() {
     }
 }
 
-/// A cycle that is too short for the chip is reported with the needed time and a remedy; a slower clock needs larger
+/// If the cycle is too short for the chip, the report has the time that is needed and a remedy. A slower SPI clock needs larger
 /// packets.
 #[test]
 fn a_cycle_and_a_clock() {

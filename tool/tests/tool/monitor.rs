@@ -64,7 +64,7 @@ fn monitor(file: &std::path::Path, options: &[&str]) -> Ran {
     run([&["monitor", "--recording", path], options].concat())
 }
 
-/// The table: board, FIFO, SDO, and every slave by its kind.
+/// The table of `monitor` shows the board, the FIFO, the SDO, and every slave by its kind.
 #[test]
 fn the_table_shows_board_fifo_sdo_and_every_slave() {
     let (folder, file) = everything(true);
@@ -85,7 +85,8 @@ fn without_set_axis_kinds_are_guessed_and_marked() {
     assert!(!told.contains("\n    2 "), "{told}");
 }
 
-/// One object for each interval of the recording's time: rates, speeds, and slots as in `dump --json`.
+/// `monitor --json` prints one object for each interval of the recording's time, with rates, velocities, and slots as in `dump
+/// --json`.
 #[test]
 fn json_has_one_object_for_each_interval() {
     let (_folder, file) = everything(true);
@@ -138,7 +139,7 @@ fn a_silent_board_is_shown_and_a_lost_one_ends_the_monitor() {
     assert!(json_lines(&ran.out).iter().all(|view| view["slots"][0]["state"] == "PreOP"), "{}", ran.out);
 }
 
-/// Sources that cannot be watched, and what to do.
+/// A source that cannot be watched is an error with the next step.
 #[test]
 fn a_source_that_cannot_be_watched_is_an_error_with_the_next_step() {
     let board = FakeBoard::new(SlotSize::Bytes12, 1);

@@ -330,7 +330,7 @@ fn esi_files_in_other_encodings_with_long_texts() {
     );
 }
 
-/// An element with very many attributes is read as any other; a repeated attribute is refused with its line.
+/// An element of an ESI file with very many attributes is read like any other; a repeated attribute is refused with its line.
 #[test]
 fn very_many_attributes_are_read() {
     let many: String = (0..80_000).map(|n| format!(" a{n}=\"{n}\"")).collect();

@@ -44,7 +44,7 @@ fn targets_and_positions() {
     }
 }
 
-/// Torque in percent of rated, as the drive reports it in 0.1 %.
+/// The plot shows torque in percent of the rated torque; the drive reports it in 0.1 %.
 #[test]
 fn torque_is_shown_in_percent_of_rated() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -60,7 +60,7 @@ fn torque_is_shown_in_percent_of_rated() {
     near(highest, 7200.0 / 4.0 / 10.0, 180.0);
 }
 
-/// An HSP has its inputs where a drive has its torque.
+/// The plot shows no torque of an HSP (a pulse module), which has its inputs at that place in its slot.
 #[test]
 fn an_hsp_has_no_torque() {
     let mut board = FakeBoard::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
@@ -72,7 +72,7 @@ fn an_hsp_has_no_torque() {
     assert_eq!(plot.panel_names(), ["Axis 1: position (counts)", "FIFO: free entries of 160"]);
 }
 
-/// The FIFO's level, and the moments when commands were lost.
+/// The plot shows the level of the FIFO, and the times at which commands were lost.
 #[test]
 fn the_fifo_level_and_lost_commands_are_shown() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -165,7 +165,7 @@ fn axes_and_time_can_be_chosen() {
     assert!(plot.texts().iter().any(|text| text.starts_with("0.4 to 0.5 s of ")), "{:?}", plot.texts());
 }
 
-/// Eight axes in eight colours; more are named and left out.
+/// A plot shows at most eight axes, in eight colours; a note says which eight of a larger number.
 #[test]
 fn eight_axes_have_colours_and_further_ones_are_left_out_by_name() {
     let board = |axes: usize| {
@@ -319,7 +319,7 @@ fn names_with_markup_do_not_break_the_svg() {
     assert!(plot.texts().iter().any(|text| text.contains("<a & \"b\">\u{fffd}\u{fffd}'.pcapng")), "{:?}", plot.texts());
 }
 
-/// Recordings that cannot be plotted, and what to do.
+/// A recording that cannot be plotted is an error with the next step.
 #[test]
 fn what_cannot_be_plotted_is_an_error_with_the_next_step() {
     let (board, _) = two_axes();

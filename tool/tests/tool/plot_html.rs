@@ -46,7 +46,7 @@ fn a_page_is_one_small_file_that_fetches_nothing() {
     assert_eq!(html, page(&recorded.file, &[]), "the same bytes again");
 }
 
-/// Positions are those of the frames, one for each report, as `dump` shows them.
+/// The page has the positions of the frames, one for each report, as `dump` shows them.
 #[test]
 fn the_points_are_those_of_the_frames() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -82,7 +82,7 @@ pub fn dumped(file: &Path) -> Vec<(i64, i64)> {
     frames.map(|frame| (number(&frame["time_ns"]), number(&frame["slots"][1]["position_counts"]))).collect()
 }
 
-/// Events have their times and the tool's words, in order.
+/// The page lists the events of the run in order, with their times, in the words of the tool.
 #[test]
 fn events_stand_in_words() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -102,7 +102,7 @@ fn events_stand_in_words() {
     assert!(spans.iter().any(|span| span["slave"] == 2 && span["state"] == "fault"), "{spans:?}");
 }
 
-/// Names and units are those of the machine file.
+/// The page names axes and units as the machine file does.
 #[test]
 fn axes_have_their_names_and_units() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -116,7 +116,7 @@ fn axes_have_their_names_and_units() {
     assert_eq!(hello["slaves"][0]["name"], "X");
 }
 
-/// A page does not replace its recording, and a time without OP is an error.
+/// A page is not written over its recording, and a range of times outside OP is an error.
 #[test]
 fn what_cannot_be_shown_is_an_error() {
     let folder = tempfile::tempdir().expect("a folder");

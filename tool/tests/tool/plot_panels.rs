@@ -124,7 +124,8 @@ fn a_drive_in_csv_shows_its_velocity() {
     assert!(plot.panel_names().contains(&"Velocity (counts/s; pale: of the targets)"));
 }
 
-/// The plane: the commanded and the actual path, the first axis horizontal, both to the same scale.
+/// The diagram `xy` shows the commanded and the actual path of two axes in their plane: the first axis horizontal, both to the
+/// same scale.
 #[test]
 fn the_plane_shows_two_axes_to_the_same_scale() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 3);
@@ -154,7 +155,7 @@ fn the_plane_shows_two_axes_to_the_same_scale() {
     };
     near(span(|point| point.0), 2.0 * span(|point| point.1), 100.0 * 8.0);
     assert!(plot.texts().contains(&"position of axis 3 (counts)") && plot.texts().contains(&"time (s)"));
-    // By default the first two axes.
+    // The diagram `xy` shows the first two axes, unless `--xy` names others.
     assert_eq!(
         recorded.plot(&["--panels", "xy"]).panel_names(),
         ["Plane of axes 1 and 2: position of axis 2 (counts)"]

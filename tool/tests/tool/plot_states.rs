@@ -149,7 +149,7 @@ fn a_fault_is_shown_with_its_code_until_it_is_cleared() {
     }
 }
 
-/// SK-3.21 An HSP has no error code in its slot: the value in its place is none.
+/// SK-3.21 The slot of an HSP has no error code. The bytes at that place are not shown as one.
 #[test]
 fn a_fault_of_an_hsp_has_no_error_code() {
     let mut run = FakeBoard::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);

@@ -21,8 +21,8 @@ fn exported(whole: &Run, ending: &str) -> std::path::PathBuf {
     file
 }
 
-/// A recording in blocks shows every verb what the pcapng shows that it was made from, and becomes the same pcapng, byte
-/// by byte.
+/// A recording in blocks (.ecmrec) that was exported from a pcapng gives the same output in every verb. Exported back it
+/// becomes the same pcapng, byte by byte.
 #[test]
 fn every_verb_reads_both_formats_alike() {
     let program = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() };

@@ -12,7 +12,7 @@ fn run(arguments: &[&str]) -> Ran {
     ecmsk([&["serve", "gadget"][..], arguments].concat()).output().expect("the tool starts").into()
 }
 
-/// What cannot be is said with the next step, and nothing is made.
+/// A board that cannot be served at a device port is an error with the next step, and no gadget is made.
 #[test]
 fn a_board_that_cannot_be_shown_is_an_error_with_the_next_step() {
     run(&[]).expect_misuse(&["--link"]);

@@ -73,7 +73,7 @@ fn serve_usbip_says_what_it_serves_and_who_attaches() {
     }
 }
 
-/// The options are shown in the device's descriptors.
+/// The USB device descriptors have the serial number and the names that the options set.
 #[test]
 fn the_device_has_the_serial_number_and_names_that_were_set() {
     let options = "--vendor 1234 --product 0xabcd --release 0203 --serial S1 --name N --interval 4";

@@ -59,7 +59,7 @@ fn a_jam_and_a_step_are_found() {
     assert_eq!(two["target_step"]["value"], 10);
 }
 
-/// `--fail-on` names what failed, and ends with 1.
+/// With `--fail-on` standard error names the limit that was exceeded, and the exit code is 1.
 #[test]
 fn a_limit_makes_a_run_fail() {
     let path = recorded("summary_limits");

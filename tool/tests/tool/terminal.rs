@@ -280,7 +280,7 @@ fn a_closed_terminal_ends_the_shell() {
     }
 }
 
-/// `doctor` colours its states on a terminal, unless NO_COLOR or TERM=dumb disables colours.
+/// `doctor` colours the words `ok`, `advice` and `wrong` on a terminal, unless NO_COLOR or TERM=dumb forbids it.
 #[test]
 fn doctor_uses_colours_on_a_terminal_only() {
     let green = "\x1b[32mok    \x1b[0m  versions ";

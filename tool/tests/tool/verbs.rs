@@ -11,7 +11,8 @@ fn recorded(name: &str, slaves: &str) -> (String, std::path::PathBuf) {
     (format!("sim:?slaves={slaves}&clock=virtual&record={}", file.display()), file)
 }
 
-/// `info` and `state`, in words and as JSON; with --scan, info reads the identity of the slaves.
+/// `info` and `state` show the board and its slaves, as text and as JSON; with --scan, `info` reads the identities of the
+/// slaves.
 #[test]
 fn info_and_state_show_board_and_slaves() {
     let step = "sim:?slaves=step,hsp2&clock=virtual&slot=16&fw=1.5";
@@ -39,7 +40,7 @@ fn a_network_of_one_slave_is_told_in_the_singular() {
     assert_eq!(one.lines().last(), Some("found       1 slave"), "{one}");
 }
 
-/// Objects by number and name, abort codes in words; inputs and outputs.
+/// `sdo` reads and writes objects by number and by name and shows abort codes in words; `io` reads inputs and sets outputs.
 #[test]
 fn sdo_and_io_read_and_write() {
     support::snapshot(

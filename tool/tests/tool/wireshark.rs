@@ -225,7 +225,7 @@ mod needs_tshark {
         changes
     }
 
-    /// A wrong CRC, a command that its slot does not take and one that is malformed have remarks.
+    /// A wrong CRC, a command in a slot that does not take it, and a malformed command each have a remark.
     #[test]
     fn remarks_name_commands_that_a_board_rejects() {
         let size = SlotSize::Bytes12;

@@ -9,7 +9,7 @@ use crate::common::{ecmsk, json_lines, run};
 /// Two drives and an IO slave.
 const CHIP: &str = "xf-sim:?slaves=drive*2,io&clock=virtual";
 
-/// XF-18.3, XF-18.5, XF-18.6 `scan`, `info` and `state`, in words and as JSON.
+/// XF-18.3, XF-18.5, XF-18.6 `scan`, `info` and `state` show the chip and its slaves, as text and as JSON.
 #[test]
 fn scan_info_and_state_show_chip_and_slaves() {
     support::snapshot(
@@ -86,7 +86,7 @@ fn what_there_is_is_named() {
     }
 }
 
-/// XF-18.2 The table has the 91 functions, with and without a chip, in words and as JSON.
+/// XF-18.2 `xf commands` lists the 91 functions of the chip, as text and as JSON. It needs no chip.
 #[test]
 fn commands_are_listed() {
     let text = run(["xf", "commands"]).expect_quiet();
@@ -154,7 +154,7 @@ fn a_wrong_value_opens_no_chip() {
     }
 }
 
-/// XF-18.8 The layout of the process data by slave and object, with the present inputs.
+/// XF-18.8 `xf pdo` shows the layout of the process data by slave and object, with the present inputs.
 #[test]
 fn pdo_shows_objects_and_inputs() {
     support::snapshot(
@@ -167,7 +167,7 @@ fn pdo_shows_objects_and_inputs() {
     );
 }
 
-/// XF-18.9 The chip's own inputs and outputs.
+/// XF-18.9 `xf gpio`, `adc`, `dac` and `encoder` read and set the chip's own inputs and outputs.
 #[test]
 fn units_are_read_and_set() {
     support::snapshot(

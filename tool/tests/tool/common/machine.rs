@@ -61,7 +61,7 @@ impl FakeMachine {
         tree
     }
 
-    /// A machine without faults: a board at 1-1, an SPI device with its lines, and rights for all of it.
+    /// Makes a machine without faults: a board at USB path 1-1, an SPI device with its GPIO lines, and rights for all of it.
     pub fn good() -> Self {
         let tree = Self::bare();
         tree.board("1-1", 4, "7");

@@ -11,7 +11,7 @@ pub const GAP: &str = "#E39BF5";
 pub const IN_OUT: [&str; 2] = ["#0B6E8A", "#B84A00"];
 /// Shading where a drive has a fault, is homing, is not enabled.
 pub const STATES: [&str; 3] = ["#F9CFD0", "#FFEEB8", "#E9ECEF"];
-/// Colour of numbers at the axes.
+/// Colour of the numbers at the axes.
 const SOFT_INK: &str = "#586068";
 /// Colour of the FIFO's level.
 pub const FIFO: &str = "#405060";
@@ -193,7 +193,7 @@ const PANELS: [&str; 10] = [
     "Pauses ",
 ];
 
-/// One of the diagrams.
+/// One diagram of a plot: its name, and its top and bottom in the coordinates of the picture.
 pub struct Panel<'a> {
     plot: &'a Plot,
     name: String,

@@ -4,7 +4,7 @@
 use crate::common::board::{BOARD, script, text};
 use crate::common::run;
 
-/// A wrong option is a wrong command line.
+/// A verb with a wrong option ends as with any wrong command line, with exit code 2, and says why.
 #[test]
 fn a_wrong_option_is_a_wrong_command_line() {
     for (words, why) in [

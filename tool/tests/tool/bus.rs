@@ -108,7 +108,7 @@ fn sii_reads_checks_and_writes() {
     assert!(insisted.code == Some(0) && insisted.out.contains("words written and read back"), "{insisted:?}");
 }
 
-/// BUS-7.1, BUS-7.2 `errors` names the cable, watched or not; without errors the exit code is 0.
+/// BUS-7.1, BUS-7.2 `bus errors` names the bad cable, with and without `--watch`; without errors the exit code is 0.
 #[test]
 fn errors_name_the_bad_cable() {
     let noise = text("bus_noise", "noise 3 40\n");

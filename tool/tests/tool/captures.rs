@@ -139,7 +139,7 @@ fn a_capture_is_played_to_a_model_behind_a_chip() {
     tool("replay", &capture.file, &["--pace", "soon"]).expect_misuse(&["--pace", "answers"]);
 }
 
-/// Without any CRC the slot size is found by the slots.
+/// If no frame of a capture has a CRC, the slot size is found by the contents of the slots.
 #[test]
 fn without_crc_the_slots_tell_the_size() {
     for slot in [12, 16] {
@@ -170,7 +170,7 @@ fn two_boards() -> Vec<Event> {
     both
 }
 
-/// With several boards one has to be chosen; `dump` shows all, one after the other.
+/// If a capture has several boards, verbs that read one of them ask for `--device`; `dump` shows all of them.
 #[test]
 fn of_several_boards_in_a_capture_one_is_chosen() {
     let both = two_boards();

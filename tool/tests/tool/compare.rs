@@ -142,7 +142,7 @@ fn one_command_tells_a_latency_that_is_too_long() {
     compare(&a, &b, &["--latency", &usual.to_string()]).expect_quiet();
 }
 
-/// Gaps are reported with their cycles.
+/// `compare` reports the gaps in the motions of a recording, with the number of cycles of each.
 #[test]
 fn gaps_are_told() {
     let a = Program::default().record();

@@ -14,7 +14,8 @@ const SPI: &str = "spi:/dev/spidev0.0";
 const XF_SPI: &str = "xf-spi:/dev/spidev0.0";
 const SIM: &str = "sim:";
 
-/// The report, without the parts that depend on this build and on the machine of the test.
+/// Runs `doctor` on a machine of files; its output is without the parts that depend on this build and on the machine of the
+/// test.
 fn report(tree: &FakeMachine, link: &str, arguments: &[&str]) -> Ran {
     let mut command = tree.tool(&[&["doctor", "--quick"], arguments].concat());
     let mut ran = Ran::from(command.env("ECMSK_LINK", link).output().expect("the tool starts"));

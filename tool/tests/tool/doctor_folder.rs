@@ -224,7 +224,7 @@ fn files_that_lie_about_themselves_do_not_end_the_tool() {
         .version(&[("CompanyName", "\u{1b}[31mMaker"), ("FileVersion", "1")])
         .text(b"NEXTWUSBLib.dll\0")
         .bytes();
-    // Every length of the headers, and some of the rest.
+    // The file is cut at every third byte of its headers, and at some bytes of the rest.
     let lengths = (0..0x200).step_by(3).chain((0x200..whole.len()).step_by(37));
     let mut files: Vec<Vec<u8>> = lengths.map(|end| whole[..end].to_vec()).collect();
     let cut = files.len();

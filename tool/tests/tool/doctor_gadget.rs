@@ -13,7 +13,7 @@ const GADGETS: &str = "/sys/kernel/config/usb_gadget";
 const SYSTEMS: &str = "/proc/filesystems";
 const MODULES: &str = "/lib/modules/6.1.0-test/modules.order";
 
-/// A machine with a device port, set up for this user.
+/// A machine with a USB device port, where the user of the test may make a gadget.
 fn good() -> FakeMachine {
     let tree = FakeMachine::good();
     tree.file(&format!("{CONTROLLER}/maximum_speed"), "high-speed\n");
@@ -97,7 +97,8 @@ fn each_thing_that_is_wrong_has_its_finding_with_the_next_step() {
     }
 }
 
-/// What is right: a free port, one that serves a board, and a module that is loaded later. Without `--gadget` nothing is said.
+/// A free device port, one that serves a board, and a kernel module that is loaded later are right. Without `--gadget` there is
+/// no finding about device ports.
 #[test]
 fn a_machine_that_can_be_a_board_is_right() {
     let tree = good();

@@ -48,7 +48,7 @@ fn a_program_that_opens_no_board_is_named() {
     }
 }
 
-/// --record becomes a key of the link, encoded, with the whole path.
+/// `--record` becomes the key `record=` of the link, percent-encoded and with the absolute path.
 #[test]
 fn record_is_part_of_the_link() {
     let place = ExecFolder::new();
@@ -134,7 +134,7 @@ fn the_exit_code_is_that_of_the_program_or_128_plus_the_signal() {
     }
 }
 
-/// 127 for a missing program, 126 for one that cannot be executed, each with what to do.
+/// The exit code is 127 for a program that does not exist and 126 for one that cannot be executed; the error says what to do.
 #[test]
 fn programs_that_do_not_start() {
     let place = ExecFolder::new();

@@ -21,7 +21,8 @@ fn the_library_is_found_first() {
     assert_eq!(out, format!("700\nlibNEXTWUSBLib.so\n{library}\nlibNEXTWUSBLib.so.0\n{library}\n"));
 }
 
-/// The user's search path stays behind it; an empty one, which would mean the current folder, is not kept.
+/// The user's search path follows the folder of the library. An empty search path, which would mean the current folder, is not
+/// kept.
 #[test]
 fn the_search_path_is_kept() {
     let place = ExecFolder::new();

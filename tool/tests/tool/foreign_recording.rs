@@ -156,7 +156,7 @@ fn replay_opens_no_file_unasked() {
             ran.expect_failure(2, &["names a file (script=", "--allow-files"], "with --link");
         }
     }
-    // A model that the user names uses the user's files.
+    // If the user names the model by `--link`, the files that the recording's link names are not opened.
     renamed(&program.file, &format!("sim:?clock=virtual&script={}", pipe.display()), &file);
     let ran = run(["replay", file.to_str().expect("UTF-8"), "--link", "sim:?slaves=drive*2,io"]);
     assert!(ran.code == Some(0) && ran.out.contains("\nequal: "), "{ran:?}");

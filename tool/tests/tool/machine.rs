@@ -8,7 +8,7 @@ use std::os::unix::fs::PermissionsExt;
 use crate::common::machine::FakeMachine;
 use crate::common::{Ran, json_lines, run};
 
-/// The rule is written to udev's folder, once; an existing file is not changed.
+/// `doctor --write-udev-rule` writes the rule to udev's folder if there is none; an existing file is not changed.
 #[test]
 fn the_udev_rule_is_written_once_where_udev_looks() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -31,7 +31,7 @@ fn the_udev_rule_is_written_once_where_udev_looks() {
     run(["doctor", "--write-udev-rule", "--json"]).expect_misuse(&["--json"]);
 }
 
-/// Without the right to write it, the tool prints commands for the user, which work.
+/// A user without the right to write the udev rule gets commands from the tool that write it.
 #[test]
 fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");

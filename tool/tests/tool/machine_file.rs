@@ -1,4 +1,5 @@
-//! The machine file: one file runs one program on every board in units; limits; `ecmsk machine`.
+//! The machine file: with the same file a program runs on every board in units; its limits are kept; `ecmsk machine` makes and
+//! checks it.
 
 use std::path::{Path, PathBuf};
 

@@ -17,8 +17,9 @@ use tempfile::TempDir;
 const SIZE: SlotSize = SlotSize::Bytes16;
 const MS: u64 = 1_000_000;
 
-/// A recording with each kind of slave: a drive that is on, one with an alarm, one that is off, IO, a pulse module of
-/// two channels; 100 reports, 1 ms apart, in which the first drive goes 5 counts each.
+/// Makes a recording with each kind of slave: a drive that is on, one with an alarm, a stepper that is off, an IO slave, a pulse
+/// module of two channels. It has 100 reports, 1 ms apart, between which the first drive goes 5 counts. `declared`: it begins
+/// with SET_AXIS, which gives the kinds.
 fn everything(declared: bool) -> (TempDir, PathBuf) {
     let mut script = Script::default();
     let mut command = Frame::new();
@@ -118,7 +119,7 @@ fn nothing_is_sent() {
         assert_eq!((&last["counters"]["frames"], &last["slots"][0]["state"]), (&0.into(), &"PreOP".into()), "{clock}");
         assert!(last["reports"].as_u64().is_some_and(|reports| reports > 0), "{clock}");
         assert_eq!(last["reports_lost"], 0, "{clock}");
-        // The link knows the kinds of slaves.
+        // The kinds of the slaves are known from the link.
         assert_eq!(last["slots"][3]["kind"], "io", "{clock}");
     }
     let text = run(["monitor", "--link", "sim:?slaves=drive*2", "--once"]).expect_quiet();

@@ -115,7 +115,8 @@ fn a_link_names_objects_behind_any_kind_in_one_normal_form() {
     assert!(of("drive:objekts@a").unwrap_err().to_string().contains("objects@FILE|any"));
 }
 
-/// SK-7.47 An invalid file is refused when the board is switched on, with its line; so is a file that is not regular.
+/// SK-7.47 A file of objects that is invalid, or is not a regular file, is refused when the simulated board is made; the error
+/// names the line.
 #[test]
 fn an_invalid_objects_file_is_refused_with_its_line() {
     let open = |file: &str| Ecm::open(&format!("sim:?slaves=drive:objects@{file}&clock=virtual")).err().expect("wrong");

@@ -57,13 +57,14 @@ fn an_empty_fifo_during_motion_is_marked_with_its_length() {
     }
 }
 
-/// TOOL-147 The end of a motion, a pause between two motions, and a host that is late but has commands waiting are no gaps.
+/// TOOL-147 No gap is marked at the end of a motion, in a pause between two motions, or when a host is late but commands wait
+/// in the FIFO.
 #[test]
 fn ends_and_pauses_of_motion_are_no_gaps() {
     let (run, _) = {
         let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
         for start in [0, 2000] {
-            // The motion begins and ends slowly, as a planned one.
+            // The motion begins and ends slowly, as a planned motion does.
             for i in 0..=100_i32 {
                 run.send(&[start + i * i * (300 - 2 * i) / 500]);
                 run.cycle();

@@ -11,7 +11,7 @@ use crate::common::{json_lines, run};
 /// The limit of the page without its data, in bytes.
 const PAGE_MAX: usize = 300_000;
 
-/// Two axes that move, with an alarm on the way.
+/// Records a run in which two axes move and one of them gets an alarm on the way; returns the path of the recording.
 pub fn recorded(folder: &Path) -> PathBuf {
     let script = folder.join("alarm.ecmscript");
     std::fs::write(&script, "at 600ms alarm 2 0x7305\n").expect("a file");

@@ -74,7 +74,8 @@ fn a_table_has_the_reports() {
     assert!(rows.iter().all(|row| row.len() == names.len()));
 }
 
-/// `info` says what is in a file without reading it, and with `--check` where it is damaged; `summary` says so, too.
+/// `recording info` shows from the index what is in a recording. With `--check` it reads all frames and shows where the
+/// recording is damaged. `summary` reports the damage, too.
 #[test]
 fn damage_is_told_with_its_time() {
     let whole = Program::default().record();

@@ -94,7 +94,8 @@ fn a_socket_needs_the_origin_of_the_page() {
     web.end();
 }
 
-/// A page is greeted, and then told channels, events, counters and points. What another program does shows there.
+/// A page gets a hello message first, then channels, events, counters and points. They show what another program does with the
+/// board.
 #[test]
 fn a_page_shows_what_another_program_does() {
     let (board, link, web) = of_a_served_board();
@@ -173,7 +174,7 @@ fn status(socket: &mut WebSocket<TcpStream>) -> Value {
     }
 }
 
-/// Connections that say nothing, or a page that reads nothing, hold nobody up.
+/// Connections that send nothing, and a page that reads nothing, do not delay other pages or the board.
 #[test]
 fn who_says_nothing_holds_nobody_up() {
     let web = of_a_simulated_board();

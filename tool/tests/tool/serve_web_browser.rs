@@ -5,8 +5,9 @@ mod needs_chromium {
     use crate::common::run;
     use crate::plot_html::{dumped, recorded};
 
-    /// The page of a recording: states in words, events, the values of the frames, cursors, XY, keys, a phone's width. Its
-    /// policy allows its own scripts, and it fetches nothing. With ECMSK_BLESS=1 it writes the picture of docs/WEB.md.
+    /// The page of a recording in a browser: states in words, events, the values of the frames, cursors, the XY diagram, keys,
+    /// and the width of a phone. Its policy allows its own scripts only, and it fetches nothing. With ECMSK_BLESS=1 the test
+    /// writes the picture of docs/WEB.md.
     #[test]
     fn a_recording_is_shown_from_a_file() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -84,7 +85,7 @@ mod needs_chromium {
         }
     }
 
-    /// The page of a board: what another program does shows, and it stops at its trigger.
+    /// The page of a board in a browser shows what another program does, and stops at its trigger.
     #[test]
     fn a_board_is_shown_live() {
         let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);

@@ -47,7 +47,7 @@ fn the_esi_file_says_what_the_eeprom_says() {
     }
 }
 
-/// A list is not a kind; a file that cannot be written is a failure with the next step.
+/// `ecmsk slave` takes one kind and no list; a file that cannot be written is a failure with the next step.
 #[test]
 fn what_slave_refuses() {
     let run = |arguments: &[&str]| ecmsk([&["slave"][..], arguments].concat()).output().expect("the tool starts");

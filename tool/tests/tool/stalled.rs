@@ -162,7 +162,8 @@ fn homing_obeys_ctrl_c() {
     });
 }
 
-/// A result waits for its reader, with the axes at a standstill: a slow reader gets it whole, and the tool succeeds.
+/// The tool waits until its result is read, with the axes at a standstill. So a slow reader gets the whole result, and the tool
+/// succeeds.
 #[test]
 fn a_result_waits_for_its_reader() {
     let (server, _told) = serve("sim:?slaves=drive");

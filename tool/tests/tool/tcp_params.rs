@@ -1,4 +1,4 @@
-//! `ecmsk params` of drives behind a board that is served: backup, change, diff and restore give the same parameters.
+//! `ecmsk params` of drives behind a board that is served over TCP: backup, change, diff and restore give the same parameters.
 
 use crate::common::board::file;
 use crate::common::run;

@@ -162,7 +162,8 @@ impl Terminal {
     }
 }
 
-/// Tab completes, arrow up recalls lines, Ctrl-C without a running step explains how to leave, quit leaves.
+/// In the shell Tab completes words, arrow up recalls lines, Ctrl-C without a running step explains how to leave, and `quit`
+/// ends it.
 #[test]
 fn the_shell_completes_recalls_lines_and_quits() {
     let mut terminal = Terminal::start(&["shell", "--link", "sim:?slaves=drive&clock=virtual"]);

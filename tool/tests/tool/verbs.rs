@@ -162,7 +162,7 @@ fn axes_stay_on_unless_close_says_servo_off() {
     }
 }
 
-/// All axes begin and end in the same frame, on a straight line, whatever their distances are.
+/// The targets of all axes begin and end in the same frame and are on a straight line, whatever the distances of the axes are.
 #[test]
 fn axes_move_on_a_straight_line() {
     let (board, file) = recorded("line", "drive*3");

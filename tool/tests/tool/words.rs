@@ -7,7 +7,7 @@ use support::recorded::Program;
 
 const LINK: &str = "sim:?slaves=drive&clock=virtual";
 
-/// `--slot-size` is the size and `--slots` are slots in every verb.
+/// In every verb `--slot-size` is the slot size and `--slots` selects slots.
 #[test]
 fn slot_size_and_slots_mean_the_same_in_every_verb() {
     let program = Program { short: true, ..Program::default() }.record();

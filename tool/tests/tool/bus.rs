@@ -6,7 +6,7 @@ use ecmsk::ethercat::sii::checksum;
 use crate::common::board::{file, text, transcript, transcript_entry};
 use crate::common::{json_lines, run};
 
-/// Two drives, a stepper and an IO slave.
+/// The link of the tests: two drives, a stepper and an IO slave.
 const NETWORK: &str = "sim:?slaves=drive*2,dp3cl,io";
 
 /// A file without an end.
@@ -151,7 +151,7 @@ fn a_network_is_named_or_there_is_none() {
     }
 }
 
-/// A wrong value is reported before a network is opened.
+/// A wrong value on the command line is reported before the network is opened.
 #[test]
 fn a_wrong_value_opens_no_network() {
     for (words, why) in [

@@ -130,7 +130,7 @@ fn a_capture_is_played_to_a_model_behind_a_chip() {
     let ran = tool("replay", &capture.file, &[&model[..], &["--pace", "times"]].concat());
     assert_eq!((ran.code, ran.err.as_str()), (Some(1), ""));
     assert!(ran.out.contains("state OP in A, PreOP in B"), "{}", ran.out);
-    // Boards of the same kind need no waiting, but allow it.
+    // A model of the same kind of board answers as early as the board did. `--pace answers` makes no difference then.
     for pace in [&[][..], &["--pace", "answers"]] {
         let found =
             tool("replay", &capture.file, &[&["--link", "sim:?slaves=drive*2,io"], pace].concat()).expect_quiet();

@@ -18,7 +18,8 @@ mod needs_cxx {
         use crate::common::ecmsk;
         use crate::common::svg::{Plot, STATES};
 
-        /// The script of the demo: $1 is the tool, $2 the program.
+        /// The shell script of the demo that makes a pair of network cards and runs a program on simulated slaves: $1 is the
+        /// tool, $2 the program.
         const ON_A_CARD: &str = "
 ip link add veth0 type veth peer name veth1
 ip link set veth0 up

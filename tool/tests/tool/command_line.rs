@@ -154,7 +154,7 @@ fn completions_work_in_bash() {
     assert_eq!(Ran::from(bash.expect("bash starts")).expect_quiet(), "dump\n--kinds\n");
 }
 
-/// A reader of the output may stop: no panic, no message, no failure.
+/// If the reader of the output stops (a closed pipe), there is no panic, no message and no failure.
 #[test]
 fn a_reader_of_the_output_may_stop_without_any_failure() {
     let zeros = format!("{}\n", "00".repeat(504)).repeat(2000);
@@ -194,7 +194,7 @@ fn a_full_disk_is_an_error_with_the_next_step() {
     }
 }
 
-/// Standard error may be closed, too.
+/// A closed standard error changes nothing else about a verb.
 #[test]
 fn a_closed_standard_error_changes_nothing() {
     let mut command = ecmsk(["dump", "/no/such/file"]);

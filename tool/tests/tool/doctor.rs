@@ -61,7 +61,7 @@ fn the_exit_code_says_whether_anything_is_wrong_with_the_machine() {
     support::snapshot("tool_doctor_bad", &format!("{text}\n{}", json.out));
 }
 
-/// A machine with all faults.
+/// Makes a machine with all faults that `doctor` reports.
 fn bad() -> FakeMachine {
     let bad = FakeMachine::bare();
     bad.hub("1-2", "80");

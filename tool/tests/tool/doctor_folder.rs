@@ -9,7 +9,7 @@ use serde_json::Value;
 use support::pe::{ARM64, IL_ONLY, PREFERS_32, Pe, REQUIRES_32, X64, X86, ours, vendors};
 use tempfile::TempDir;
 
-/// A folder with these files.
+/// Makes a folder with these files, each a name and a content.
 fn folder(files: &[(&str, Vec<u8>)]) -> TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, bytes) in files {
@@ -37,7 +37,7 @@ fn told<'a>(findings: &'a [Value], check: &str, subject: &str) -> (&'a str, &'a 
     (text("state"), text("found"), text("next"))
 }
 
-/// A program that links the library, as a C++ compiler's linker leaves it.
+/// A Windows program for a machine (of the PE format) that links the library, as the linker of a C++ compiler leaves it.
 fn program(machine: u16) -> Vec<u8> {
     Pe::program(machine).text(b"NEXTWUSBLib.dll\0").bytes()
 }

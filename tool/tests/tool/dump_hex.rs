@@ -18,7 +18,7 @@ fn dump(arguments: &[&str], input: impl AsRef<[u8]>) -> Ran {
     run_with_input(&[&["dump", "--hex"], arguments].concat(), input)
 }
 
-/// Every golden frame in words, in a snapshot that was checked by hand.
+/// `dump --hex` shows every golden frame as text, as in a snapshot that was checked by hand.
 #[test]
 fn every_golden_frame_is_dumped_as_the_snapshot_says() {
     let input: String = vectors().iter().map(|vector| format!("# {}\n{}", vector.name, line(vector))).collect();
@@ -105,7 +105,7 @@ fn json_says_whether_the_crc_is_right_absent_or_wrong() {
     }
 }
 
-/// Fields have names with units, so that a script needs no byte offsets.
+/// The fields of the JSON have names with units, so that a script needs no byte offsets.
 #[test]
 fn json_fields_have_names_with_units() {
     let slot = |name: &str, slot: &str, arguments: &[&str]| {
@@ -157,7 +157,8 @@ fn a_guessed_direction_is_marked_and_a_prefix_or_flag_settles_it() {
     assert!(dump(&["--command"], format!(" < {digits}")).expect_quiet().starts_with("line 1    response\n"));
 }
 
-/// Blanks, comments and upper case do not matter; lines keep their numbers.
+/// Blanks, comments and upper case in lines of digits do not change the output. The line numbers in the output count all lines
+/// of the input, comments and empty lines too.
 #[test]
 fn blanks_comments_and_upper_case_do_not_matter() {
     let vector = vector_named("csp-index-7");

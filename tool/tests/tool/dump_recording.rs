@@ -30,7 +30,7 @@ fn pass(script: &mut Script, at_ns: u64, vector: &Vector) {
     }
 }
 
-/// A folder with a recording.
+/// A recording in a folder of its own, and `dump` on it.
 struct Recorded {
     _folder: TempDir,
     file: PathBuf,
@@ -192,7 +192,7 @@ fn a_truncated_recording_is_shown_up_to_the_error() {
     assert!(ran.out.contains("frame 2 ") && ran.err.contains("ends in the middle of the block at byte"), "{ran:?}");
 }
 
-/// Bytes that were changed give an error or other frames, never a crash.
+/// A recording with changed bytes gives an error or other frames, and never a crash.
 #[test]
 fn a_damaged_recording_never_ends_in_a_panic() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));

@@ -308,7 +308,7 @@ mod needs_cxx {
         assert_eq!(out, "sim:?slaves=drive*3&clock=virtual\n");
     }
 
-    /// Without --link the library opens its default: a board on USB.
+    /// Without --link the library opens its default link, a board on USB.
     #[test]
     fn without_a_link_the_library_decides() {
         let mut command = exec_command(&[], &program("which_link.c"));

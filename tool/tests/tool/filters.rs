@@ -7,7 +7,7 @@ use crate::common::{Ran, json_lines, run};
 use ecmsk::sk::{MasterCommand, MasterState, SdoCommand, SlaveCommand, SlotSize};
 use serde_json::Value;
 
-/// Two drives that are moved, one of them homed in between, and an SDO.
+/// A recording of two drives that are moved, one of them homed in between, and of an SDO.
 fn mixed(size: SlotSize) -> Recorded {
     let mut board = FakeBoard::new(size, 2);
     for i in 0..10 {

@@ -125,7 +125,7 @@ fn replay_ends_whatever_the_times_are() {
     let ran = run(["replay", back.to_str().expect("UTF-8")]);
     assert!(ran.err.contains("its times jump once"), "{}", ran.err);
     assert!(ran.out.starts_with("A is "), "{ran:?}");
-    // The picture shows the motion, and not an hour of nothing.
+    // The plot shows the time of the motion, and not the hour by which the clock was set.
     let svg = program.file.with_extension("svg");
     let ran = run(["plot", back.to_str().expect("UTF-8"), "-o", svg.to_str().expect("UTF-8")]);
     assert!(ran.code == Some(0) && ran.err.contains("its times jump once"), "{ran:?}");

@@ -72,7 +72,7 @@ fn list_prints_what_tool_md_shows() {
     }
 }
 
-/// Every printed link is valid.
+/// Every link that `list` prints is valid.
 #[test]
 fn every_link_that_is_listed_can_be_parsed() {
     let links: Vec<String> = json_lines(&several().run(&["list", "--json"]).out)

@@ -40,7 +40,7 @@ fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     let ran = tree.run(&["doctor", "--write-udev-rule"]);
     ran.expect_failure(1, &["was not written: Permission denied"], "type the lines above");
     assert!(!tree.path("/etc/udev/rules.d/60-ecmsk.rules").exists());
-    // As root would, on this machine of files.
+    // The printed commands are executed as root would do it, but on this machine of files.
     let typed = tree.path("/typed");
     let script = ran.out.replace("/etc/udev/rules.d/60-ecmsk.rules", typed.to_str().expect("UTF-8"));
     let script = format!("sudo() {{ case $1 in tee) \"$@\";; *) echo \"$@\";; esac; }}\n{script}");

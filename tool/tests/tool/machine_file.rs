@@ -23,7 +23,7 @@ kind = "io"
 texts = { 0x7500 = "the red cable" }
 "#;
 
-/// A folder with a machine file.
+/// A folder with a machine file in it, in which the tool is started.
 struct Folder(TempDir);
 
 impl Folder {
@@ -224,7 +224,7 @@ fn a_new_file_is_equal_to_its_network() {
     folder.write("drive.toml", text_of_drive);
     let same = folder.run(&["machine", "check", "drive.toml", "--link"]).expect_quiet();
     assert_eq!(same, "drive.toml: nothing is wrong; slaves: 1, as they are there\n");
-    // A board does not list its slaves, and is asked one after the other.
+    // A board does not list its slaves, so `machine new` asks them one after the other; the file is the same.
     let shown = folder.run(&["machine", "new", link, "--output", "-"]);
     assert_eq!(shown.expect_quiet(), text);
 }

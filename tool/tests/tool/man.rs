@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::common::run;
 
-/// The verbs that a help lists.
+/// The names of the verbs that a help text of the tool lists.
 fn verbs(help: &str) -> Vec<String> {
     let list = help.split("\nCommands:\n").nth(1).unwrap_or_default();
     list.lines()

@@ -27,7 +27,7 @@ impl Files {
         self.0.path().join(name)
     }
 
-    /// The frames of a board as a recording in virtual time.
+    /// Writes the frames of a fake board as a recording in virtual time; returns its path.
     fn recorded(&self, name: &str, board: &FakeBoard) -> PathBuf {
         let file = self.path(name);
         board.script.record(&file, "sim:?clock=virtual", Some(board.size));
@@ -60,7 +60,7 @@ fn stalled(cycles: i32) -> FakeBoard {
     board
 }
 
-/// The verdict on an item that is used.
+/// The verdict in the JSON of `migrate` on an item (such as a command) that the program uses.
 #[track_caller]
 fn verdict<'a>(found: &'a Value, name: &str) -> &'a Value {
     let uses = found["uses"].as_array().expect("a list");
@@ -353,7 +353,7 @@ fn a_stall_is_told_with_what_it_is_of() {
     assert!(text.contains(&words) && text.contains(" in a motion, less the usual one of "), "{text}");
 }
 
-/// The links of the result are valid.
+/// The links that the report proposes are valid.
 #[test]
 fn the_links_can_be_opened() {
     let program = Program::default().record();

@@ -20,7 +20,7 @@ use rustix::termios::{Action, ControlModes, LocalModes, Termios, Winsize, tcflow
 const ROWS: NonZero<u16> = NonZero::new(20).expect("not 0");
 const COLUMNS: NonZero<u16> = NonZero::new(90).expect("not 0");
 
-/// A terminal with the tool on it.
+/// A terminal on which the tool runs.
 struct Terminal {
     keyboard: File,
     /// The tool's end of the terminal. It keeps the terminal open, and the test reads the terminal's settings from it.
@@ -155,7 +155,7 @@ fn started_as(owner: Owner) -> Terminal {
     terminal
 }
 
-/// Q and Ctrl-C end it with 0, and the terminal is as it was.
+/// The keys q and Ctrl-C end the monitor with exit code 0, and the terminal is as it was.
 #[test]
 fn q_and_ctrl_c_end_the_monitor_and_restore_the_terminal() {
     for key in [b"q" as &[u8], b"\x03", b"Q"] {
@@ -210,7 +210,7 @@ fn sigterm_ends_the_monitor_on_a_terminal_that_takes_no_output() {
     assert_eq!(tcgetattr(&terminal.line).expect("settings").local_modes, terminal.before.local_modes);
 }
 
-/// --seconds ends it by itself.
+/// `--seconds` ends the monitor by itself.
 #[test]
 fn the_monitor_ends_after_the_given_seconds() {
     let terminal = Terminal::start(&[BOARD, &["--seconds", "0.3"]].concat());

@@ -128,7 +128,7 @@ fn an_invalid_objects_file_is_refused_with_its_line() {
     assert!(open("/dev/zero").to_string().contains("a device"));
 }
 
-/// SK-7.47 A program on such a board writes its drive's objects and goes on.
+/// SK-7.47 A program on a board with a file of objects writes objects of its drive and goes on.
 #[test]
 fn a_program_writes_manufacturer_objects_of_a_drive() {
     let file = text("board.objects", OBJECTS);

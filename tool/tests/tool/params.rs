@@ -3,7 +3,7 @@
 use crate::common::board::{file, text};
 use crate::common::{json_lines, run};
 
-/// A stepper, a drive, and an IO slave.
+/// The link of the tests: a stepper, a drive, and an IO slave.
 const NETWORK: &str = "sim:?slaves=dp3cl,drive,io";
 
 /// A backup of slave 1, a stepper, in a file of this name.

@@ -238,7 +238,7 @@ fn a_report_that_was_read_late_is_plotted_when_it_was_made() {
     assert_eq!(late, in_time);
 }
 
-/// In a capture of two boards the one that is in OP is plotted.
+/// Of the two boards in a capture the one that is in OP is plotted.
 #[test]
 fn of_two_boards_the_one_in_op_is_plotted() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -260,7 +260,7 @@ fn of_two_boards_the_one_in_op_is_plotted() {
     near(samples.last().expect("samples").1, own.into(), 20_000.0);
 }
 
-/// A note is said once, although the recording is read twice.
+/// Each note on a recording is printed once, although the recording is read twice.
 #[test]
 fn each_note_is_printed_once() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -275,7 +275,7 @@ fn each_note_is_printed_once() {
     assert_eq!(ran.err.matches("no CRC tells the slot size").count(), 1, "{}", ran.err);
 }
 
-/// Leaving OP ends the lines, coming back starts new ones.
+/// When the network leaves OP the curves end; when it comes back they begin anew.
 #[test]
 fn outside_op_there_is_a_gap() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -420,7 +420,7 @@ fn an_axis_without_data_is_an_error_with_those_that_have_some() {
     recorded.plot(&["--axes", "2"]);
 }
 
-/// A time is a finite number.
+/// A time on the command line that is no finite number is refused.
 #[test]
 fn a_time_that_is_no_finite_number_is_refused() {
     let (board, _) = two_axes();

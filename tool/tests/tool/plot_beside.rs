@@ -60,7 +60,7 @@ fn both_runs_are_seen_to_their_ends_with_their_alarms() {
     let panel = plot.panel("Axis 1");
     near(panel.samples(BLACK, false).last().expect("the other run").0, 0.3, 0.9);
     assert_eq!(panel.notes().iter().map(|(_, text)| *text).collect::<Vec<_>>(), ["alarm 0x7500: communication"]);
-    // A range of times holds for both.
+    // A range of times (`--from`) applies to both recordings.
     let plot = long.plot(&["--beside", short.file.to_str().expect("UTF-8"), "--from", "0.4"]);
     assert!(plot.panel("Axis 1").samples(BLACK, false).is_empty());
 }

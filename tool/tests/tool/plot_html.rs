@@ -130,7 +130,7 @@ fn what_cannot_be_shown_is_an_error() {
     assert!(!Path::new(other).exists());
 }
 
-/// The logic of the page, in node.
+/// Tests of the page's JavaScript modules, run by Node.js.
 mod needs_node {
     use std::process::Command;
 

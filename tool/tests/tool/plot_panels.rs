@@ -93,7 +93,7 @@ fn the_velocity_of_positions_and_targets_is_shown_if_asked_for() {
     assert_eq!(plot.panel_names(), ["Velocity (counts/s; pale: of the targets)"]);
     let panel = plot.panel("Velocity");
     let at = cycles[700].seconds;
-    // 10 and 20 counts a cycle of 1 ms.
+    // The axes move by 10 and 20 counts in each cycle of 1 ms.
     near(panel.at(COLOURS[0], true, at), 10_000.0, 10_000.0);
     near(panel.at(COLOURS[1], true, at), 20_000.0, 20_000.0);
     let gone = cycles[702].position[1] - cycles[697].position[1];

@@ -1,4 +1,4 @@
-//! The picture of README.
+//! The pictures of README and of a board beside one with a chip are what the demo draws.
 #![cfg(target_os = "linux")]
 
 mod needs_cxx {

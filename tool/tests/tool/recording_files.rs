@@ -51,7 +51,7 @@ fn every_verb_reads_both_formats_alike() {
     assert!(pictures[0] == pictures[1], "another picture");
 }
 
-/// A table has a row for each report in OP, with the values of its slaves.
+/// `recording export` writes a table with a row for each report in OP, with the values of its slaves.
 #[test]
 fn a_table_has_the_reports() {
     const SIZE: SlotSize = SlotSize::Bytes12;
@@ -104,7 +104,7 @@ fn damage_is_told_with_its_time() {
     assert!(ran.err.contains("frames are missing: they were damaged in the file that was copied"), "{ran:?}");
 }
 
-/// What cannot be exported says why, and touches nothing.
+/// An export that is not possible is an error that says why, and changes no file.
 #[test]
 fn a_wrong_export_is_refused() {
     let whole = Program::default().record();

@@ -62,7 +62,7 @@ fn the_page_has_the_master_of_the_example() {
 const IN_NAMESPACE: &str =
     "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && exec \"$@\"";
 
-/// In a network namespace of the test's own.
+/// Tests that run in a network namespace of their own.
 mod needs_network_namespace {
     use std::io::{BufRead, BufReader, Read};
     use std::process::{Command, Stdio};
@@ -115,7 +115,7 @@ mod needs_network_namespace {
     }
 }
 
-/// In a network namespace of the test's own.
+/// Tests with the master pysoem, in a network namespace of their own.
 mod needs_pysoem {
     use std::io::{BufRead, BufReader, Read};
     use std::process::{Command, Stdio};

@@ -30,7 +30,7 @@ impl Serving {
         Self { child, out, address }
     }
 
-    /// The next line of standard output.
+    /// Reads the next line of standard output.
     fn line(&mut self) -> String {
         let mut line = String::new();
         self.out.read_line(&mut line).expect("a line");

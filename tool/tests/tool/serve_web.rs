@@ -137,7 +137,7 @@ fn a_page_shows_what_another_program_does() {
             has_output |= has(of(3, "output", 2), |output| output == 1);
         }
     }
-    // Nothing was sent to the board but what the program has sent.
+    // The page has sent nothing to the board: it is still in the state in which the program has left it.
     let info = run(["info", "--link", &link]).expect_quiet();
     assert!(info.contains("state       OP"), "{info}");
     web.end();
@@ -164,7 +164,7 @@ fn a_crowd_of_pages_does_not_slow_the_board() {
     web.end();
 }
 
-/// The next message with counters.
+/// Reads the next message with counters (type `status`).
 fn status(socket: &mut WebSocket<TcpStream>) -> Value {
     loop {
         let message = next_text(socket, &mut Vec::new());
@@ -189,7 +189,7 @@ fn who_says_nothing_holds_nobody_up() {
     web.end();
 }
 
-/// The page of a recording has all in it; there is no socket.
+/// The page of a recording contains all its data, and the server opens no WebSocket for it.
 #[test]
 fn a_recording_is_shown_whole() {
     let folder = tempfile::tempdir().expect("a folder");

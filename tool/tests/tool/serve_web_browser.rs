@@ -1,4 +1,4 @@
-//! The page in a browser.
+//! The pages of recordings and boards, tested in a browser (Chromium).
 
 mod needs_chromium {
     use crate::common::page::{Browser, Serving, insist};
@@ -32,7 +32,7 @@ mod needs_chromium {
             assert!((shown - position as f64).abs() < 0.01, "{shown} and not {position} at {at_ns} ns");
         }
 
-        // Curves are drawn: there are pixels that are neither paper nor grey.
+        // Curves are drawn: the picture has pixels with a colour, which background and grid have not.
         let coloured = "(() => { const { plot } = page.scope.panels[0]; const { canvas } = plot.ctx; \
                         const { data } = plot.ctx.getImageData(0, 0, canvas.width, canvas.height); let n = 0; \
                         for (let i = 0; i < data.length; i += 4) \

@@ -8,7 +8,7 @@ use std::process::{Child, Stdio};
 use crate::common::{Ran, ecmsk};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// The tool at work.
+/// A running `ecmsk serve xf`.
 struct Serving {
     child: Child,
     /// The first line of the server's output.

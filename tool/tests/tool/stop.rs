@@ -219,7 +219,7 @@ fn waiting_script(line: &[&str]) -> Work {
     Work::start(&["run", &script, line[2], line[3]])
 }
 
-/// A board that falls silent ends a move, with what to do.
+/// A board that falls silent ends a move; the error says what to do.
 #[test]
 fn a_silent_board_ends_a_move_with_the_next_step() {
     let events = text("silent.ecmscript", "at 900ms silent\n");

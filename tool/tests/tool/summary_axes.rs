@@ -75,7 +75,7 @@ fn a_limit_makes_a_run_fail() {
     assert!(ran.code == Some(2) && ran.err.contains("allowed: any, alarm"), "{ran:?}");
 }
 
-/// The last of 40 axes has its extremes, too.
+/// The summary has the extremes of all axes, up to the last one of 40.
 #[test]
 fn every_axis_has_its_extremes() {
     let path = file("summary_forty.pcapng");

@@ -11,7 +11,7 @@ use ecmsk::sk::{Frame, MasterState};
 use rustix::process::{Pid, Signal, kill_process};
 use support::tcp::{LIMIT, options, serve_with, until, uri};
 
-/// `ecmsk serve tcp` on any free port; killed when dropped.
+/// A running `ecmsk serve tcp` on any free port; dropping the value kills it.
 struct Serving {
     child: Child,
     address: String,

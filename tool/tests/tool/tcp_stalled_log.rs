@@ -18,7 +18,8 @@ use support::full_pipe;
 use support::tcp::proxy::Cable;
 use support::tcp::{LIMIT, Raw, SIZE, options, serve_with, until};
 
-/// The running tool, with an unread standard error.
+/// Starts the tool with a standard error that is a full pipe. Returns the tool, its standard output, the address on which it
+/// listens, and the reading end of the pipe.
 fn serving(arguments: &[&str], keys: &[(&str, &str)]) -> (Child, BufReader<ChildStdout>, String, PipeReader) {
     let (reader, writer) = full_pipe();
     let mut command = ecmsk(arguments);

@@ -25,10 +25,10 @@ enum Owner {
     Nobody,
 }
 
-/// A terminal with the tool in it.
+/// A terminal in which the tool runs.
 struct Terminal {
     keys: File,
-    /// The output so far, and whether it has ended.
+    /// The tool's output so far, and whether the output has ended.
     screen: Arc<(Mutex<(String, bool)>, Condvar)>,
     /// The length of the output that earlier waits have consumed.
     seen: usize,
@@ -138,7 +138,7 @@ impl Terminal {
         self.keys.write_all(keys.as_bytes()).expect("it reads");
     }
 
-    /// Brings the shell's network to OP and its drive on.
+    /// Types the lines that bring the shell's network to OP and switch its drive on.
     fn servo_on(&mut self) {
         for (line, answer) in [("state op\r", "OP\r\n"), ("servo on 1\r", "Operation enabled")] {
             self.keys(line);

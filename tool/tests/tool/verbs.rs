@@ -33,7 +33,7 @@ fn info_and_state_show_board_and_slaves() {
     );
 }
 
-/// A network of one slave is described in the singular.
+/// `info --scan` writes about a network of one slave in the singular.
 #[test]
 fn a_network_of_one_slave_is_told_in_the_singular() {
     let one = run(["info", "--scan", "--link", "sim:?slaves=drive&clock=virtual"]).expect_quiet();

@@ -22,7 +22,7 @@ fn the_kept_plugin_is_installed() {
     ran.expect_failure(1, &["cannot write"], "--dir");
 }
 
-/// Without --dir the folder is that of the user.
+/// Without --dir the plugin is installed into the folder of the user's Wireshark plugins.
 #[cfg(unix)]
 #[test]
 fn the_folder_is_the_user_s() {

@@ -233,7 +233,8 @@ mod needs_tshark {
         }
     }
 
-    /// `StateSet`, `state` as `ecmsk_xf.state_set.state`.
+    /// The name of a field in Wireshark: the field `state` of the function `StateSet` is `ecmsk_xf.state_set.state`. `part` is
+    /// `answer.` for a field of an answer.
     fn name_of(row: &FunctionFields, part: &str, field: &Field) -> String {
         let snake = row.type_name.chars().enumerate().flat_map(|(n, letter)| {
             let line = (letter.is_uppercase() && n > 0).then_some('_');

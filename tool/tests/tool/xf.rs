@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use crate::common::board::transcript;
 use crate::common::{ecmsk, json_lines, run};
 
-/// Two drives and an IO slave.
+/// The link of the tests: a chip with two drives and an IO slave on virtual time.
 const CHIP: &str = "xf-sim:?slaves=drive*2,io&clock=virtual";
 
 /// XF-18.3, XF-18.5, XF-18.6 `scan`, `info` and `state` show the chip and its slaves, as text and as JSON.

@@ -10,15 +10,15 @@ use ecmsk::sk::{CommandId, DriveResponse, Frame, MasterResponse, MasterState, Sl
 use crate::common::{Ran, run, run_with_input};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
-/// Two drives and an IO slave on virtual time.
+/// The link of the tests: two drives and an IO slave on virtual time.
 pub const BOARD: &str = "sim:?slaves=drive*2,io&clock=virtual";
 
-/// Command lines with their output, as a user sees it: standard error first.
+/// The transcript of several command lines: each with its output as a user sees it, standard error first.
 pub fn transcript(lines: &[&[&str]]) -> String {
     lines.iter().map(|words| transcript_entry(words, &run(*words))).collect()
 }
 
-/// One command line with its output.
+/// The part of a transcript for one command line: the command, its output and its exit code.
 pub fn transcript_entry(words: &[&str], ran: &Ran) -> String {
     let quoted: Vec<String> = words.iter().map(|word| quoted(word)).collect();
     let said: String = ran.err.lines().map(|line| format!("! {line}\n")).collect();
@@ -80,7 +80,7 @@ impl RecordedTraffic {
         self.written.iter().any(|frame| frame.slot(self.size, slot).id == id.code())
     }
 
-    /// The drive's slot of the last report.
+    /// The slot of a drive in the last report.
     pub fn last(&self, slave: usize) -> DriveResponse {
         DriveResponse::decode(&self.reports.last().expect("a report").slot(self.size, slave))
     }

@@ -16,17 +16,17 @@ const CALL: u64 = MS / 8;
 /// The statusword of a drive in Operation enabled that follows its target (bit 12).
 pub const ENABLED: u16 = 0x1637;
 
-/// The fake board and its host, with a cycle of 1 ms.
+/// The fake board and its host, with a cycle of 1 ms, and the frames between them so far.
 pub struct FakeBoard {
     pub script: Script,
     pub size: SlotSize,
-    /// The time of the first frame.
+    /// The time of the first frame, in nanoseconds.
     start_ns: u64,
     now_ns: u64,
     free: u16,
     full: u16,
     waiting: VecDeque<Vec<i32>>,
-    /// The targets that were executed last.
+    /// The target of each axis that was executed last, in counts.
     pub targets: Vec<i32>,
     pub positions: Vec<i32>,
     /// The values in the slot of each drive.

@@ -12,7 +12,7 @@ use tungstenite::{Message, WebSocket};
 
 use super::{ecmsk, run};
 
-/// The text of the element with the data of a recording.
+/// The text of the element of a recording's page that contains its data as JSON.
 #[track_caller]
 pub fn data(html: &str) -> &str {
     let (_, rest) = html.split_once(r#"<script type="application/json" id="data">"#).expect("an element for data");
@@ -122,7 +122,7 @@ impl Serving {
         (head.to_owned(), body.to_owned())
     }
 
-    /// A WebSocket as the page opens one; `None` if it is refused.
+    /// Opens a WebSocket as the page does; `None` if the server refuses it.
     pub fn socket(&self) -> Option<WebSocket<TcpStream>> {
         let (host, token) = self.host_and_token();
         let mut request = format!("ws://{host}/live?token={token}").into_client_request().expect("an address");

@@ -9,7 +9,7 @@ use super::motion::FakeBoard;
 use super::svg::Plot;
 use super::{Ran, run};
 
-/// A folder with a recording.
+/// A recording of the fake board in a folder of its own, to be plotted.
 pub struct Recorded {
     _folder: TempDir,
     pub file: PathBuf,

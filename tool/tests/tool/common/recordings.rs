@@ -12,18 +12,18 @@ use ecmsk::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wa
 use ecmsk::recording::RecordMeta;
 use ecmsk::sk::{Frame, SlotSize};
 
-/// Frames and when they pass, in the order in which the host's calls return.
+/// The frames of a recording with their times in nanoseconds and directions, in the order in which the host's calls return.
 #[derive(Default)]
 pub struct Script(Vec<(u64, Dir, Frame)>);
 
 impl Script {
-    /// The host writes.
+    /// The host writes a frame at this time.
     pub fn command(&mut self, at_ns: u64, frame: Frame) -> &mut Self {
         self.0.push((at_ns, Dir::Write, frame));
         self
     }
 
-    /// The host reads a report made at that time.
+    /// The host reads a report that was made at this time.
     pub fn response(&mut self, at_ns: u64, frame: Frame) -> &mut Self {
         self.0.push((at_ns, Dir::Read, frame));
         self
@@ -61,7 +61,7 @@ impl Script {
         self
     }
 
-    /// Records to `file`. `slot` is the slot size that the link knows.
+    /// Records the frames to `file`, as those of the link `link`. `slot` is the slot size that the link knows.
     pub fn record(&self, file: &Path, link: &str, slot: Option<SlotSize>) {
         let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
         let queue = Mutex::new(self.0.iter().cloned().collect());

@@ -5,11 +5,11 @@
 pub const COLOURS: [&str; 8] = ["#1F77B4", "#E66A00", "#2C8C2C", "#A04EC4", "#009EA8", "#8C564B", "#E04FA0", "#7A7F1A"];
 /// The colour of marks for lost commands, alarms and other notes.
 pub const ALARM: &str = "#D01020";
-/// Shading where the FIFO was empty during motion.
+/// Colour of the areas in which the FIFO was empty during motion.
 pub const GAP: &str = "#E39BF5";
-/// Lines of inputs and outputs.
+/// Colours of the curves of inputs and of outputs.
 pub const IN_OUT: [&str; 2] = ["#0B6E8A", "#B84A00"];
-/// Shading where a drive has a fault, is homing, is not enabled.
+/// Colours of the areas in which a drive has a fault, is homing, is not enabled.
 pub const STATES: [&str; 3] = ["#F9CFD0", "#FFEEB8", "#E9ECEF"];
 /// Colour of the numbers at the axes.
 const SOFT_INK: &str = "#586068";
@@ -27,7 +27,7 @@ pub struct Label {
     /// `start`, `middle` or `end`: which part of the text is at `x`.
     pub anchor: String,
     pub size: f64,
-    /// A dark text is a name, a pale one a number or a caption.
+    /// The colour. A dark text is a name, a pale one a number or a caption.
     pub colour: String,
 }
 
@@ -68,10 +68,10 @@ pub struct Area {
     pub place: (f64, f64, f64, f64),
 }
 
-/// A plot.
+/// A plot that was read from an SVG: its texts, lines and areas.
 pub struct Plot {
     pub size: (f64, f64),
-    /// Width and height of the page.
+    /// Width and height of the picture on a page, in pixels; `size` is that of its finer grid.
     pub page: (f64, f64),
     pub labels: Vec<Label>,
     pub lines: Vec<Line>,

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use super::{json_lines, run};
 
-/// The plugin as it is kept, which is what `ecmsk wireshark install` writes.
+/// The plugin in `share/wireshark`, which is the same that `ecmsk wireshark install` writes.
 pub fn plugin() -> PathBuf {
     support::root().join("share/wireshark/ecmsk.lua")
 }

@@ -97,7 +97,8 @@ fn a_capture_is_plotted_and_compared() {
     }
 }
 
-/// The model answers the same as it answered the program through the kernel's USB code.
+/// A capture of a program on the model, which ran over the kernel's USB code, is replayed on the model: the answers are the
+/// same.
 #[test]
 fn a_capture_of_the_model_is_its_replay() {
     for slot in [12, 16] {

@@ -39,7 +39,8 @@ fn exit_codes_are_those_of_diff() {
     assert!(help.contains("0 the recordings are equal, 1 they differ, 2 they could not be compared"), "{help}");
 }
 
-/// The text names both files and their content, the commands before, the difference, and the commands after it.
+/// The text of `compare` names both files and their content, the commands before the difference, the difference, and the
+/// commands after it.
 #[test]
 fn the_output_names_both_files_the_commands_before_and_the_difference() {
     let a = Program::default().record();
@@ -155,7 +156,8 @@ fn gaps_are_told() {
     assert_eq!(found["a"]["gaps"]["count"], 0);
 }
 
-/// The picture: positions of both over the commands, their difference, a mark where it begins.
+/// The picture of `--plot` shows the positions of both runs over the commands, their difference, and a mark where the
+/// difference begins.
 #[test]
 fn the_picture_shows_both_positions_and_marks_where_they_differ() {
     let a = Program::default().record();

@@ -90,7 +90,7 @@ fn a_recording_is_dumped_as_json_lines_with_both_times() {
         let direction = if vector_named(name).is_response() { "response" } else { "command" };
         assert_eq!((&frame["direction"], &frame["direction_guessed"]), (&direction.into(), &false.into()), "{name}");
     }
-    // A SET_AXIS came before, so the kind of slave 1 is known.
+    // The recording has a SET_AXIS before this frame, so the kind of slave 1 is known.
     assert_eq!(
         (&frames[5]["slots"][1]["kind"], &frames[5]["slots"][1]["kind_from"]),
         (&"drive".into(), &"given".into())

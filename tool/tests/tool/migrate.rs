@@ -250,7 +250,7 @@ fn the_picture_shows_level_pauses_and_ahead() {
     assert_eq!(found["host"]["gaps"], 1);
 }
 
-/// Captures of a real system's USB are read as by the other verbs, whatever their slot size.
+/// `migrate` reads captures of the USB of a real system as other verbs do, whatever their slot size.
 #[test]
 fn captures_are_read() {
     for slot in [12, 16] {
@@ -325,7 +325,7 @@ fn the_way_to_op_is_told() {
     assert_eq!(verdict(&found, "SET_STATE OP")["row"], "start");
 }
 
-/// Commands and polls are counted as `compare` counts them.
+/// `migrate` counts commands and polls as `compare` does.
 #[test]
 fn commands_are_counted_as_compare_does() {
     let run = Program { polls: 3, ..Program::default() }.record();

@@ -175,7 +175,8 @@ fn signals_end_the_monitor_and_restore_the_terminal() {
     }
 }
 
-/// The exit code of a process that has to end by itself; a process that does not is killed, and the test fails.
+/// Waits for the end of a process that has to end by itself; returns its exit code. A process that does not end is killed, and
+/// the test fails.
 #[track_caller]
 fn ends(tool: &mut Child) -> Option<i32> {
     for _ in 0..12_000 {

@@ -62,7 +62,7 @@ fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     bash.args(["-c", &format!("exec 2>&1\n{script}")]).current_dir(folder.path()).env("PATH", path);
     let output = bash.env_remove("ECMSK_LOG").output().expect("bash starts");
     let text = String::from_utf8(output.stdout).expect("UTF-8").replace(keys, "").replace(&port, "4711");
-    // The number of progress lines depends on the machine.
+    // Lines of progress are not compared, because their number depends on the speed of the machine.
     let text: String = text.split_inclusive('\n').filter(|line| !line.starts_with("progress: ")).collect();
     let mut said: Vec<String> = text.split(&format!("{MARK}\n")).map(str::to_owned).collect();
     assert_eq!(said.pop().as_deref(), Some(""), "the shell ended early: {text}");
@@ -87,8 +87,8 @@ fn every_command_of_the_pages_prints_what_they_show() {
     }
 }
 
-/// On the real clock the commands that should succeed do. If the machine is late for a chip, a command may report a
-/// missing answer: then the page is run again.
+/// On the real clock each command of the pages that should succeed does so. If the machine is late for a chip, a command may
+/// report a missing answer: then the page is run again.
 #[test]
 fn every_command_of_the_pages_succeeds_on_the_real_clock() {
     const TRIES: usize = 5;

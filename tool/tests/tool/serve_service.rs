@@ -44,7 +44,7 @@ fn a_service_is_ready_when_it_serves() {
     end(child);
 }
 
-/// A service manager that reads nothing, or is not there, holds no server up: it serves, and ends by a signal.
+/// A server does not wait for a service manager that reads nothing or does not exist: it serves, and a signal ends it.
 #[test]
 fn a_service_manager_that_does_not_read_holds_nothing_up() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -180,7 +180,7 @@ fn axes_move_on_a_straight_line() {
     assert!(steps.contains(&50), "it reaches its speed");
 }
 
-/// Speed, acceleration and jerk of the targets are the requested ones.
+/// The targets of a move keep the velocity, acceleration and jerk that the options request.
 #[test]
 fn a_move_keeps_its_limits() {
     let (board, file) = recorded("limits", "drive");

@@ -28,8 +28,8 @@ fn slot_size_and_slots_mean_the_same_in_every_verb() {
     }
 }
 
-/// `--slot` is accepted where its meaning is clear, with a hint about the right name; where it may mean either it is an
-/// error that names both.
+/// `--slot` is accepted, with a hint at its present name, if only one of its two meanings is possible; otherwise the error
+/// names the present options for both.
 #[test]
 fn the_former_option_slot_is_accepted_where_it_is_unambiguous() {
     let program = Program { short: true, ..Program::default() }.record();

@@ -113,8 +113,8 @@ impl Reporter {
         }
     }
 
-    /// The times at which progress is shown: after the first second, then once a second, on a terminal ten times a
-    /// second. Without a terminal and in virtual time it is once a second for ten seconds, then after 20, 40, 80
+    /// The times at which progress is shown: after the first second, then once a second, or as text on a terminal ten times a
+    /// second. As text without a terminal and in virtual time it is once a second for ten seconds, then after 20, 40, 80
     /// seconds and so on \[OURS]. So the lines are the same in every run, and an hour has fewer than twenty of them.
     pub const fn pace(&self) -> ProgressPace {
         let every = if self.terminal && !self.json { Duration::from_millis(100) } else { Duration::from_secs(1) };

@@ -34,8 +34,8 @@ use crate::web::sampler::Sampler;
 const BLOCK_INTERVAL: Duration = Duration::from_millis(50);
 /// How many blocks are between two messages with the counters. \[OURS]
 const BLOCKS_PER_STATUS: u32 = 5;
-/// The largest number of reports in the buffer: a second at the fastest cycle. Reports that find it full are left out and
-/// counted. \[OURS]
+/// The largest number of reports in the buffer: two seconds at the fastest cycle, 250 us. Reports that find it full are left
+/// out and counted. \[OURS]
 const REPORTS_MAX: usize = 8000;
 /// The largest number of pages that show a board at the same time. \[OURS]
 const PAGES_MAX: usize = 16;

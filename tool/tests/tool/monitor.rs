@@ -17,9 +17,9 @@ use tempfile::TempDir;
 const SIZE: SlotSize = SlotSize::Bytes16;
 const MS: u64 = 1_000_000;
 
-/// Makes a recording with each kind of slave: a drive that is on, one with an alarm, a stepper that is off, an IO slave, a pulse
-/// module of two channels. It has 100 reports, 1 ms apart, between which the first drive goes 5 counts. `declared`: it begins
-/// with SET_AXIS, which gives the kinds.
+/// Makes a recording with each kind of slave: a drive that is on, one with an alarm, a stepper that is off, an IO slave, a
+/// pulse module of two channels. It has 100 reports, 1 ms apart, between which the first drive goes 5 counts. `declared`: it
+/// begins with SET_AXIS, which gives the kinds.
 fn everything(declared: bool) -> (TempDir, PathBuf) {
     let mut script = Script::default();
     let mut command = Frame::new();

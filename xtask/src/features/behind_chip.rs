@@ -29,8 +29,8 @@ const ALWAYS: [&str; 8] = [
 #[derive(Debug, Default)]
 pub struct BehindChip {
     /// Tests that count cycles. In the run of all tests behind a chip, additional cycles pass after the cycles that a test
-    /// runs: as many as the chip answers late. Tests that count cycles would count these too. So they are left out of that run.
-    /// Each has a run of its own without additional cycles, for which its full name selects it.
+    /// runs: as many as the chip answers late. Tests that count cycles would count these too. So they are left out of that run,
+    /// and have a run of their own without additional cycles, in which their full names select them.
     by_cycles: Vec<String>,
     /// Tests that are left out because they cannot pass behind a chip: every test whose name contains one of these texts.
     cannot: Vec<String>,

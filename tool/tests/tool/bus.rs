@@ -64,7 +64,8 @@ fn sdo_and_foe_show_and_write() {
     assert_eq!(std::fs::read(file("bus_read.csv")).expect("it is written"), b"firmware of a simulated drive\n");
 }
 
-/// BUS-4.1 EEPROMs are read and written; an unsuitable file is refused before anything is opened or written.
+/// BUS-4.1 `bus sii` reads and writes EEPROMs. A file that does not fit the slave is refused before the network is opened or
+/// anything is written.
 #[test]
 fn sii_reads_checks_and_writes() {
     let good = file("bus_good.bin");
@@ -131,7 +132,8 @@ fn errors_name_the_bad_cable() {
     assert_eq!((&trouble["bad"], &trouble["far"]["slave"]), (&"cable".into(), &3.into()), "{trouble}");
 }
 
-/// Without a link the error shows one and nothing is simulated; a board, a wrong link and a missing card are reported.
+/// Without a link the error shows an example of one, and no network is simulated. The link of a board, a wrong link and a
+/// missing card are errors.
 #[test]
 fn a_network_is_named_or_there_is_none() {
     for verb in [&["scan"][..], &["dc"], &["errors"], &["sdo", "list", "1"], &["sii", "read", "1"]] {

@@ -1,4 +1,5 @@
-//! The tool on captures: those of usbmon in the guest of the wire tests, see README.md, and the same with other headers.
+//! Verbs of the tool on captures: those that usbmon has made in the guest of the wire tests, and the same events in other
+//! formats.
 
 use std::fs;
 use std::path::{Path, PathBuf};

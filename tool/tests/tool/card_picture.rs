@@ -37,8 +37,8 @@ $2
         const ALARM: &str = "alarm 0x7500: communication, nic:veth0";
         /// The picture ends before either run does, so that its scale does not depend on real time.
         const END: &str = "4.3s";
-        /// Tolerance of a coordinate, in the picture's units of a quarter of a pixel: the rounding if a scale differs
-        /// by some counts.
+        /// The tolerance of a coordinate, in the picture's units of a quarter of a pixel. If the scale differs by some counts,
+        /// coordinates are rounded to other numbers.
         const ROUNDED: f64 = 2.0;
         /// How near a curve has to come to a value, in counts, to count as having reached it.
         const NEAR: f64 = 12_000.0;

@@ -46,8 +46,8 @@ fn rows(tree: &FakeMachine) -> Vec<Value> {
     json_lines(&tree.run(&["list", "--json"]).out)
 }
 
-/// Each Ethernet card is listed with its link and the reason why it is not usable; in words and as JSON. The exit code
-/// depends on the boards.
+/// `list` shows each Ethernet card with its link and the reason why it is not usable, as text and as JSON. The exit code is
+/// about boards and not about cards.
 #[test]
 fn cards_are_listed_with_what_they_lack() {
     let tree = several();

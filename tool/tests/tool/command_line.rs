@@ -50,7 +50,7 @@ fn the_version_is_that_of_the_package() {
     assert_eq!(run(["--version"]).expect_quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
 }
 
-/// A word that is another tool's name for a verb is answered with the right verb, an unknown word with the list of
+/// If a word is the name of a verb in other tools, the error names the verb of this tool; for an unknown word it lists the
 /// verbs.
 #[test]
 fn what_is_looked_for_elsewhere_is_shown() {
@@ -80,8 +80,8 @@ fn a_port_that_is_missing_is_named() {
     }
 }
 
-/// A missing recording is reported before a standard output that is no terminal; the help of the shell shows the form
-/// of a line.
+/// If the recording of `monitor` is missing, the error says so and not that standard output is no terminal. The help of the
+/// shell shows the form of a line.
 #[test]
 fn a_recording_that_is_missing_is_told_first() {
     run(["monitor", "--recording", "nofile"]).expect_failure(1, &["nofile"], "check the path");

@@ -128,8 +128,8 @@ fn the_latency_of_a_chip_is_told() {
     compare(&a, &b, &["--latency", "soon"]).expect_misuse(&["--latency"]);
 }
 
-/// A latency that only one command shows counts as well: a cycle more than allowed is a difference, whose message says
-/// where.
+/// A latency counts also if only one command shows it. If it is a cycle more than `--latency` allows, it is a difference, and
+/// the message says at which command.
 #[test]
 fn one_command_tells_a_latency_that_is_too_long() {
     let run = |scheme| Program { scheme, short: true, ..Program::default() }.record();

@@ -66,7 +66,8 @@ fn an_index_without_0x_is_questioned() {
     assert_eq!(run(["sdo", "read", "1", "0x6098", "--link", BOARD]).out, "35 (0x23)\n");
 }
 
-/// The error lists the words that may follow `expect` and other verbs with sub-verbs.
+/// If a word after `expect`, or after another verb with sub-verbs, is unknown or missing, the error lists the words that may
+/// follow.
 #[test]
 fn an_unknown_word_behind_a_verb_lists_the_allowed_ones() {
     for (line, wrong) in [("expect", "a word is missing"), ("expect foo 1", "`foo 1` is unknown")] {

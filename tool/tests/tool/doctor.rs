@@ -114,7 +114,8 @@ fn the_last_line_counts_what_is_wrong_and_what_could_be_better() {
     assert_eq!(last(&tree), (Some(1), Some("2 to put right, 1 could be better".into())));
 }
 
-/// One change on a good machine: the finding that reports it, its text and what to do. All other findings stay right.
+/// For each fault: one change to a machine without faults makes one finding that reports it, with its text and what to do. All
+/// other findings stay `ok`.
 #[test]
 fn each_thing_that_is_wrong_is_found_by_its_own_check() {
     type Change = fn(&FakeMachine);

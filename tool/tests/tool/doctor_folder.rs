@@ -64,8 +64,8 @@ fn a_folder_in_which_everything_fits_has_nothing_wrong() {
     assert!(ran.out.ends_with("nothing is wrong, 0 could be better\n"), "{}", ran.out);
 }
 
-/// A library of the wrong width is wrong, with Windows' error text and the library to put there; so is a missing one
-/// and a broken one. Programs that do not use the library are ignored.
+/// A library of the wrong width is wrong. The finding has the error text of Windows, and names the library to put there. A
+/// missing library and a broken one are wrong, too. Programs that do not use the library are ignored.
 #[test]
 fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
     for (machine, other, width, others, name) in
@@ -114,8 +114,8 @@ fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
     assert_eq!((arm.0.code, told(&arm.1, "program", "press.exe").0), (Some(1), "wrong"));
 }
 
-/// A .NET program has the width of its CLI header, on a 64-bit Windows; this project's assemblies search the folders
-/// for the widths, the program's own DllImport does not.
+/// A .NET program has the width that its CLI header requests from a 64-bit Windows. The assemblies of this project look for the
+/// library in the folders `x86` and `x64` as well; a DllImport of the program itself does not.
 #[test]
 fn a_dotnet_program_has_the_width_of_its_cli_header() {
     let managed = |machine, flags| Pe::program(machine).managed(flags).text(b"NEXTWUSBLib.dll\0");

@@ -37,7 +37,8 @@ fn findings(tree: &FakeMachine) -> Vec<Value> {
     findings
 }
 
-/// One change on a good machine: the finding that reports it, its text and what to do. All others stay right.
+/// For each fault: one change to a machine without faults makes one finding that reports it, with its text and what to do. All
+/// other findings stay `ok`.
 #[test]
 fn each_thing_that_is_wrong_has_its_finding_with_the_next_step() {
     type Change = fn(&FakeMachine);

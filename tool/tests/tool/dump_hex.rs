@@ -170,8 +170,8 @@ fn blanks_comments_and_upper_case_do_not_matter() {
     assert_eq!(out, expected);
 }
 
-/// SK-9.6 A 12-byte frame in 512 bytes: the first 504 count, the rest is filler. Its CRC shows the slot size, here as
-/// for 16-byte slots.
+/// SK-9.6 Of a frame with 12-byte slots in 512 bytes only the first 504 count; the rest is filler. The CRC shows the slot size,
+/// of this frame as of one with 16-byte slots.
 #[test]
 fn slot_size_is_found_by_the_crc() {
     let padded = |mut bytes: Vec<u8>| {

@@ -75,8 +75,8 @@ fn a_recording_that_cannot_be_made_is_an_error_before_the_program_starts() {
     twice.expect_failure(2, &["`record` is given twice"], "ecmsk link help");
 }
 
-/// Without --link the recorded link is the one that the library would choose: ECMSK_LINK, then the files beside the
-/// program and beside the library; none: a board on USB.
+/// Without --link `--record` records the link that the library would choose: that of ECMSK_LINK, else that of a file beside the
+/// program, else that of a file beside the library, else a board on USB.
 #[test]
 fn without_a_link_the_recording_is_of_the_link_that_the_library_chooses() {
     let place = ExecFolder::new();
@@ -247,7 +247,8 @@ fn kill(signal: &str, whom: &str) {
     assert!(sent.success(), "kill {signal} {whom}");
 }
 
-/// Ctrl-C goes to the whole group: the program decides, and the tool ends with it.
+/// Ctrl-C reaches the program and the tool, which are in the same process group. The program decides what to do, and the tool
+/// ends with it.
 #[test]
 fn ctrl_c_is_handled_by_the_program_alone() {
     let place = ExecFolder::new();

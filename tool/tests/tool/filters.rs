@@ -1,4 +1,4 @@
-//! What `ecmsk dump` and `ecmsk plot` leave out when asked: by slot, by command, by time.
+//! The filters of `ecmsk dump` and `ecmsk plot`: by slot, by command, by time.
 
 use crate::common::motion::FakeBoard;
 use crate::common::plots::{Recorded, two_axes};

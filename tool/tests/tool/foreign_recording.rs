@@ -41,8 +41,8 @@ fn renamed(recording: &Path, link: &str, file: &Path) {
     fs::write(file, bytes).expect("a file");
 }
 
-/// Texts of a recording, and the name of its file, are shown without effect: in words, in errors and notes, in
-/// pictures. JSON has them unchanged.
+/// Control sequences in the texts of a recording and in the name of its file are shown as codes: in text, in errors and notes,
+/// in pictures. JSON has the texts unchanged.
 #[test]
 fn text_of_a_recording_is_shown() {
     let program = Program::default().record();

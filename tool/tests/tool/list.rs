@@ -27,8 +27,8 @@ fn row(tree: &FakeMachine, path: &str) -> Value {
     rows.into_iter().find(|row| row["path"] == path).unwrap_or_else(|| panic!("{path} is not in the list"))
 }
 
-/// Boards of every kind: one that opens, one that is denied, one that is slow, one that sleeps; another device with their
-/// ids; SPI devices.
+/// A machine with boards of every kind: one that can be opened, one without rights, a slow one, one that sleeps; also another
+/// device with the same USB ids, and SPI devices.
 fn several() -> FakeMachine {
     let tree = FakeMachine::good();
     tree.hub("1-2", "e0");

@@ -50,7 +50,8 @@ fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     assert!(said.starts_with("udevadm control --reload\nudevadm trigger --subsystem-match=usb"), "{said}");
 }
 
-/// The rule: one line for the device, one for hidraw, by the board's ids; before the file that acts on uaccess.
+/// The udev rule has a line for the USB device and one for hidraw, each with the board's ids and the tag uaccess, and lines
+/// that give spidev and GPIO devices to groups. By its number the file comes before the file that acts on uaccess.
 #[test]
 fn the_rule_matches_the_board_by_its_ids_before_uaccess_is_acted_on() {
     let rule = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -67,8 +68,8 @@ fn the_rule_matches_the_board_by_its_ids_before_uaccess_is_acted_on() {
     }
 }
 
-/// Files that are missing, empty, nonsense, endless, not for this user, or no files: each time a report, and never a
-/// panic.
+/// Whether files of the machine are missing, empty, nonsense, endless, without rights or no files: `list` and `doctor` give a
+/// report, and never panic.
 #[test]
 fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
     type Spoil = fn(&FakeMachine, &str);

@@ -34,7 +34,7 @@ impl Files {
         file
     }
 
-    /// The same as a capture of usbmon, whose times are those of a clock on the wall.
+    /// The same frames as a capture of usbmon, whose times are those of a real clock.
     fn captured(&self, name: &str, board: &FakeBoard) -> PathBuf {
         let file = self.recorded(name, board);
         make_capture(&file, &vec![5; board.script.frames()]);
@@ -202,7 +202,8 @@ fn bad_input() {
     }
 }
 
-/// A host that stalled while its targets waited needs as many sets in the chip; virtual time allows no conclusion.
+/// If a host stalled while its targets waited in the FIFO, it needs as many sets of outputs in the chip. A recording in virtual
+/// time allows no such conclusion.
 #[test]
 fn a_stall_wants_sets_ahead() {
     let files = Files::new();
@@ -304,8 +305,8 @@ fn int0_is_advised_where_it_is_not_wired() {
     assert!(line("no INT0 ").contains("INT0 (int0=)"), "{}", ran.out);
 }
 
-/// A program that gives up by the clock fails behind a chip: the report has the time to OP beside that of the board,
-/// with its row, and never says `as it is`.
+/// A program with a time limit for reaching OP may fail behind a chip. The report has the time that the chip needs beside that
+/// of the board, with its row, and never says `as it is`.
 #[test]
 fn the_way_to_op_is_told() {
     let run = Program::default().record();
@@ -338,7 +339,8 @@ fn commands_are_counted_as_compare_does() {
     assert_eq!(counts(migrate(&run.file, &[]).out), counts(compared));
 }
 
-/// The part of a pause that counts as a stall is reported with the pause, the usual pause and the sets that waited.
+/// The report says which part of a pause counts as a stall, with the length of the pause, the usual pause, and the number of
+/// sets that waited.
 #[test]
 fn a_stall_is_told_with_what_it_is_of() {
     let files = Files::new();

@@ -90,8 +90,8 @@ fn making_an_object_allocates_nothing() {
     assert_eq!(allocated.count_total, 0);
 }
 
-/// SK-7.47 In a link the objects follow any kind, with a count and beside its travel, in one normal form; errors say
-/// what is allowed.
+/// SK-7.47 In a link `objects@FILE` may follow any kind of slave, also with a count and with the travel of the axis; the link
+/// has one normal form. Errors say what is allowed.
 #[test]
 fn a_link_names_objects_behind_any_kind_in_one_normal_form() {
     let of = |list: &str| {

@@ -211,7 +211,7 @@ fn labels_neither_overlap_nor_leave_the_picture() {
     }
 }
 
-/// 16-byte slots and a firmware whose full count counts words make no difference.
+/// The plot is right also with 16-byte slots and with firmware 1.5.
 #[test]
 fn slots_of_16_bytes_and_a_wide_full_count_give_the_same_plot() {
     let mut board = FakeBoard::new(SlotSize::Bytes16, 2);
@@ -379,7 +379,7 @@ fn a_truncated_recording_is_plotted_as_far_as_it_goes() {
     recorded.try_plot(&[]).expect_failure(1, &["ends in the middle of the block"], "before copying its file");
 }
 
-/// SET_FIFO's clear is a command for slot 0 with an argument in byte 2, whatever else the frame holds.
+/// A SET_FIFO that sets the threshold, whose byte 2 is an argument, does not keep the run from being plotted.
 #[test]
 fn a_fifo_clear_is_found_whatever_else_the_frame_holds() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);

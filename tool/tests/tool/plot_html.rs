@@ -143,7 +143,7 @@ mod needs_node {
         assert!(said.contains("# fail 0") && !said.contains("# pass 0"), "{said}");
     }
 
-    /// A name that two modules have would be an error of the page, which is one module of all.
+    /// The page joins its modules into one. So no two modules may have the same name at their top level.
     #[test]
     fn the_modules_are_one_module() {
         let recorded = super::Recorded::new(&super::two_axes().0);

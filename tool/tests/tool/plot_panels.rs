@@ -12,8 +12,8 @@ fn io(id: u8, bits: u16) -> ecmsk::sk::RawSlot {
     IoResponse { head: SlaveResponse { id, index: 0 }, bits }.encode()
 }
 
-/// A drive that moves, and an IO slave whose input 3 goes up and whose output 15 goes up and down. Also returns these
-/// times.
+/// A run of a drive that moves, and of an IO slave whose input 3 goes up and whose output 15 goes up and down. Also returns the
+/// times at which the output goes up, the output goes down, and the input goes up.
 fn with_io() -> (FakeBoard, [f64; 3]) {
     let mut run = FakeBoard::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
     let mut times = [0.0; 3];

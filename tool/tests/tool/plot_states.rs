@@ -174,8 +174,8 @@ fn a_drive_that_was_on_all_the_time_has_no_shading() {
     assert!(!plot.texts().iter().any(|text| ["fault", "homing", "not enabled"].contains(text)));
 }
 
-/// Within the requested time a state is shown in part; a state of one cycle is still seen; notes overlap nothing and
-/// are not cut, and thousands of faults do not make a picture of thousands of areas.
+/// A state that lasts beyond the requested time is drawn up to its limits. A state of one cycle is still visible. Notes overlap
+/// nothing and are not cut. Thousands of faults do not make a picture of thousands of areas.
 #[test]
 fn short_states_are_seen_and_thousands_of_faults_stay_readable() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);

@@ -1,4 +1,5 @@
-//! Recordings that were not ended, in every verb that reads one; and the message of `exec` about its own.
+//! Recordings that were not ended: what each verb that reads one says, and what `exec` and other verbs say about the recordings
+//! that they make.
 #![cfg(unix)]
 
 use std::fs;

@@ -129,7 +129,7 @@ fn relative_moves_do_not_drift() {
     assert_eq!(RecordedTraffic::read(&file).targets(1).last(), Some(&50_040));
 }
 
-/// TOOL-20 Targets in units; a relative target beyond 32 bits is refused before a frame of it is sent.
+/// TOOL-20 Targets may be in units. A relative target that leads beyond 32 bits is refused before a frame of the move is sent.
 #[test]
 fn targets_are_in_units_and_stay_within_32_bits() {
     let board = "sim:?slaves=drive:start@2147483000&clock=virtual";

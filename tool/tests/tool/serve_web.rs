@@ -1,4 +1,4 @@
-//! `ecmsk serve web`: who may have the page, what it is told, and that no page holds the board up.
+//! `ecmsk serve web`: who may read the page, which messages it gets, and that no page delays the board.
 
 use std::io::Read;
 use std::net::TcpStream;
@@ -63,7 +63,7 @@ fn only_who_has_the_address_gets_the_page() {
     web.end();
 }
 
-/// A WebSocket is the page's own: other pages have another origin, and know no token.
+/// Only the page itself may open the WebSocket: other pages have another origin, and do not know the token.
 #[test]
 fn a_socket_needs_the_origin_of_the_page() {
     let web = of_a_simulated_board();
@@ -147,7 +147,8 @@ fn a_page_shows_what_another_program_does() {
     assert!(said.matches(" is a writer").count() >= 3, "{said}");
 }
 
-/// 200 pages: 16 are served, the others are refused, the board is read on, and then there is room again.
+/// If 200 pages connect, 16 are served and the others are refused. The board is read all the time, and when pages have gone
+/// others are served.
 #[test]
 fn a_crowd_of_pages_does_not_slow_the_board() {
     let web = of_a_simulated_board();

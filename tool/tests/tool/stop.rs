@@ -111,7 +111,8 @@ fn ctrl_c_brakes_a_move() {
     }
 }
 
-/// A move whose own brake would take longer brakes harder: it is at rest within 1.5 s.
+/// If braking with the move's own acceleration would take longer than 1.5 s, the move brakes harder and is at rest within that
+/// time.
 #[test]
 fn a_slow_brake_is_cut_short() {
     let (board, file) = recorded("slow", "slaves=drive");

@@ -105,7 +105,7 @@ fn in_op(uri: &str) -> Ecm {
     ecm
 }
 
-/// A server that is killed while axes move: every call ends, at once and with an error.
+/// When a server is killed while axes move, every call of its clients ends at once with an error.
 #[test]
 fn killing_the_server_ends_every_call_of_its_clients() {
     let mut serving = Serving::start("");
@@ -132,7 +132,7 @@ fn killing_the_server_ends_every_call_of_its_clients() {
 /// The environment variable with the link to the server. A test program that is started with it is the writer that is killed.
 const WRITER: &str = "ECMSK_TEST_WRITER";
 
-/// TCP-9 A writer that is killed while axes move: the server brings them to a standstill.
+/// TCP-9 When a writer is killed while axes move, the server brings them to a standstill.
 #[test]
 fn killing_the_writer_has_the_server_stop_its_axes() {
     if let Ok(uri) = std::env::var(WRITER) {

@@ -68,8 +68,8 @@ fn sdo_and_io_read_and_write() {
     );
 }
 
-/// With `--up` axes are switched on, homed and moved in one command each; without it nothing is sent and the error has
-/// the line to type.
+/// With `--up` one command switches axes on, homes or moves them on a network that is not up. Without `--up` nothing is sent,
+/// and the error has the command line to type.
 #[test]
 fn servo_home_and_move_bring_the_network_up_only_with_up() {
     support::snapshot(

@@ -84,7 +84,8 @@ mod needs_tshark {
         kind.unwrap_or(special.len())
     }
 
-    /// Each field of a request that Rust has written, and of an answer that Rust reads, is shown with its value.
+    /// The plugin shows each field of a request that this project's code has written, and of an answer that this code can read,
+    /// with its value.
     #[test]
     fn each_field_of_each_function_is_shown() {
         let (mut capture, mut dice, mut expected) = (Capture::default(), Dice(44), Vec::new());

@@ -29,7 +29,8 @@ fn scan_info_and_state_show_chip_and_slaves() {
     );
 }
 
-/// XF-18.1 Without a link the error shows one and nothing is simulated; a board's link and a wrong one are errors.
+/// XF-18.1 Without a link the error shows an example of one, and no chip is simulated. The link of a board and a wrong link are
+/// errors.
 #[test]
 fn a_chip_is_named_or_there_is_none() {
     for verb in ["scan", "info", "state"] {
@@ -47,7 +48,8 @@ fn a_chip_is_named_or_there_is_none() {
     assert_eq!((ran.code, json_lines(&ran.out).len()), (Some(0), 3), "{ran:?}");
 }
 
-/// XF-11.75 `script=` works behind `xf` and `serve xf`, or the link is refused; `use_n=` of an ECM-XFU is refused, too.
+/// XF-11.75 The key `script=` has an effect with `xf` and `serve xf`, or the link is refused; `use_n=` of an ECM-XFU is
+/// refused, too.
 #[test]
 fn what_a_link_says_happens_or_it_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -232,7 +234,8 @@ fn raw_knows_each_function_of_the_list() {
     let name = |n: usize, key: &str| commands[n][key].as_str().expect("a name").to_owned();
     for n in 0..commands.len() {
         for key in ["type", "name"] {
-            // The error for a wrong field lists the fields of the function; a wrong name fails earlier.
+            // A wrong field is an error that lists the fields of the function. It comes after the name was found, so a name
+            // that is not known would give another error.
             let ran = run(["xf", "raw", &name(n, key), "wrong=1"]);
             let several = commands.iter().filter(|row| row["name"] == commands[n]["name"]).count() > 1;
             if key == "name" && several {

@@ -38,8 +38,8 @@ pub fn ecmsk(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command 
     command
 }
 
-/// The same command with default signal actions, as from a shell at a terminal; the tests may have been started with
-/// some ignored (`nohup`).
+/// The command with the default actions of signals, as a shell at a terminal starts it. The tests themselves may run with some
+/// signals ignored (`nohup`).
 pub fn with_default_signals(inner: &Command) -> Command {
     let mut command = Command::new("env");
     command.arg("--default-signal=HUP,INT,QUIT,TERM").arg(inner.get_program()).args(inner.get_args());

@@ -1,4 +1,5 @@
-//! A fake board in OP without the model: the host sends targets, they wait in a queue, the drives follow.
+//! A fake board in OP that is simpler than the model: the host sends targets, these wait in a queue, and the drives follow
+//! them.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -112,7 +113,7 @@ impl FakeBoard {
         self.waiting.len() as u16
     }
 
-    /// The host sends SET_FIFO 0 (clear). The frame with this command is then the only entry of the FIFO.
+    /// The host sends SET_FIFO 1 (clear). The frame with this command is then the only entry of the FIFO.
     pub fn clear(&mut self) {
         self.master(&MasterCommand::SetFifo(FifoAction::Clear));
         self.waiting.clear();

@@ -44,7 +44,7 @@ impl Recorded {
     }
 }
 
-/// Two axes: axis k goes k * 10 counts a cycle for a second, eight commands ahead.
+/// A run of two axes and its cycles: axis k goes k * 10 counts in each cycle for a second, and eight commands wait in the FIFO.
 pub fn two_axes() -> (FakeBoard, Vec<Cycle>) {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 2);
     let mut cycles = Vec::new();

@@ -83,7 +83,7 @@ pub fn make_capture(file: &Path, devices: &[u8]) {
     let mut bytes = std::fs::read(file).expect("a recording");
     let comment = bytes.windows(6).position(|six| six == b"ecmsk ").expect("a comment");
     bytes[comment..comment + 5].fill(b'x');
-    // Event, kind of transfer, endpoint and device in the header of a packet (Linux, usbmon.rst).
+    // The beginnings of a packet in the format of usbmon: event, kind of transfer, endpoint and device (Linux, usbmon.rst).
     let starts = |four: &[u8]| matches!(four, [b'S', 1, 0x02, 1] | [b'C', 1, 0x81, 1]);
     let packets: Vec<_> =
         (0..bytes.len() - 8).filter(|at| starts(&bytes[*at..at + 4]) && bytes[at + 6] == b'-').collect();

@@ -1,4 +1,4 @@
-//! What tshark shows with the plugin, to be compared with `ecmsk dump --json`.
+//! Code for tests that compare what tshark shows with the plugin and what `ecmsk dump --json` prints.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -211,7 +211,8 @@ fn labels_neither_overlap_nor_leave_the_picture() {
     }
 }
 
-/// The plot is right also with 16-byte slots and with firmware 1.5.
+/// The plot is right also with 16-byte slots and with firmware 1.5, whose full count rises by the number of 4-byte words of a
+/// lost frame.
 #[test]
 fn slots_of_16_bytes_and_a_wide_full_count_give_the_same_plot() {
     let mut board = FakeBoard::new(SlotSize::Bytes16, 2);

@@ -198,8 +198,9 @@ const PROPOSED_COUNTS_MAX: u32 = 1000;
 /// \[OURS] The maximum number of additional comparisons to find a tolerance.
 const PROPOSALS_MAX: usize = 8;
 
-/// The tolerance with which the recordings are equal; `None` if other values than positions differ, or if positions
-/// differ by too much.
+/// Searches for a tolerance of positions, in counts, with which the recordings count as equal, to propose it to the user.
+/// `None` if they are equal already, if other values than positions differ, if positions differ by more than
+/// [`PROPOSED_COUNTS_MAX`], or if [`PROPOSALS_MAX`] comparisons are not enough to find a tolerance.
 fn settling_tolerance(
     args: &Args,
     options: &CompareOptions,

@@ -74,7 +74,7 @@ pub struct Args {
 const PERIOD: Duration = Duration::from_millis(1);
 const TIMES: usize = 1000;
 
-/// Whether verdicts are coloured.
+/// Whether the words `ok`, `advice` and `wrong` of the output are coloured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Paint(bool);
 

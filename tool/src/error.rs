@@ -146,7 +146,7 @@ impl CliError {
             Self::Board(error) => error.code(),
             Self::Bus(error) => error.code(),
             Self::Xf(error) => error.code(),
-            // The command line requests something that is refused.
+            // The command line names no board, or an address at which other machines reach the server: as a wrong command line.
             Self::NothingToServe
             | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. })
             | Self::ServeXf(ecmsk::port::xf::ServeError::NeedsTunnel { .. }) => super::WRONG_COMMAND_LINE,

@@ -223,7 +223,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     if !library.opened_file().exists() {
         say("note", &format_args!("{} has opened no board; {}", Path::new(program).display(), library::UNOPENED));
     }
-    // Removes the private folder before this process ends.
+    // Removes the private folder now: on Windows `child::end_as` may end the process without dropping values.
     drop(library);
     let not_whole = recording_end::not_whole(link.as_ref());
     if let Some(what) = &not_whole {

@@ -109,7 +109,7 @@ impl Command {
 
     /// Whether the slot contains this command, or in a response answers it.
     pub fn is_in(self, line: &SlotLine) -> bool {
-        // 0xBF is an id of slot 0 only.
+        // 0xBF means CYCLIC in slot 0 only.
         line.raw.id == self.0 && (self.0 != MASTER_CYCLIC || line.role == SlotRole::Master)
     }
 }

@@ -196,7 +196,7 @@ fn contains(bytes: &[u8], name: &[u8]) -> bool {
     bytes.windows(name.len()).any(|window| window.eq_ignore_ascii_case(name))
 }
 
-/// The first version resource, in its first language.
+/// The bytes of the first version resource of the file, in the first language that it has.
 fn version_resource<'data>(
     resources: ResourceDirectory<'data>,
     data: &'data [u8],

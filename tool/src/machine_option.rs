@@ -47,7 +47,7 @@ pub fn number_and_unit(text: &str) -> Option<(f64, Unit)> {
 /// A position or speed in the unit of an axis, with so many decimals that each count changes the number, at most six:
 /// `12.500 mm`.
 pub fn in_unit(axis: &MachineAxis, counts: f64) -> String {
-    /// More decimals than these make no number clearer.
+    /// The most decimals of a printed number; with more it would only be harder to read.
     const DECIMALS_MAX: f64 = 6.0;
     let per_unit = axis.scale.counts_per_unit;
     let decimals = per_unit.abs().log10().ceil().clamp(0.0, DECIMALS_MAX) as usize;

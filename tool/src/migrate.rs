@@ -74,7 +74,7 @@ pub struct Args {
     device: Option<Address>,
 }
 
-/// Why no result could be given.
+/// Why `ecmsk migrate` has not judged the recorded program, or has not printed or drawn the result.
 #[derive(Debug, thiserror::Error)]
 pub enum MigrateVerbError {
     /// The recording cannot be read or evaluated.
@@ -97,7 +97,7 @@ pub enum MigrateVerbError {
     Output(io::Error),
 }
 
-/// The result, with the facts about the recording that are shown beside it.
+/// The result of evaluating a recording, with the facts about the recording that are printed beside it.
 struct Report<'a> {
     file: &'a Path,
     found: &'a Migration,

@@ -139,7 +139,7 @@ impl From<LinkError> for MonitorError {
 }
 
 impl Args {
-    /// The slot size, if an option gives it.
+    /// The slot size that `--slot-size`, or its former name `--slot`, gives; `None` if neither is there.
     fn size(&self) -> Option<SlotSize> {
         slot_size::given(self.slot_size, self.slot)
     }

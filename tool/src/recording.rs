@@ -43,7 +43,7 @@ pub struct Framed {
     pub recorded: Recorded,
     /// The slot size of the frame.
     pub size: SlotSize,
-    /// The metadata of the file's section that contains the frame.
+    /// The metadata of the section of the file that contains the frame: one opening of a board. `None` in a capture.
     pub meta: Option<Rc<RecordMeta>>,
 }
 
@@ -54,7 +54,7 @@ impl Framed {
     }
 }
 
-/// A frame as it was read, with the metadata of its section.
+/// A frame as it was read from the file, with the metadata of its section, before its slot size is known.
 type Raw = (Recorded, Option<Rc<RecordMeta>>);
 
 /// The frames of a recording, in the order of the file.

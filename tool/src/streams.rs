@@ -14,8 +14,8 @@ use ecmsk::notes::{FLUSH_LIMIT, Note, NoteThread, Notes};
 
 /// Longest time that a line waits for earlier lines of the other stream. \[OURS]
 const ORDER_WAIT_MAX: Duration = Duration::from_millis(50);
-/// The longest time that the tool, after a signal, waits at its end for queued lines to be written. Without a signal it is
-/// [`FLUSH_LIMIT`]. \[OURS]
+/// The longest time that the tool, after a signal, waits at its end for queued lines to be written, and the longest wait of
+/// [`flush_error`]. Without a signal the wait at the end is [`FLUSH_LIMIT`]. \[OURS]
 const END_WAIT_AFTER_SIGNAL: Duration = Duration::from_millis(200);
 /// Interval at which a waiting thread checks whether it may go on: its lines were written, or a signal has arrived. \[OURS]
 const LOOK_INTERVAL: Duration = Duration::from_millis(1);
@@ -107,7 +107,8 @@ pub fn check_output() -> io::Result<()> {
     STREAMS.get().map_or(Ok(()), |streams| streams.shared.check())
 }
 
-/// Waits until all queued standard output is written, or a signal arrives. No axis may move meanwhile.
+/// Waits until all queued standard output is written, or a signal arrives. To be called only while no axis moves, because the
+/// wait for whoever reads the output has no limit.
 ///
 /// # Errors
 /// Standard output cannot be written to; [`io::ErrorKind::Interrupted`]: a signal arrived first.

@@ -43,7 +43,7 @@ struct Figure {
     /// The median of the ratios of this project's time to the baseline's. A measurement times both by turns in short blocks,
     /// and each pair of blocks gives one ratio.
     ratio: Option<f64>,
-    /// The largest ratio, or the largest value, with which the bench passes: of all figures a smaller one is better.
+    /// The largest ratio, or the largest value, with which the bench passes; in every bench a smaller result is better.
     target: Option<f64>,
     /// A comparison also passes, whatever its ratio, if this project takes at most this many nanoseconds longer than the
     /// baseline: between two very short times a large ratio means little.

@@ -10,7 +10,7 @@ use crate::project::Project;
 const CARGO: &str = "/usr/bin/cargo";
 pub const RUSTC: &str = "/usr/bin/rustc";
 
-/// The options with which cargo builds the standard library, too.
+/// The option with which cargo also builds the standard library, from its sources.
 pub const BUILD_STD: &str = "-Zbuild-std=std,panic_abort";
 
 /// cargo for the target `triple`, whose C programs begin with the prefix `gnu`, without its subcommand and arguments. It builds

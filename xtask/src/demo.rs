@@ -24,8 +24,8 @@ const SIMULATED: [(&str, &str); 2] = [("sim:", SCRIPT), ("xf-sim:", SCRIPT_BEHIN
 
 /// The value of `--link` that means a pair of virtual network cards, with simulated slaves at the other end of the cable.
 const CARD: &str = "nic";
-/// The shell script that runs a program on slaves at the other end of that cable: $1 is the tool, $2 the recording, $3 the
-/// program, $4 the log of the slaves.
+/// The shell script for [`CARD`]: makes the pair of network cards, simulates two drives at one card, and runs a program on the
+/// other card. $1 is the tool, $2 the recording, $3 the program, $4 the log of the slaves.
 const ON_A_CARD: &str = "
 ip link add veth0 type veth peer name veth1
 ip link set veth0 up

@@ -40,7 +40,7 @@ const ASSEMBLIES: [(&str, &str); 3] = [
 /// A C# program in [`PROGRAMS_SOURCE`].
 struct Program {
     name: &'static str,
-    /// The further sources that it shares with other programs.
+    /// The names, without `.cs`, of the further source files that are compiled into the program.
     with: &'static [&'static str],
     assembly: &'static str,
     define: Option<&'static str>,

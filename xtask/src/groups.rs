@@ -265,7 +265,7 @@ mod tests {
         assert_eq!(found, WITH_A_SIGN);
     }
 
-    /// Each part of a name in [`LONG`] occurs in an existing test.
+    /// Each entry of [`LONG`] is the name of an existing test, or of a module of tests.
     #[test]
     fn long_tests_are_there() {
         let sources: Vec<PathBuf> = groups().iter().flat_map(|(_, path)| sources(path)).collect();

@@ -188,7 +188,7 @@ fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
         command::run(apt_get().arg("update"))?;
         command::run(apt_get().args(["install", "-y", "--no-install-recommends"]).args(packages))?;
     }
-    // This comes after the Debian packages, since those may have installed pip and npm.
+    // Packages of pip and npm are fetched after the Debian packages, because those may have installed pip and npm.
     let can_be = |package: &&Fetched| package.index.need().is_there(project);
     fetched(needs).filter(can_be).try_for_each(|package| package.fetch(project))?;
     // If a program cannot be built, the others still are.

@@ -66,8 +66,8 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// The tests with failing system calls that this machine can run, each with the number of failing calls to try: `count`, or
-/// all calls if they are fewer.
+/// The commands of the two groups of tests with failing system calls, on simulated boards and on a network card, each with its
+/// number of schedules; there are fewer on the card, see [`PER_CARD`]. Tests whose programs this machine lacks are skipped.
 fn failing_calls(project: &Project, count: u64) -> Vec<(Command, u64)> {
     let mut on_boards = test(project, "failing_calls", &[]);
     // These tests use the machine's clock, so no other test may run at the same time.

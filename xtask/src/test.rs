@@ -214,7 +214,7 @@ fn gates(all: bool) -> Vec<Gate> {
     GATES.iter().filter(|gate| all || !groups::is_left_to_all(gate.module)).copied().collect()
 }
 
-/// Counts the parts that have none of the tests that were asked for by name. It is an error if no part has one.
+/// Remembers whether any part has had one of the tests that were asked for by name. It is an error if no part has one.
 #[derive(Default)]
 struct Without {
     error: Option<Error>,
@@ -239,7 +239,8 @@ impl Without {
 }
 
 impl<'a> Site<'a> {
-    /// For a part of which all tests are run, the long ones only if `all`.
+    /// A site that selects no tests by name, so that each part runs all of its tests; the long ones are among them only if
+    /// `all`.
     pub fn new(project: &'a Project, missing: &'a [Need], all: bool) -> Self {
         Self { project, missing, names: Vec::new(), all }
     }

@@ -62,7 +62,7 @@ pub fn download_sources(sources: &Fetched, into: &Path) -> Result<(), Error> {
     command::run(&mut pip)
 }
 
-/// Unpacks sources into the folder `into`.
+/// Unpacks the archive of sources that pip has downloaded into the folder `into`.
 pub fn unpack_sources(archive: &Path, into: &Path) -> Result<(), Error> {
     command::run(Command::new("tar").arg("--extract").arg("--file").arg(archive).arg("--directory").arg(into))
 }

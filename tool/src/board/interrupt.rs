@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use super::error::BoardError;
 use crate::{signals, streams};
 
-/// Remembers the signal that has arrived. A process has only one such value.
+/// Holds the number of the signal that has arrived (0: none), which the signal handlers store. A process watches for signals in
+/// one such value only.
 #[derive(Debug, Default)]
 pub struct Interrupt {
     signal: Arc<AtomicUsize>,

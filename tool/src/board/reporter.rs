@@ -43,8 +43,8 @@ impl Reporter {
         }
     }
 
-    /// Prints a result: lines of text without the last line feed, or a JSON object. Waits until the result is written,
-    /// so no axis may move meanwhile.
+    /// Prints a result: lines of text without the last line feed, or a JSON object. To be called only while no axis moves,
+    /// because it waits until the result is written.
     pub fn result(&self, text: impl Display, json: &Value) -> io::Result<()> {
         self.clear();
         if self.json {
@@ -53,7 +53,8 @@ impl Reporter {
         output::print(format!("{text}\n"))
     }
 
-    /// Prints a result of several lines that belong together: the text, or a JSON object for each of its parts.
+    /// Prints a result of several lines: the text, or with `--json` a JSON object for each of its parts. To be called only
+    /// while no axis moves, like [`Self::result`].
     pub fn results(&self, text: impl Display, parts: &[Value]) -> io::Result<()> {
         if !self.json {
             return self.result(text, &Value::Null);
@@ -112,8 +113,8 @@ impl Reporter {
         }
     }
 
-    /// The times at which progress is shown: after the first second, then once a second, on a terminal ten times a
-    /// second. Without a terminal and in virtual time it is once a second for ten seconds, then after 20, 40, 80
+    /// The times at which progress is shown: after the first second, then once a second, or as text on a terminal ten times a
+    /// second. As text without a terminal and in virtual time it is once a second for ten seconds, then after 20, 40, 80
     /// seconds and so on \[OURS]. So the lines are the same in every run, and an hour has fewer than twenty of them.
     pub const fn pace(&self) -> ProgressPace {
         let every = if self.terminal && !self.json { Duration::from_millis(100) } else { Duration::from_secs(1) };

@@ -73,8 +73,8 @@ pub struct Board {
     pub(super) up: bool,
     close: Close,
     pub(super) source: StepSource,
-    /// Whether the network was already running. Its configuration is then taken from the options, and may differ from
-    /// the actual one.
+    /// Whether the network was already running when the board was opened, and this process has not configured it since. Its
+    /// configuration is then taken from the options, and may differ from the actual one.
     pub(super) adopted: Cell<bool>,
     /// For each slave the target at which its last move ended, in counts.
     targets: RefCell<BTreeMap<u8, i32>>,

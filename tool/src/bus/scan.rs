@@ -246,7 +246,7 @@ mod tests {
                 .map(|n| drive().with(|slave| slave.clock.as_mut().expect("it has one").swaps_times = n == swapped));
             let printed = scan(slaves.collect());
             let told: Vec<bool> = each(&printed).iter().map(|slave| slave.contains(SWAPPED)).collect();
-            // The last slave has no open port 1.
+            // Swapped times cannot be noticed at the last slave: nothing is connected to its port 1.
             let expected: Vec<bool> = (0..3).map(|n| n == swapped && n < 2).collect();
             assert_eq!(told, expected, "{printed}");
         }

@@ -35,11 +35,11 @@ struct Run {
     polls: u64,
     repeats: u64,
     reports: u64,
-    /// Additional cycles in a motion that the other run does not have.
+    /// The gaps of this run: additional cycles in a motion that the other run does not have.
     gaps: Value,
     /// The time of the run's last frame, in nanoseconds since its first one.
     last_ns: i64,
-    /// Whether the recording is complete, as far as it is known, and what it lacks.
+    /// Whether the recording is complete, as far as it is known, and (next field) what it lacks if not.
     whole: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     lacks: Option<String>,

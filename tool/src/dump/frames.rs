@@ -70,8 +70,8 @@ impl View {
                     Firmware::V17 => ResponseDump::new(frame, size),
                     Firmware::V15 => ResponseDump::new(frame, size).mode_in_byte_1(),
                 };
-                // Slaves of unknown kind get any kind in this list, since `unknown` decodes their slots and not
-                // `given`.
+                // A slave of unknown kind gets the default kind in this list. That has no effect: its slot is decoded below by
+                // `unknown` and not by `given`.
                 let known: [SlaveKind; MAX_SLAVES] = std::array::from_fn(|i| kinds.of(i + 1).unwrap_or_default());
                 let given = unknown.kinds(&known);
                 self.pick(size, |i| if kinds.of(i).is_some() { given.line(i) } else { unknown.line(i) })

@@ -143,7 +143,7 @@ impl Follower {
         }
     }
 
-    /// Prints a reason if it was not printed before.
+    /// Prints a reason for a failed call, if reasons are printed ([`ReportMode::Words`]) and this one was not printed before.
     fn tell(&mut self, text: String) {
         if self.mode == ReportMode::Words && !self.said.contains(&text) {
             say("warning", &text);

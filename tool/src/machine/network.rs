@@ -54,7 +54,8 @@ fn of_network(mut network: Box<dyn Network>) -> Result<Vec<FoundSlave>, MachineV
     Ok(found.into_iter().map(one).collect())
 }
 
-/// A board does not say how many slaves it has: the first one that does not answer is behind the last.
+/// The slaves behind a board, by SDOs. A board does not say how many slaves it has, so slaves are asked one after the other
+/// until one does not answer.
 fn of_board(ecm: &Ecm) -> Result<Vec<FoundSlave>, MachineVerbError> {
     let mut found = Vec::new();
     for slave in 1..=ecm.slot_size()?.max_slaves() as u8 {

@@ -7,7 +7,7 @@ use ecmsk::link::uri::LinkUri;
 
 use super::network::FoundSlave;
 
-/// The text for these slaves behind a link.
+/// The text of a new machine file: with the link, and with the slaves that were found behind it.
 pub fn text(link: &LinkUri, slaves: &[FoundSlave]) -> String {
     let link = link.to_string().replace('\\', "\\\\").replace('"', "\\\"");
     let mut text = format!(

@@ -1,4 +1,5 @@
-//! The result as one JSON object. Programs rely on its field names, so they do not change; docs/TOOL-RECORDINGS.md lists them.
+//! The result of `ecmsk migrate` as one JSON object. Programs rely on its field names, so they do not change;
+//! docs/TOOL-RECORDINGS.md lists them.
 
 use ecmsk::migrate::{Ahead, HostTiming, Item, Needs, Packets, Place, Plan, Refused, SeenBy, Spread, Start, Verdict};
 use serde_json::{Value, json};

@@ -16,7 +16,7 @@ use super::Report;
 /// The page with the table of differences between the board and an ECM-XF.
 const PAGE: &str = "docs/MIGRATION.md";
 
-/// The whole result as text.
+/// The result of `ecmsk migrate` as text.
 pub fn of(report: &Report) -> String {
     // Writing to memory does not fail.
     let mut text = String::new();

@@ -21,7 +21,7 @@ pub enum Highlight {
     Alarm,
 }
 
-/// The texts of a row; a text is empty if the slave has no such value.
+/// The texts of a row of the monitor's table; a text is empty if the slave has no such value.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Row {
     /// The number of the slave.

@@ -48,7 +48,7 @@ pub fn run(feed: &Feed, interval: Duration, limit: Option<Duration>) -> Result<E
     if is_gone() {
         // Dropping the terminal would print an error to standard error, which is closed as well, and so panic.
         std::mem::forget(terminal);
-        // The terminal is closed, so the error cannot be shown.
+        // The error would be that of a closed terminal, which cannot be shown there. So only the exit code says it.
         let number = signal.load(Ordering::Relaxed);
         return Ok(ended_by(if number == 0 { signals::HANG_UP } else { number }));
     }

@@ -35,7 +35,7 @@ pub enum EsiError {
          ESI file"
     )]
     NoDictionary,
-    /// The file has several devices and the user has named none of them. The names of the devices.
+    /// The file has several devices and the user has named none of them. The field has the names of all devices in the file.
     #[error("it has several devices; choose one with --device: {}", .0.join(", "))]
     Several(Vec<String>),
     /// The file has no device with the name that the user has given.

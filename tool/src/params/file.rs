@@ -55,7 +55,7 @@ impl fmt::Display for Device {
     }
 }
 
-/// The content of a parameter file.
+/// The drive and the objects in a parameter file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParameterFile {
     /// The drive that the parameters were read from; `None` if the file does not say so, such as a file of `ecmsk objects`.

@@ -76,7 +76,8 @@ fn draw_caption<B: DrawingBackend>(area: &Area<B>, caption: &Caption) -> Result<
     write(area, &about, (20, 46), style::TEXT, style::SOFT_INK, HPos::Left)
 }
 
-/// An item of a legend, in pixels: the length of the sample line, the space before the text, the space after it.
+/// The sizes of an item of a legend, in pixels: the length of its sample line, and (next constants) the space before its text
+/// and the space after it.
 const SAMPLE: u32 = 22;
 const GAP: u32 = 6;
 const BETWEEN: u32 = 16;

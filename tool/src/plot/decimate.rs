@@ -131,7 +131,7 @@ impl Line {
     fn column_of(&self, at_ns: i64) -> i64 {
         let span = i128::from(self.window.to_ns) - i128::from(self.window.from_ns);
         let into = i128::from(at_ns) - i128::from(self.window.from_ns);
-        // This number is less than `columns`, since `into` is within `span`.
+        // The cast loses nothing: `into` is at most `span`, so the number of the column is at most `columns`.
         (into * i128::from(self.columns) / span.max(1)) as i64
     }
 

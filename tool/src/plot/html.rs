@@ -33,7 +33,7 @@ const COLUMNS: u32 = 200_000;
 /// How many slaves a page shows at most: all of the network.
 const ROOM: Room = Room { axes: MAX_SLAVES, slaves: MAX_SLAVES };
 
-/// Whether the output file is a page, by its name.
+/// Whether the output file is a page: its name ends in `.html`.
 pub fn is_asked(output: &Path) -> bool {
     output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html"))
 }

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 /// which would make its velocity jump.
 const MEAN_OVER_NS: i64 = 5_000_000;
 
-/// The positions of the last [`MEAN_OVER_NS`], and their mean velocity.
+/// The positions of the last [`MEAN_OVER_NS`] with their times, and one older position, from which a mean velocity is computed.
 #[derive(Debug, Default)]
 pub struct Speed {
     last: VecDeque<(i64, f64)>,

@@ -169,7 +169,7 @@ impl Survey {
         let dump = ResponseDump::new(frame, size);
         for n in 1..=size.max_slaves() {
             if self.kinds.of(n).is_none() && is_empty(frame, size, n) {
-                // Skipped for speed: an empty slot has no information, and a frame may have 40 of them.
+                // An empty slot shows neither a kind nor a value, and a frame may have 40 of them. Skipping them saves time.
                 continue;
             }
             let guessed = || match dump.line(n)?.meaning {

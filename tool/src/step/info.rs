@@ -24,7 +24,8 @@ pub struct Args {
 }
 
 impl Args {
-    /// Whether the step only reads reports. It sends no command then, and also works while another program sends commands.
+    /// Whether the step only reads reports, which is so without `--scan`. It then sends no command, and also works while
+    /// another program sends commands.
     pub const fn only_looks(&self) -> bool {
         !self.scan
     }

@@ -54,7 +54,8 @@ pub fn page(title: &str, data: Option<&impl Serialize>, connect: Option<&str>) -
         ("{{title}}", &escaped(title)),
         ("{{style}}", &style),
         ("{{library}}", &library),
-        // Inside a script element only `<` could end it.
+        // The data stand inside a script element. Only a `<` in them could end that element, so it is written as an escape
+        // sequence of JSON.
         ("{{data}}", &data.replace('<', "\\u003c")),
         ("{{script}}", &script),
     ];

@@ -25,7 +25,7 @@ pub struct Hello<'a> {
     pub format: u32,
     /// The version of the tool.
     pub version: &'static str,
-    /// `recording` or `board`.
+    /// Where the data come from: `recording` or `board`.
     pub source: &'static str,
     /// The link of the board, or that of the recording.
     pub name: String,

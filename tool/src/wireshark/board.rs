@@ -54,7 +54,7 @@ fn modes() -> impl Iterator<Item = Mode> {
     (0..=u8::MAX).filter_map(Mode::from_code)
 }
 
-/// A table whose keys are numbers.
+/// A table of values by their codes. The keys, numbers as text, become indexes in Lua.
 pub fn by_code(entries: impl IntoIterator<Item = (u32, Value)>) -> Value {
     Value::Object(entries.into_iter().map(|(code, value)| (code.to_string(), value)).collect())
 }

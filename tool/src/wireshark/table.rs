@@ -59,7 +59,7 @@ fn entries(value: &Value) -> Vec<(Option<String>, &Value)> {
     entries.into_iter().map(|(number, name, value)| (Some(key(number, name)), value)).collect()
 }
 
-/// A string of Lua.
+/// The text as a string literal of Lua, in quotes and with escape sequences.
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
 }

@@ -77,7 +77,7 @@ impl Session {
         self.xf.header().state.0 & 0x0F != 0
     }
 
-    /// Initialises the network, prints a note that tells so, and returns the number of slaves.
+    /// Initialises the network, prints a note about that, and returns the number of slaves.
     ///
     /// # Errors
     /// [`XfError`] if the chip does not answer or cannot initialise the network.

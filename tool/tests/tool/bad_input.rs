@@ -4,7 +4,7 @@
 use crate::common::board::{BOARD, script, text};
 use crate::common::run;
 
-/// A wrong option is a wrong command line.
+/// A verb with a wrong option ends as with any wrong command line, with exit code 2, and says why.
 #[test]
 fn a_wrong_option_is_a_wrong_command_line() {
     for (words, why) in [
@@ -37,7 +37,8 @@ fn a_wrong_option_is_a_wrong_command_line() {
     }
 }
 
-/// A network that differs from its description: too many slaves, too few, another kind, none at all, another cycle.
+/// A network that differs from `--slaves` and `--cycle-us` is refused: with too many slaves, too few, a slave of another kind,
+/// no slave at all, or another cycle time.
 #[test]
 fn a_network_other_than_described_is_refused() {
     let state = |link: &str, slaves: &str| run(["state", "op", "--link", link, "--slaves", slaves]);
@@ -129,7 +130,7 @@ fn without_a_named_link_the_error_says_where_one_was_looked_for() {
     }
 }
 
-/// In Init there are no SDOs; `--up` goes to PreOP and no further.
+/// In Init slaves answer no SDO, and the error says so; `--up` brings the network to PreOP for it and no further.
 #[test]
 fn in_init_there_are_no_sdos_and_up_goes_to_preop() {
     let ran = script(BOARD, "state init\nsdo read 1 0x1000\n");

@@ -11,7 +11,7 @@ fn say(arguments: &[&str], scheme: &str) -> [String; 2] {
     [ran.out.replace(&link, "LINK"), ran.said().replace(&link, "LINK")]
 }
 
-/// Verbs that read, change and move print the same as with `sim:`.
+/// Verbs that read, change and move print the same with `xf-sim:` as with `sim:`.
 #[test]
 fn verbs_print_the_same_behind_a_chip() {
     for arguments in [

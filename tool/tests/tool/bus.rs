@@ -6,13 +6,13 @@ use ecmsk::ethercat::sii::checksum;
 use crate::common::board::{file, text, transcript, transcript_entry};
 use crate::common::{json_lines, run};
 
-/// Two drives, a stepper and an IO slave.
+/// The link of the tests: two drives, a stepper and an IO slave.
 const NETWORK: &str = "sim:?slaves=drive*2,dp3cl,io";
 
 /// A file without an end.
 const ENDLESS: &str = "/dev/zero";
 
-/// `scan` and `dc`, in words and as JSON.
+/// `bus scan` and `bus dc` print the slaves and their clocks, as text and as JSON.
 #[test]
 fn scan_and_dc_show_slaves_and_clocks() {
     support::snapshot(
@@ -28,7 +28,7 @@ fn scan_and_dc_show_slaves_and_clocks() {
     );
 }
 
-/// BUS-3.1, BUS-5.1, BUS-8.2 Objects and files of a slave.
+/// BUS-3.1, BUS-5.1, BUS-8.2 `bus sdo` and `bus foe` read and write objects and files of a slave.
 #[test]
 fn sdo_and_foe_show_and_write() {
     let missing = file("bus_none").display().to_string();
@@ -64,7 +64,8 @@ fn sdo_and_foe_show_and_write() {
     assert_eq!(std::fs::read(file("bus_read.csv")).expect("it is written"), b"firmware of a simulated drive\n");
 }
 
-/// BUS-4.1 EEPROMs are read and written; an unsuitable file is refused before anything is opened or written.
+/// BUS-4.1 `bus sii` reads and writes EEPROMs. A file that does not fit the slave is refused before the network is opened or
+/// anything is written.
 #[test]
 fn sii_reads_checks_and_writes() {
     let good = file("bus_good.bin");
@@ -108,7 +109,7 @@ fn sii_reads_checks_and_writes() {
     assert!(insisted.code == Some(0) && insisted.out.contains("words written and read back"), "{insisted:?}");
 }
 
-/// BUS-7.1, BUS-7.2 `errors` names the cable, watched or not; without errors the exit code is 0.
+/// BUS-7.1, BUS-7.2 `bus errors` names the bad cable, with and without `--watch`; without errors the exit code is 0.
 #[test]
 fn errors_name_the_bad_cable() {
     let noise = text("bus_noise", "noise 3 40\n");
@@ -131,7 +132,8 @@ fn errors_name_the_bad_cable() {
     assert_eq!((&trouble["bad"], &trouble["far"]["slave"]), (&"cable".into(), &3.into()), "{trouble}");
 }
 
-/// Without a link the error shows one and nothing is simulated; a board, a wrong link and a missing card are reported.
+/// Without a link the error shows an example of one, and no network is simulated. The link of a board, a wrong link and a
+/// missing card are errors.
 #[test]
 fn a_network_is_named_or_there_is_none() {
     for verb in [&["scan"][..], &["dc"], &["errors"], &["sdo", "list", "1"], &["sii", "read", "1"]] {
@@ -151,7 +153,7 @@ fn a_network_is_named_or_there_is_none() {
     }
 }
 
-/// A wrong value is reported before a network is opened.
+/// A wrong value on the command line is reported before the network is opened.
 #[test]
 fn a_wrong_value_opens_no_network() {
     for (words, why) in [

@@ -1,4 +1,5 @@
-//! The tool on captures: those of usbmon in the guest of the wire tests, see README.md, and the same with other headers.
+//! Verbs of the tool on captures: those that usbmon has made in the guest of the wire tests, and the same events in other
+//! formats.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,12 +13,13 @@ use support::captures::{captured, kept};
 use support::recorded::Program;
 
 const MODEL: &str = "sim:?slaves=drive,hsp2,io";
-/// Targets of each axis in the fixtures.
+/// The number of targets that the program of the captures sends to each axis.
 const TARGETS: u32 = 12;
-/// SET_AXIS, SET_DC, an SDO, SET_STATE, SV_ON; the targets; IO_WR and SET_STATE.
+/// The number of command frames in a capture: 5 with SET_AXIS, SET_DC, an SDO, SET_STATE and SV_ON, one for each target, 2 with
+/// IO_WR and SET_STATE.
 const COMMANDS: u32 = 5 + TARGETS + 2;
 
-/// The capture by usbmon of a program on a board of that slot size.
+/// The capture by usbmon of a program on a board with slots of `slot` bytes.
 fn fixture(slot: u32) -> Vec<u8> {
     let file = support::root().join(format!("tests/recordings/usbmon_{slot}.pcap"));
     fs::read(file).expect("the fixture")
@@ -38,7 +40,7 @@ impl Files {
         file
     }
 
-    /// The unchanged fixture, and the same as files of other kinds.
+    /// Files of the capture with slots of `slot` bytes: the unchanged one, and the same events in the formats of other systems.
     fn all(&self, slot: u32) -> Vec<PathBuf> {
         let captured = fixture(slot);
         let events = events(&captured);
@@ -96,7 +98,8 @@ fn a_capture_is_plotted_and_compared() {
     }
 }
 
-/// The model answers the same as it answered the program through the kernel's USB code.
+/// A capture of a program on the model, which ran over the kernel's USB code, is replayed on the model: the answers are the
+/// same.
 #[test]
 fn a_capture_of_the_model_is_its_replay() {
     for slot in [12, 16] {
@@ -129,7 +132,7 @@ fn a_capture_is_played_to_a_model_behind_a_chip() {
     let ran = tool("replay", &capture.file, &[&model[..], &["--pace", "times"]].concat());
     assert_eq!((ran.code, ran.err.as_str()), (Some(1), ""));
     assert!(ran.out.contains("state OP in A, PreOP in B"), "{}", ran.out);
-    // Boards of the same kind need no waiting, but allow it.
+    // A model of the same kind of board answers as early as the board did. `--pace answers` makes no difference then.
     for pace in [&[][..], &["--pace", "answers"]] {
         let found =
             tool("replay", &capture.file, &[&["--link", "sim:?slaves=drive*2,io"], pace].concat()).expect_quiet();
@@ -138,7 +141,7 @@ fn a_capture_is_played_to_a_model_behind_a_chip() {
     tool("replay", &capture.file, &["--pace", "soon"]).expect_misuse(&["--pace", "answers"]);
 }
 
-/// Without any CRC the slot size is found by the slots.
+/// If no frame of a capture has a CRC, the slot size is found by the contents of the slots.
 #[test]
 fn without_crc_the_slots_tell_the_size() {
     for slot in [12, 16] {
@@ -156,7 +159,7 @@ fn without_crc_the_slots_tell_the_size() {
     }
 }
 
-/// The same board twice, on one bus.
+/// The events of the capture with 12-byte slots, and the same events again as those of a second board on the bus.
 fn two_boards() -> Vec<Event> {
     let one = events(&fixture(12));
     let mut both: Vec<Event> = one.clone();
@@ -169,7 +172,7 @@ fn two_boards() -> Vec<Event> {
     both
 }
 
-/// With several boards one has to be chosen; `dump` shows all, one after the other.
+/// If a capture has several boards, verbs that read one of them ask for `--device`; `dump` shows all of them.
 #[test]
 fn of_several_boards_in_a_capture_one_is_chosen() {
     let both = two_boards();
@@ -206,7 +209,7 @@ fn of_several_boards_in_a_capture_one_is_chosen() {
     tool("replay", &file, &["--link", MODEL, "--device", "five"]).expect_misuse(&["five", "1.5"]);
 }
 
-/// Exit codes, words, JSON and picture for a board that differs from the model.
+/// If the board in a capture differs from the model, `replay` shows that by its exit code, as text, as JSON and as a picture.
 #[test]
 fn replay_shows_what_a_board_does_otherwise_than_the_model() {
     let run = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
@@ -240,7 +243,7 @@ fn replay_shows_what_a_board_does_otherwise_than_the_model() {
         &["would replace"],
         "with --plot",
     );
-    // A recording names its model, and the model's files if they may be opened.
+    // A recording names its model by its link. The files that the link names are opened only with `--allow-files`.
     tool("replay", &run.file, &[]).expect_failure(2, &["names a file (script=", "--allow-files"], "with --link");
     let found = tool("replay", &run.file, &["--allow-files"]).expect_quiet();
     assert!(found.contains("\nequal: 304 commands"), "{found}");
@@ -262,7 +265,7 @@ fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
     );
     tool("replay", &whole, &["--link", "sim:?slaves=lamp"]).expect_misuse(&["lamp"]);
 
-    // The change is in the packet of the fourth command.
+    // The capture is cut in the packet of its fourth command.
     let all = events(&captured);
     let is_command = |event: &Event| (event.what, event.endpoint, event.length) == (b'S', 0x02, 512);
     let commands: Vec<usize> = (0..all.len()).filter(|i| is_command(&all[*i])).collect();

@@ -18,7 +18,8 @@ mod needs_cxx {
         use crate::common::ecmsk;
         use crate::common::svg::{Plot, STATES};
 
-        /// The script of the demo: $1 is the tool, $2 the program.
+        /// The shell script of the demo that makes a pair of network cards and runs a program on simulated slaves: $1 is the
+        /// tool, $2 the program.
         const ON_A_CARD: &str = "
 ip link add veth0 type veth peer name veth1
 ip link set veth0 up
@@ -31,15 +32,15 @@ tries=0
 until grep -q answering slaves.log || [ $tries = 100 ]; do sleep 0.05; tries=$((tries + 1)); done
 $2
 ";
-        /// The colour of the second run.
+        /// The colour of the run on the network card.
         const BESIDE: &str = "#202020";
         const ALARM: &str = "alarm 0x7500: communication, nic:veth0";
         /// The picture ends before either run does, so that its scale does not depend on real time.
         const END: &str = "4.3s";
-        /// Tolerance of a coordinate, in the picture's units of a quarter of a pixel: the rounding if a scale differs
-        /// by some counts.
+        /// The tolerance of a coordinate, in the picture's units of a quarter of a pixel. If the scale differs by some counts,
+        /// coordinates are rounded to other numbers.
         const ROUNDED: f64 = 2.0;
-        /// Counts that make a smaller difference than that.
+        /// How near a curve has to come to a value, in counts, to count as having reached it.
         const NEAR: f64 = 12_000.0;
 
         fn draw(folder: &Path) -> String {
@@ -57,7 +58,8 @@ $2
             support::succeed(ecmsk(arguments).current_dir(folder))
         }
 
-        /// The time after `after` at which a line of the card's run first comes near a value.
+        /// The time, later than `after`, at which the curve of an axis in the card's run first comes near a value; both times
+        /// are in seconds.
         fn comes(plot: &Plot, axis: u8, value: f64, after: f64) -> f64 {
             let samples = plot.panel(&format!("Axis {axis}")).samples(BESIDE, false);
             let first = samples.iter().find(|(at, is)| *at > after && (is - value).abs() < NEAR);
@@ -71,8 +73,8 @@ $2
             for axis in [1, 2] {
                 let samples = plot.panel(&format!("Axis {axis}")).samples(BESIDE, false);
                 let lowest = samples.iter().map(|(_, value)| *value).fold(0.0, f64::min);
-                // The picture's scale is that of the motion after homing: the way to the negative limit switch is
-                // outside.
+                // The vertical axis of the picture fits the motion after homing. The lowest point that it shows is on the way
+                // to the negative limit switch, most of which is outside of the picture.
                 assert!((-200_000.0..-50_000.0).contains(&lowest), "its negative limit switch: {lowest}");
             }
             let home = [1, 2].map(|axis| comes(&plot, axis, 0.0, 1.5));
@@ -84,7 +86,7 @@ $2
             assert!(second < alarm && alarm < third, "at {second}, {alarm} and {third} s");
         }
 
-        /// An element of a picture: its name with its text, its style, and its place.
+        /// An element of a picture: its name with its text, its attributes of style, and its attributes with coordinates.
         #[derive(Clone, Debug, PartialEq)]
         struct Element {
             name: String,
@@ -93,7 +95,7 @@ $2
         }
 
         impl Element {
-            /// All elements of a picture; those of the card's run separately.
+            /// All elements of a picture: first those of the card's run, then all others.
             fn all(svg: &str) -> (Vec<Self>, Vec<Self>) {
                 let document = roxmltree::Document::parse(svg).expect("well-formed XML");
                 let elements = document.descendants().filter(|node| node.is_element()).map(|node| {
@@ -106,7 +108,8 @@ $2
                 let has = |element: &Self, name: &str, colour: &str| {
                     element.look.iter().any(|(other, value)| other == name && value == colour)
                 };
-                // The fault of the other run is drawn over that of the first one.
+                // Both runs have a shaded area where drive 2 has its fault. That of the card's run is drawn later, so it is the
+                // last one.
                 let fault = elements.iter().rposition(|element| has(element, "fill", STATES[0]));
                 let is_of_card = |(n, element): &(usize, Self)| {
                     element.name.ends_with(ALARM) || has(element, "stroke", BESIDE) || Some(*n) == fault
@@ -129,7 +132,8 @@ $2
                 return Some("there is none".to_owned());
             }
             let ((kept_card, kept), (now_card, now)) = (Element::all(kept), Element::all(now));
-            // Its lines have gaps where the program was late, but the same style.
+            // The curves of the card's run have gaps where the program was late, so their number differs in each run. Only
+            // which styles occur is compared.
             let looks = |card: &[Element]| {
                 let looks = card.iter().map(|one| format!("{} {:?}", one.name, one.look));
                 looks.collect::<BTreeSet<String>>()
@@ -146,7 +150,7 @@ $2
             ["x", "y", "x1", "y1", "x2", "y2", "width", "height", "points"].contains(&attribute)
         }
 
-        /// Whether both have equally many places, which are near each other.
+        /// Whether two texts have equally many coordinates, which differ by at most [`ROUNDED`].
         fn are_near(kept: &str, now: &str) -> bool {
             let places = |text: &str| text.split([' ', ',']).flat_map(str::parse).collect::<Vec<f64>>();
             let (kept, now) = (places(kept), places(now));

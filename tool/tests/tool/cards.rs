@@ -46,8 +46,8 @@ fn rows(tree: &FakeMachine) -> Vec<Value> {
     json_lines(&tree.run(&["list", "--json"]).out)
 }
 
-/// Each Ethernet card is listed with its link and the reason why it is not usable; in words and as JSON. The exit code
-/// depends on the boards.
+/// `list` shows each Ethernet card with its link and the reason why it is not usable, as text and as JSON. The exit code is
+/// about boards and not about cards.
 #[test]
 fn cards_are_listed_with_what_they_lack() {
     let tree = several();
@@ -62,14 +62,14 @@ fn cards_are_listed_with_what_they_lack() {
     let eth1 = denied.iter().find(|row| row["path"] == "eth1").expect("it is there");
     assert!(eth1["reason"].as_str().expect("a reason").contains("CAP_NET_RAW"), "{eth1}");
     assert!(eth1["next"][0].as_str().expect("a step").contains("setcap cap_net_raw+ep"), "{eth1}");
-    // A board decides the exit code.
+    // If there is a board, the exit code is about boards alone: it is 0 although a card is not usable.
     let tree = FakeMachine::good();
     tree.card("eth2", 4, "igb");
     tree.file("/sys/class/net/eth2/flags", "0x1002\n");
     assert_eq!(tree.run(&["list"]).code, Some(0));
 }
 
-/// A card for --scan is refused as by `nic:`, after the list.
+/// A card for `--scan` that does not exist is refused with the error of a link `nic:`, after the list was printed.
 #[test]
 fn slaves_are_looked_for_on_request() {
     let ran = several().run(&["list", "--scan", "no_card"]);
@@ -111,7 +111,7 @@ fn doctor_judges_a_card_and_the_machine() {
         assert_eq!(finding["state"], "wrong", "{link}: {finding}");
         assert!(words("found").contains(found) && words("next").contains(next), "{link}: {finding}");
     }
-    // A card that is as it should be.
+    // From here on nothing is wrong with the card and the machine.
     tree.file("/run/NetworkManager/devices/3", "[device]\nmanaged=false\n");
     tree.file("/sys/kernel/realtime", "1\n");
     tree.file("/sys/devices/system/cpu/isolated", "2-3\n");
@@ -138,7 +138,7 @@ fn doctor_judges_a_card_and_the_machine() {
     assert!(json_lines(&others.out).iter().all(|line| line["check"] != "card-fit"), "{others:?}");
 }
 
-/// Files of a card that are missing, nonsense or endless do no harm.
+/// `list` also works if the files of a card or of the network are empty, nonsense or very long.
 #[test]
 fn files_of_any_kind_do_no_harm() {
     let tree = several();

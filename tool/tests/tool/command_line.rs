@@ -44,13 +44,13 @@ fn the_help_documents_exit_codes_and_every_verb() {
     }
 }
 
-/// `--version` is the version of the package.
+/// `--version` prints the version of the cargo package.
 #[test]
 fn the_version_is_that_of_the_package() {
     assert_eq!(run(["--version"]).expect_quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
 }
 
-/// A word that is another tool's name for a verb is answered with the right verb, an unknown word with the list of
+/// If a word is the name of a verb in other tools, the error names the verb of this tool; for an unknown word it lists the
 /// verbs.
 #[test]
 fn what_is_looked_for_elsewhere_is_shown() {
@@ -80,8 +80,8 @@ fn a_port_that_is_missing_is_named() {
     }
 }
 
-/// A missing recording is reported before a standard output that is no terminal; the help of the shell shows the form
-/// of a line.
+/// If the recording of `monitor` is missing, the error says so and not that standard output is no terminal. The help of the
+/// shell shows the form of a line.
 #[test]
 fn a_recording_that_is_missing_is_told_first() {
     run(["monitor", "--recording", "nofile"]).expect_failure(1, &["nofile"], "check the path");
@@ -113,7 +113,7 @@ fn link_help_lists_every_key_that_an_error_may_name() {
     }
 }
 
-/// Every shell gets a script that names the verbs and their options.
+/// `ecmsk completions` prints for every shell a script that names the verbs and their options.
 #[test]
 fn every_shell_gets_completions_of_verbs_and_options() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
@@ -154,7 +154,7 @@ fn completions_work_in_bash() {
     assert_eq!(Ran::from(bash.expect("bash starts")).expect_quiet(), "dump\n--kinds\n");
 }
 
-/// A reader of the output may stop: no panic, no message, no failure.
+/// If the reader of the output stops (a closed pipe), there is no panic, no message and no failure.
 #[test]
 fn a_reader_of_the_output_may_stop_without_any_failure() {
     let zeros = format!("{}\n", "00".repeat(504)).repeat(2000);
@@ -194,7 +194,7 @@ fn a_full_disk_is_an_error_with_the_next_step() {
     }
 }
 
-/// Standard error may be closed, too.
+/// A closed standard error changes nothing else about a verb.
 #[test]
 fn a_closed_standard_error_changes_nothing() {
     let mut command = ecmsk(["dump", "/no/such/file"]);

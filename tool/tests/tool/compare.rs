@@ -39,7 +39,8 @@ fn exit_codes_are_those_of_diff() {
     assert!(help.contains("0 the recordings are equal, 1 they differ, 2 they could not be compared"), "{help}");
 }
 
-/// The text names both files and their content, the commands before, the difference, and the commands after it.
+/// The text of `compare` names both files and their content, the commands before the difference, the difference, and the
+/// commands after it.
 #[test]
 fn the_output_names_both_files_the_commands_before_and_the_difference() {
     let a = Program::default().record();
@@ -68,7 +69,7 @@ fn the_output_names_both_files_the_commands_before_and_the_difference() {
     }
     assert!(lines[9].starts_with("answers to ") && lines[9].ends_with(" later commands differ too"), "{}", ran.out);
     assert_eq!(lines[10], "B ends early: 304 of 308 commands");
-    // The frame is found again.
+    // `dump` shows the frame of the first difference under the number that the JSON gives.
     let json = compare(&a, &b, &["--json"]).json();
     let frame = json["first"]["frames"][1].as_u64().expect("a number");
     let dump = run(["dump", b.path(), "--slots", "2", "--commands", "CSP"]).expect_quiet();
@@ -77,7 +78,7 @@ fn the_output_names_both_files_the_commands_before_and_the_difference() {
     assert!(dump[place..].lines().nth(1).expect("a line").contains(&number), "{number}");
 }
 
-/// The same as one JSON object, with numbers for programs.
+/// `--json` prints the result as one JSON object, with numbers for programs.
 #[test]
 fn json_has_the_comparison_as_one_object() {
     let a = Program::default().record();
@@ -116,7 +117,7 @@ fn the_latency_of_a_chip_is_told() {
     assert!(cycles("commands") >= 4 && latency["stretches"][0]["from_command"] == 4, "{found}");
     assert_eq!((&found["equal"], &found["b"]["gaps"]["count"]), (&true.into(), &0.into()));
     assert!(found["shifted_answers"].as_u64().is_some_and(|count| count > 0), "{found}");
-    // With long packets each answer is as late as all others.
+    // With packets of 1024 bytes of data each answer is late by the same number of cycles.
     let b = Program { scheme: "xf-sim", keys: "&use_n=1024".into(), ..Program::default() }.record();
     let usual = compare(&a, &b, &["--json"]).json()["latency"]["usual_cycles"].as_i64().expect("a number");
     let late = compare(&a, &b, &["--latency", &(usual - 1).to_string(), "--json"]);
@@ -127,8 +128,8 @@ fn the_latency_of_a_chip_is_told() {
     compare(&a, &b, &["--latency", "soon"]).expect_misuse(&["--latency"]);
 }
 
-/// A latency that only one command shows counts as well: a cycle more than allowed is a difference, whose message says
-/// where.
+/// A latency counts also if only one command shows it. If it is a cycle more than `--latency` allows, it is a difference, and
+/// the message says at which command.
 #[test]
 fn one_command_tells_a_latency_that_is_too_long() {
     let run = |scheme| Program { scheme, short: true, ..Program::default() }.record();
@@ -142,7 +143,7 @@ fn one_command_tells_a_latency_that_is_too_long() {
     compare(&a, &b, &["--latency", &usual.to_string()]).expect_quiet();
 }
 
-/// Gaps are reported with their cycles.
+/// `compare` reports the gaps in the motions of a recording, with the number of cycles of each.
 #[test]
 fn gaps_are_told() {
     let a = Program::default().record();
@@ -155,7 +156,8 @@ fn gaps_are_told() {
     assert_eq!(found["a"]["gaps"]["count"], 0);
 }
 
-/// The picture: positions of both over the commands, their difference, a mark where it begins.
+/// The picture of `--plot` shows the positions of both runs over the commands, their difference, and a mark where the
+/// difference begins.
 #[test]
 fn the_picture_shows_both_positions_and_marks_where_they_differ() {
     let a = Program::default().record();
@@ -176,7 +178,7 @@ fn the_picture_shows_both_positions_and_marks_where_they_differ() {
         let upright: Vec<_> = marks.iter().filter(|(at, _)| (at - command).abs() < 0.5).collect();
         assert_eq!(upright.len(), 2, "{name}: {marks:?}");
     }
-    // The picture shows the commanded positions, in both.
+    // Axis 2 ends at its last target in the curves of both runs: A is the pale one.
     let end = BEFORE as f64 + f64::from(TARGETS);
     for pale in [true, false] {
         let position = plot.panel("Axis 2").at(COLOURS[1], pale, end);

@@ -39,7 +39,7 @@ fn half_a_count_is_refused() {
     assert_eq!(run(["move", "1=3.0", "--link", BOARD, "--up"]).out, "axis 1: at 3\n");
 }
 
-/// `info --json` has the slaves in every state: their kinds, and in OP their values.
+/// `info --json` lists the slaves in every state of the network: their kinds, and in OP also their values.
 #[test]
 fn info_as_json_has_the_slaves_in_every_state() {
     let slaves = |ran: &Ran| object(ran)["slaves"].as_array().expect("a list").clone();
@@ -66,7 +66,8 @@ fn an_index_without_0x_is_questioned() {
     assert_eq!(run(["sdo", "read", "1", "0x6098", "--link", BOARD]).out, "35 (0x23)\n");
 }
 
-/// The error lists the words that may follow `expect` and other verbs with sub-verbs.
+/// If a word after `expect`, or after another verb with sub-verbs, is unknown or missing, the error lists the words that may
+/// follow.
 #[test]
 fn an_unknown_word_behind_a_verb_lists_the_allowed_ones() {
     for (line, wrong) in [("expect", "a word is missing"), ("expect foo 1", "`foo 1` is unknown")] {

@@ -14,7 +14,8 @@ const SPI: &str = "spi:/dev/spidev0.0";
 const XF_SPI: &str = "xf-spi:/dev/spidev0.0";
 const SIM: &str = "sim:";
 
-/// The report, without the parts that depend on this build and on the machine of the test.
+/// Runs `doctor` on a machine of files; its output is without the parts that depend on this build and on the machine of the
+/// test.
 fn report(tree: &FakeMachine, link: &str, arguments: &[&str]) -> Ran {
     let mut command = tree.tool(&[&["doctor", "--quick"], arguments].concat());
     let mut ran = Ran::from(command.env("ECMSK_LINK", link).output().expect("the tool starts"));
@@ -40,7 +41,8 @@ fn wrongs(tree: &FakeMachine, link: &str) -> Vec<String> {
     findings.iter().map(|finding| finding["check"].as_str().expect("a text").to_owned()).collect()
 }
 
-/// A machine without faults, and one with all faults; in words and as JSON. The exit code distinguishes them.
+/// `doctor` reports on a machine without faults and on one with all faults, as text and as JSON. Its exit code tells the two
+/// apart.
 #[test]
 fn the_exit_code_says_whether_anything_is_wrong_with_the_machine() {
     let good = FakeMachine::good();
@@ -59,7 +61,7 @@ fn the_exit_code_says_whether_anything_is_wrong_with_the_machine() {
     support::snapshot("tool_doctor_bad", &format!("{text}\n{}", json.out));
 }
 
-/// A machine with all faults.
+/// Makes a machine with all faults that `doctor` reports.
 fn bad() -> FakeMachine {
     let bad = FakeMachine::bare();
     bad.hub("1-2", "80");
@@ -112,7 +114,8 @@ fn the_last_line_counts_what_is_wrong_and_what_could_be_better() {
     assert_eq!(last(&tree), (Some(1), Some("2 to put right, 1 could be better".into())));
 }
 
-/// One change on a good machine: the finding that reports it, its text and what to do. All other findings stay right.
+/// For each fault: one change to a machine without faults makes one finding that reports it, with its text and what to do. All
+/// other findings stay `ok`.
 #[test]
 fn each_thing_that_is_wrong_is_found_by_its_own_check() {
     type Change = fn(&FakeMachine);
@@ -225,7 +228,7 @@ fn each_thing_that_is_wrong_is_found_by_its_own_check() {
     }
 }
 
-/// XF-16.9 Cases that look wrong and are not.
+/// XF-16.9 A machine that looks wrong and is not gets the finding `ok`.
 #[test]
 fn what_only_looks_wrong_is_not_reported() {
     type Change = fn(&FakeMachine);
@@ -328,7 +331,7 @@ fn a_capability_allows_what_a_limit_forbids() {
     assert_eq!(both(&tree), ["advice", "ok"]);
 }
 
-/// The link that would be used, the source of its name, and the other places that were searched.
+/// `doctor` shows the link that would be used, where it is configured, and which other places were searched.
 #[test]
 fn the_link_that_would_be_used_is_shown_with_its_source() {
     let tree = FakeMachine::good();
@@ -396,7 +399,7 @@ fn the_lateness_of_threads_is_measured_unless_quick() {
     assert!(tree.doctor(SIM).iter().all(|finding| finding["check"] != "wake-up"));
 }
 
-/// There is a report on the machine of the test, too.
+/// `doctor` also reports on the machine on which the test runs, whatever that has.
 #[test]
 fn doctor_reports_on_the_machine_it_runs_on() {
     let ran = run(["doctor", "--quick", "--json"]);

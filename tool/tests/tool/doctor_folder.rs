@@ -9,7 +9,7 @@ use serde_json::Value;
 use support::pe::{ARM64, IL_ONLY, PREFERS_32, Pe, REQUIRES_32, X64, X86, ours, vendors};
 use tempfile::TempDir;
 
-/// A folder with these files.
+/// Makes a folder with these files, each a name and a content.
 fn folder(files: &[(&str, Vec<u8>)]) -> TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, bytes) in files {
@@ -28,7 +28,7 @@ fn doctor(folder: &Path) -> (Ran, Vec<Value>) {
     (text, findings)
 }
 
-/// State, text and next step of one finding.
+/// The state, the text and the next step of the finding of a check about one file.
 fn told<'a>(findings: &'a [Value], check: &str, subject: &str) -> (&'a str, &'a str, &'a str) {
     let mut fitting = findings.iter().filter(|finding| finding["check"] == check && finding["subject"] == subject);
     let finding = fitting.next().unwrap_or_else(|| panic!("no {check} {subject} in {findings:?}"));
@@ -37,7 +37,7 @@ fn told<'a>(findings: &'a [Value], check: &str, subject: &str) -> (&'a str, &'a 
     (text("state"), text("found"), text("next"))
 }
 
-/// A program that links the library, as a C++ compiler's linker leaves it.
+/// A Windows program for a machine (of the PE format) that links the library, as the linker of a C++ compiler leaves it.
 fn program(machine: u16) -> Vec<u8> {
     Pe::program(machine).text(b"NEXTWUSBLib.dll\0").bytes()
 }
@@ -64,8 +64,8 @@ fn a_folder_in_which_everything_fits_has_nothing_wrong() {
     assert!(ran.out.ends_with("nothing is wrong, 0 could be better\n"), "{}", ran.out);
 }
 
-/// A library of the wrong width is wrong, with Windows' error text and the library to put there; so is a missing one
-/// and a broken one. Programs that do not use the library are ignored.
+/// A library of the wrong width is wrong. The finding has the error text of Windows, and names the library to put there. A
+/// missing library and a broken one are wrong, too. Programs that do not use the library are ignored.
 #[test]
 fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
     for (machine, other, width, others, name) in
@@ -82,7 +82,8 @@ fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
         assert_eq!(told(&findings, "program", "press.exe"), ("wrong", &found[..], &next[..]));
         assert!(ran.out.contains(&format!("do: {next}\n")), "{}", ran.out);
 
-        // The right library is in the folder of the package.
+        // If the library of the right width is in the sub-folder `x86` or `x64`, as in the package, the next step is to put
+        // that one in place.
         fs::create_dir(there.path().join(name)).expect("a folder");
         fs::write(there.path().join(name).join("NEXTWUSBLib.dll"), ours(machine)).expect("a file");
         let (_, findings) = doctor(there.path());
@@ -113,8 +114,8 @@ fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
     assert_eq!((arm.0.code, told(&arm.1, "program", "press.exe").0), (Some(1), "wrong"));
 }
 
-/// A .NET program has the width of its CLI header, on a 64-bit Windows; this project's assemblies search the folders
-/// for the widths, the program's own DllImport does not.
+/// A .NET program has the width that its CLI header requests from a 64-bit Windows. The assemblies of this project look for the
+/// library in the folders `x86` and `x64` as well; a DllImport of the program itself does not.
 #[test]
 fn a_dotnet_program_has_the_width_of_its_cli_header() {
     let managed = |machine, flags| Pe::program(machine).managed(flags).text(b"NEXTWUSBLib.dll\0");
@@ -136,7 +137,7 @@ fn a_dotnet_program_has_the_width_of_its_cli_header() {
         assert!(found.contains("BadImageFormatException") && next.contains(width), "{found} {next}");
     }
 
-    // Ours has the company of the vendor's, too.
+    // The assemblies of this project have the company of the vendor's in their version resource, too. Only the product differs.
     let assembly = |product: &str| {
         let texts = [("CompanyName", "NEXTW"), ("FileVersion", "2.0.0.0"), ("ProductName", product)];
         Pe::library(X86).managed(IL_ONLY).wide("NEXTWUSBLib.dll").version(&texts).bytes()
@@ -223,7 +224,7 @@ fn files_that_lie_about_themselves_do_not_end_the_tool() {
         .version(&[("CompanyName", "\u{1b}[31mMaker"), ("FileVersion", "1")])
         .text(b"NEXTWUSBLib.dll\0")
         .bytes();
-    // Every length of the headers, and some of the rest.
+    // The file is cut at every third byte of its headers, and at some bytes of the rest.
     let lengths = (0..0x200).step_by(3).chain((0x200..whole.len()).step_by(37));
     let mut files: Vec<Vec<u8>> = lengths.map(|end| whole[..end].to_vec()).collect();
     let cut = files.len();

@@ -13,7 +13,7 @@ const GADGETS: &str = "/sys/kernel/config/usb_gadget";
 const SYSTEMS: &str = "/proc/filesystems";
 const MODULES: &str = "/lib/modules/6.1.0-test/modules.order";
 
-/// A machine with a device port, set up for this user.
+/// A machine with a USB device port, where the user of the test may make a gadget.
 fn good() -> FakeMachine {
     let tree = FakeMachine::good();
     tree.file(&format!("{CONTROLLER}/maximum_speed"), "high-speed\n");
@@ -27,7 +27,8 @@ fn good() -> FakeMachine {
 
 /// The findings about the device port.
 fn findings(tree: &FakeMachine) -> Vec<Value> {
-    // Making a gadget in a folder of root is what the last check is about.
+    // The tool runs as the user of the test, because the last check is whether this user may make a gadget in the kernel's
+    // folder for gadgets.
     let mut command = tree.tool_of_us(&["doctor", "--quick", "--json", "--gadget"]);
     let ran = Ran::from(command.env("ECMSK_LINK", "sim:").output().expect("the tool starts"));
     assert!(matches!(ran.code, Some(0 | 1)) && ran.err.is_empty(), "{ran:?}");
@@ -36,7 +37,8 @@ fn findings(tree: &FakeMachine) -> Vec<Value> {
     findings
 }
 
-/// One change on a good machine: the finding that reports it, its text and what to do. All others stay right.
+/// For each fault: one change to a machine without faults makes one finding that reports it, with its text and what to do. All
+/// other findings stay `ok`.
 #[test]
 fn each_thing_that_is_wrong_has_its_finding_with_the_next_step() {
     type Change = fn(&FakeMachine);
@@ -96,7 +98,8 @@ fn each_thing_that_is_wrong_has_its_finding_with_the_next_step() {
     }
 }
 
-/// What is right: a free port, one that serves a board, and a module that is loaded later. Without `--gadget` nothing is said.
+/// A free device port, one that serves a board, and a kernel module that is loaded later are right. Without `--gadget` there is
+/// no finding about device ports.
 #[test]
 fn a_machine_that_can_be_a_board_is_right() {
     let tree = good();

@@ -9,7 +9,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A line of input with its direction.
+/// A golden frame as a line of input for `dump --hex`: its direction, its bytes, and its name as a comment.
 fn line(vector: &Vector) -> String {
     format!("{} {} # {}\n", if vector.is_response() { '<' } else { '>' }, hex(&vector.bytes), vector.name)
 }
@@ -18,7 +18,7 @@ fn dump(arguments: &[&str], input: impl AsRef<[u8]>) -> Ran {
     run_with_input(&[&["dump", "--hex"], arguments].concat(), input)
 }
 
-/// Every golden frame in words, in a snapshot that was checked by hand.
+/// `dump --hex` shows every golden frame as text, as in a snapshot that was checked by hand.
 #[test]
 fn every_golden_frame_is_dumped_as_the_snapshot_says() {
     let input: String = vectors().iter().map(|vector| format!("# {}\n{}", vector.name, line(vector))).collect();
@@ -51,7 +51,8 @@ fn json_has_the_numbers_of_the_golden_frames() {
     }
 }
 
-/// XF-15.7 Golden packets of a chip, commands and answers, of any size and check word, in words and as JSON; between them a frame.
+/// XF-15.7 `dump --hex` shows golden packets of a chip, commands and answers, of any size and check word, as text and as JSON,
+/// also with a frame of a board between them.
 #[test]
 fn golden_packets_are_dumped() {
     let sign = |is_answer| if is_answer { '<' } else { '>' };
@@ -71,7 +72,7 @@ fn golden_packets_are_dumped() {
         assert_eq!(object["bytes"], hex(&packet.bytes));
         let guessed = json_lines(&dump(&["--json"], hex(&packet.bytes)).expect_quiet())[0].clone();
         assert_eq!(guessed["direction_guessed"], true, "{}", packet.name);
-        // An answer of a chip without slaves and cable, with the fixed word, looks like a command.
+        // In an answer of a chip without slaves and cable, with a fixed check word, nothing shows that it is no command.
         let is_bare = packet.is_answer && packet.bytes[8..10] == [0; 2] && packet.bytes[10] & 3 == 0;
         assert!(is_bare || guessed["direction"] == direction, "{}: {guessed}", packet.name);
     }
@@ -88,7 +89,7 @@ fn golden_packets_are_dumped() {
     assert!(text.contains("damaged: the check word"), "{text}");
 }
 
-/// The CRC in byte 3: right, absent, wrong, and right although 0.
+/// The JSON says of the CRC in byte 3 whether it is right, absent or wrong; a right CRC may also be 0.
 #[test]
 fn json_says_whether_the_crc_is_right_absent_or_wrong() {
     for (name, status) in
@@ -104,7 +105,7 @@ fn json_says_whether_the_crc_is_right_absent_or_wrong() {
     }
 }
 
-/// Fields have names with units, so that a script needs no byte offsets.
+/// The fields of the JSON have names with units, so that a script needs no byte offsets.
 #[test]
 fn json_fields_have_names_with_units() {
     let slot = |name: &str, slot: &str, arguments: &[&str]| {
@@ -156,7 +157,8 @@ fn a_guessed_direction_is_marked_and_a_prefix_or_flag_settles_it() {
     assert!(dump(&["--command"], format!(" < {digits}")).expect_quiet().starts_with("line 1    response\n"));
 }
 
-/// Blanks, comments and upper case do not matter; lines keep their numbers.
+/// Blanks, comments and upper case in lines of digits do not change the output. The line numbers in the output count all lines
+/// of the input, comments and empty lines too.
 #[test]
 fn blanks_comments_and_upper_case_do_not_matter() {
     let vector = vector_named("csp-index-7");
@@ -168,8 +170,8 @@ fn blanks_comments_and_upper_case_do_not_matter() {
     assert_eq!(out, expected);
 }
 
-/// SK-9.6 A 12-byte frame in 512 bytes: the first 504 count, the rest is filler. Its CRC shows the slot size, here as
-/// for 16-byte slots.
+/// SK-9.6 Of a frame with 12-byte slots in 512 bytes only the first 504 count; the rest is filler. The CRC shows the slot size,
+/// of this frame as of one with 16-byte slots.
 #[test]
 fn slot_size_is_found_by_the_crc() {
     let padded = |mut bytes: Vec<u8>| {
@@ -184,7 +186,7 @@ fn slot_size_is_found_by_the_crc() {
     assert_eq!(sizes(&format!("{narrow}\n{wide}\n{narrow}")), [Some(12), Some(16), Some(12)]);
     let all = |digits: &str| dump(&["--json", "--all"], digits).expect_quiet();
     assert_eq!(all(&narrow), all(&hex(&vector_named("csp-all-40").bytes)));
-    // A frame without a CRC counts as one of its neighbours' board.
+    // A frame without a CRC gets the slot size that the CRCs of other frames show.
     assert_eq!(sizes(&format!("{wide}\n{}", "00".repeat(512))), [Some(16), Some(16)]);
 }
 
@@ -203,7 +205,7 @@ fn an_assumed_slot_size_is_noted_once() {
     assert!(out.contains("\"slot_bytes\":16"), "{out}");
 }
 
-/// Without a list the kinds of slaves are those of the last SET_AXIS.
+/// Without `--kinds` the kinds of slaves are those of the last SET_AXIS.
 #[test]
 fn set_axis_tells_the_kinds() {
     let (axes, response) = (line(&vector_named("set-axis-group0")), line(&vector_named("resp-hsp-12")));

@@ -19,8 +19,9 @@ fn link(file: &Path) -> String {
     format!("xf-sim:?slaves=drive&clock=virtual&chip_fw=old&record={}", file.display())
 }
 
-/// XF-15.7 Commands are shown by their names with their fields, answers by theirs with the state, errors and FIFOs of the
-/// header, NOP answers and damaged packets as such; `--hex` adds the bytes, `--json` has the numbers.
+/// XF-15.7 `dump` shows commands of a chip's recording by name with their fields, and answers by the name of the command with
+/// the state, errors and FIFOs of the header. Answers "not ready" and damaged packets are shown as such. `--hex` adds the
+/// bytes, `--json` has the numbers.
 #[test]
 fn packets_are_shown_in_words() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -65,8 +66,8 @@ fn packets_are_shown_in_words() {
     assert!(objects.last().expect("some")["text"][0] == "10 bytes, as no packet has");
 }
 
-/// XF-15.7 A driver that clocks single bytes while it searches n gives a few lines: its bytes are joined, and packets
-/// in them are shown. So is a packet that passes in parts.
+/// XF-15.7 A driver that transfers single bytes while it searches the packet size gives only a few lines: its bytes are joined,
+/// and the packets in them are shown. The same holds for a packet that is transferred in parts.
 #[test]
 fn pieces_are_joined() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -105,8 +106,8 @@ fn pieces_are_joined() {
     assert!(hex.out.contains("\n  00 00 00 00 ") && hex.out.lines().count() < 120, "{hex:?}");
 }
 
-/// XF-15.5 Other verbs name the kind of file and the verb that shows it; `--hex` with the recording of a board is
-/// refused.
+/// XF-15.5 Other verbs refuse the recording of a chip; the error says what the file is and which verb shows it. `--hex` with
+/// the recording of a board is refused.
 #[test]
 fn other_verbs_say_what_it_is() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -13,7 +13,7 @@ use vectors::{Vector, vector_named};
 const LINK: &str = "sim:?slaves=drive*3&clock=virtual";
 const MS: u64 = 1_000_000;
 
-/// A script of golden frames, one every millisecond, from 5 ms on.
+/// The golden frames with these names as a script, one every millisecond from 5 ms on.
 fn golden(names: &[&str]) -> Script {
     let mut script = Script::default();
     for (i, vector) in (0..).zip(names.iter().map(|name| vector_named(name))) {
@@ -30,7 +30,7 @@ fn pass(script: &mut Script, at_ns: u64, vector: &Vector) {
     }
 }
 
-/// A folder with a recording.
+/// A recording in a folder of its own, and `dump` on it.
 struct Recorded {
     _folder: TempDir,
     file: PathBuf,
@@ -59,7 +59,7 @@ fn dump(file: &Path, options: &[&str]) -> Ran {
     run([&["dump", file], options].concat())
 }
 
-/// Some of each kind of frame.
+/// The names of golden frames of several kinds: commands to slot 0, to slaves and in the SDO slot, and responses.
 const MIXED: [&str; 7] = [
     "set-axis-group0",
     "resp-preop-nocrc",
@@ -70,14 +70,14 @@ const MIXED: [&str; 7] = [
     "io-wr",
 ];
 
-/// A recording in words: the link, then every frame with its number, its time and its slots.
+/// `dump` prints a recording as text: the link, then every frame with its number, its time and its slots.
 #[test]
 fn a_recording_is_dumped_frame_by_frame_with_its_link() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
     support::snapshot("dump_recording", &recorded.dump(&[]).expect_quiet());
 }
 
-/// The same as JSON lines: times since the first frame and as recorded.
+/// `dump --json` prints a recording as JSON lines, with each time since the first frame and as recorded.
 #[test]
 fn a_recording_is_dumped_as_json_lines_with_both_times() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
@@ -90,7 +90,7 @@ fn a_recording_is_dumped_as_json_lines_with_both_times() {
         let direction = if vector_named(name).is_response() { "response" } else { "command" };
         assert_eq!((&frame["direction"], &frame["direction_guessed"]), (&direction.into(), &false.into()), "{name}");
     }
-    // A SET_AXIS came before, so the kind of slave 1 is known.
+    // The recording has a SET_AXIS before this frame, so the kind of slave 1 is known.
     assert_eq!(
         (&frames[5]["slots"][1]["kind"], &frames[5]["slots"][1]["kind_from"]),
         (&"drive".into(), &"given".into())
@@ -154,7 +154,7 @@ fn a_set_axis_in_op_does_not_change_the_kinds_of_slaves() {
     assert_eq!(recorded.json(&["--slots", "1"])[2]["slots"][0]["kind_from"], "guessed");
 }
 
-/// The slots asked for, or all of them.
+/// `--slots` selects the slots that are shown; `--all` shows all of them.
 #[test]
 fn only_the_slots_asked_for_are_shown() {
     let recorded = Recorded::new(&golden(&["csp-all-40"]), LINK, Some(SlotSize::Bytes12));
@@ -180,7 +180,7 @@ fn a_truncated_recording_is_shown_up_to_the_error() {
         fs::write(&cut, &whole[..len]).expect("a file");
         let ran = dump(&cut, &[]);
         assert!(text.starts_with(&ran.out), "{len} bytes: {}", ran.out);
-        // Between two blocks a cut cannot be seen.
+        // If the cut is between two blocks of the pcapng format, nothing is truncated, and there is no error.
         if ran.code != Some(0) {
             assert_eq!(ran.code, Some(1), "{len} bytes: {ran:?}");
             assert!(ran.err.starts_with("error: ") && ran.err.contains("; "), "{len} bytes: {}", ran.err);
@@ -192,7 +192,7 @@ fn a_truncated_recording_is_shown_up_to_the_error() {
     assert!(ran.out.contains("frame 2 ") && ran.err.contains("ends in the middle of the block at byte"), "{ran:?}");
 }
 
-/// Bytes that were changed give an error or other frames, never a crash.
+/// A recording with changed bytes gives an error or other frames, and never a crash.
 #[test]
 fn a_damaged_recording_never_ends_in_a_panic() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
@@ -212,7 +212,7 @@ fn a_damaged_recording_never_ends_in_a_panic() {
     }
 }
 
-/// Unreadable files, and files that are no recording.
+/// A file that cannot be read, or is no recording, is an error with the next step.
 #[test]
 fn a_file_that_is_no_recording_is_an_error() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -241,8 +241,8 @@ fn a_recording_without_frames_has_nothing_to_show() {
     assert_eq!(recorded.dump(&[]).expect_quiet(), "");
 }
 
-/// A process that opens a board again goes on in the same file: one dump, each opening shows its link, and no time
-/// occurs twice.
+/// If a process opens a board again, its recording continues in the same file. `dump` shows all of it, with the link at each
+/// opening, and no time occurs twice.
 #[test]
 fn a_recording_of_several_openings_is_one_dump_with_each_link() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -265,7 +265,7 @@ fn a_recording_of_several_openings_is_one_dump_with_each_link() {
 fn frames_missing_from_a_recording_are_noted() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
-    // More frames than one batch of the disk and the queue hold.
+    // More frames than the recorder's queue and the block that is being written have room for.
     let lost = record_to_a_slow_disk(&file, 1000);
     assert!(lost > 0, "nothing was lost");
     let ran = dump(&file, &["--slots", "0"]);

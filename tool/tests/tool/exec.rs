@@ -48,7 +48,7 @@ fn a_program_that_opens_no_board_is_named() {
     }
 }
 
-/// --record becomes a key of the link, encoded, with the whole path.
+/// `--record` becomes the key `record=` of the link, percent-encoded and with the absolute path.
 #[test]
 fn record_is_part_of_the_link() {
     let place = ExecFolder::new();
@@ -75,8 +75,8 @@ fn a_recording_that_cannot_be_made_is_an_error_before_the_program_starts() {
     twice.expect_failure(2, &["`record` is given twice"], "ecmsk link help");
 }
 
-/// Without --link the recorded link is the one that the library would choose: ECMSK_LINK, then the files beside the
-/// program and beside the library; none: a board on USB.
+/// Without --link `--record` records the link that the library would choose: that of ECMSK_LINK, else that of a file beside the
+/// program, else that of a file beside the library, else a board on USB.
 #[test]
 fn without_a_link_the_recording_is_of_the_link_that_the_library_chooses() {
     let place = ExecFolder::new();
@@ -134,7 +134,7 @@ fn the_exit_code_is_that_of_the_program_or_128_plus_the_signal() {
     }
 }
 
-/// 127 for a missing program, 126 for one that cannot be executed, each with what to do.
+/// The exit code is 127 for a program that does not exist and 126 for one that cannot be executed; the error says what to do.
 #[test]
 fn programs_that_do_not_start() {
     let place = ExecFolder::new();
@@ -211,13 +211,13 @@ fn a_folder_for_temporary_files_that_cannot_be_used_is_named() {
 fn signals_are_inherited_as_they_were() {
     let place = ExecFolder::new();
     let script = ["--", "sh", "-c", ": > \"$ECMSK_OPENED\"; cat /proc/self/status"];
-    // Signals above 31 are the C library's own.
+    // Only the signals 1 to 31 are compared. The C library uses some of the others for itself.
     let mask = |status: &str, name: &str| {
         let mask = status.lines().find_map(|line| line.strip_prefix(name)).expect("a line");
         u64::from_str_radix(mask.trim(), 16).expect("a mask") & 0x7FFF_FFFF
     };
-    // Signals that this test's environment ignores are ignored by all processes; SIGPIPE only by programs in Rust, not
-    // by programs that they start.
+    // Processes inherit the signals that are ignored here. SIGPIPE is an exception: Rust ignores it in its own programs, but
+    // not in programs that these start.
     let own = fs::read_to_string("/proc/self/status").expect("a file");
     let ignored = mask(&own, "SigIgn:") & !(1 << 12);
     let out = Ran::from(place.exec(&script).output().expect("the tool starts")).expect_quiet();
@@ -230,7 +230,8 @@ fn signals_are_inherited_as_they_were() {
     assert_eq!(mask(&ran.expect_quiet(), "SigIgn:"), ignored | 0b11);
 }
 
-/// Starts a script that reports when it is ready, in its own process group, as a shell does.
+/// Starts `ecmsk exec` with a shell script in a process group of its own, as a shell does. Returns the tool once the script has
+/// printed `ready`.
 fn start(place: &ExecFolder, script: &str) -> Child {
     let mut command = with_default_signals(&place.exec(&["--", "sh", "-c", script]));
     let mut tool = command.stdout(Stdio::piped()).process_group(0).spawn().expect("the tool starts");
@@ -240,13 +241,14 @@ fn start(place: &ExecFolder, script: &str) -> Child {
     tool
 }
 
-/// Sends a signal to a process, or with a minus to a group.
+/// Sends a signal to a process, or to a process group if `whom` is its number with a minus.
 fn kill(signal: &str, whom: &str) {
     let sent = Command::new("kill").args([signal, "--", whom]).status().expect("kill starts");
     assert!(sent.success(), "kill {signal} {whom}");
 }
 
-/// Ctrl-C goes to the whole group: the program decides, and the tool ends with it.
+/// Ctrl-C reaches the program and the tool, which are in the same process group. The program decides what to do, and the tool
+/// ends with it.
 #[test]
 fn ctrl_c_is_handled_by_the_program_alone() {
     let place = ExecFolder::new();
@@ -307,7 +309,7 @@ mod needs_cxx {
         assert_eq!(out, "sim:?slaves=drive*3&clock=virtual\n");
     }
 
-    /// Without --link the library opens its default: a board on USB.
+    /// Without --link the library opens its default link, a board on USB.
     #[test]
     fn without_a_link_the_library_decides() {
         let mut command = exec_command(&[], &program("which_link.c"));

@@ -21,7 +21,8 @@ fn the_library_is_found_first() {
     assert_eq!(out, format!("700\nlibNEXTWUSBLib.so\n{library}\nlibNEXTWUSBLib.so.0\n{library}\n"));
 }
 
-/// The user's search path stays behind it; an empty one, which would mean the current folder, is not kept.
+/// The user's search path follows the folder of the library. An empty search path, which would mean the current folder, is not
+/// kept.
 #[test]
 fn the_search_path_is_kept() {
     let place = ExecFolder::new();
@@ -36,7 +37,7 @@ fn the_search_path_is_kept() {
     }
 }
 
-/// The library: a file, or a folder that has it by either name.
+/// `--library` names the library: as a file, or as a folder that has it by either of its names.
 #[test]
 fn the_option_library_names_a_file_or_a_folder() {
     let place = ExecFolder::new();
@@ -54,8 +55,8 @@ fn the_option_library_names_a_file_or_a_folder() {
     }
 }
 
-/// Without --library: beside the tool, then in ../lib, as `cargo xtask stage` installs them, then where Debian has the
-/// libraries of this architecture.
+/// Without --library the tool searches the library beside itself, then in ../lib, as `cargo xtask stage` installs both, then in
+/// Debian's folder of libraries for this architecture.
 #[test]
 fn the_library_is_looked_for_beside_the_tool() {
     let place = ExecFolder::new();

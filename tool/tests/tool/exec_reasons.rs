@@ -143,7 +143,7 @@ mod needs_cxx {
         has(&ran, &["warning: the program writes frames of 504 bytes, the board's are 512 (16-byte slots); "]);
     }
 
-    /// The reason why there is no board: none is plugged in, or another program has it.
+    /// If a program gets no board, `exec` gives the reason: none is plugged in, or another program has it.
     #[test]
     fn why_a_program_got_no_board_is_told() {
         let ran = exec(&[], "tcp://127.0.0.1:9", &["1"]);
@@ -168,7 +168,7 @@ mod needs_cxx {
         has(&ran, &[&format!("{failed}see whether SET_AXIS declares each slave")]);
     }
 
-    /// A full FIFO, a FIFO that runs empty in a motion, and unread reports.
+    /// `exec` reports a full FIFO, a FIFO that runs empty in a motion, and reports that the program did not read.
     #[test]
     fn a_full_fifo_an_empty_fifo_and_unread_reports_are_told() {
         let ran = exec(&[], TWO, &["2", "500", "flood"]);
@@ -178,7 +178,7 @@ mod needs_cxx {
         assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
     }
 
-    /// A program that is killed has a summary, too.
+    /// `exec` prints a summary also for a program that is killed.
     #[test]
     fn a_program_that_is_killed() {
         let ran = exec(&[], ONE, &["2", "200", "killed"]);
@@ -206,7 +206,8 @@ mod needs_cxx {
             "slave 2 has an alarm, 0x2310: continuous overcurrent at the output",
         ];
         alarms.iter().for_each(|alarm| has(&ran, &[&format!("warning: {alarm}")]));
-        // The times of warnings are those of the script and of the recording: from when the board was opened.
+        // Warnings have the times of the script, which count from the opening of the board. `dump` shows the alarm at the same
+        // time, since the recording begins at once.
         has(&ran, &["warning: script, line 1: `alarm 1 0x7500` at 0.800 s"]);
         let dump = run(["dump", "--from", "799ms", "--to", "803ms", file.to_str().expect("UTF-8")]).expect_quiet();
         let shown = dump.find("Fault reaction active").expect("the alarm");
@@ -237,7 +238,7 @@ mod needs_cxx {
         fs::write(&file, &whole[..whole.len() - 3]).expect("a file");
         assert_eq!(run(["summary", "--exit-code", file.to_str().expect("UTF-8")]).code, Some(1));
 
-        // It gives up before the board is in SafeOP, and one program switches back before it ends.
+        // The program gives up before the board is in SafeOP. With `hasty_and_tidy` it sends SET_STATE Init before it ends.
         for how in ["hasty", "hasty_and_tidy"] {
             let (ran, file) = recorded(folder.path(), TWO, &["2", "0", how]);
             let hasty = "the program gave up 4 ms after it had asked for OP, while the board was on its way there; ";

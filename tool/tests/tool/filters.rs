@@ -1,4 +1,4 @@
-//! What `ecmsk dump` and `ecmsk plot` leave out when asked: by slot, by command, by time.
+//! The filters of `ecmsk dump` and `ecmsk plot`: by slot, by command, by time.
 
 use crate::common::motion::FakeBoard;
 use crate::common::plots::{Recorded, two_axes};
@@ -7,7 +7,7 @@ use crate::common::{Ran, json_lines, run};
 use ecmsk::sk::{MasterCommand, MasterState, SdoCommand, SlaveCommand, SlotSize};
 use serde_json::Value;
 
-/// Two drives that are moved, one of them homed in between, and an SDO.
+/// A recording of two drives that are moved, one of them homed in between, and of an SDO.
 fn mixed(size: SlotSize) -> Recorded {
     let mut board = FakeBoard::new(size, 2);
     for i in 0..10 {
@@ -40,7 +40,7 @@ fn slots(frame: &Value) -> Vec<u64> {
     frame["slots"].as_array().expect("slots").iter().map(|slot| slot["slot"].as_u64().expect("a number")).collect()
 }
 
-/// Slots by number, range and word; the SDO slot is the last of either frame.
+/// `dump --slots` selects slots by number, range and word; the SDO slot is the last one of a frame in either slot size.
 #[test]
 fn dump_by_slot() {
     for (size, sdo) in [(SlotSize::Bytes12, 41), (SlotSize::Bytes16, 31)] {
@@ -59,7 +59,8 @@ fn dump_by_slot() {
     }
 }
 
-/// Commands by name: the frames with these commands, the reports that answer them, and only these slots of them.
+/// `dump --commands` selects by the names of commands: it shows the frames with these commands and the reports that answer
+/// them, and of both only the slots concerned.
 #[test]
 fn dump_by_command() {
     let recorded = mixed(SlotSize::Bytes12);
@@ -83,11 +84,11 @@ fn dump_by_command() {
     assert_eq!((sent, sent + answered), (20, json(&recorded, &["--commands", "CSP"]).len()));
     dump(&recorded, &["--direction", "up"]).expect_misuse(&["--direction", "allowed: command, response"]);
     dump(&recorded, &["--commands", "CPS"]).expect_misuse(&["--commands", "CSP", "SET_STATE", "CYCLIC"]);
-    // SET_AXIS gives the kinds, though it is not shown.
+    // The frame with SET_AXIS is not shown, but it gives the kinds of the slaves.
     assert_eq!(second.last().expect("frames")["slots"][0]["kind_from"], "given");
 }
 
-/// Times of the recording with their unit, both ends included; an empty output is reported.
+/// `dump --from --to` selects frames by times with a unit, both ends included; a note says if nothing is left.
 #[test]
 fn dump_by_time() {
     let recorded = mixed(SlotSize::Bytes12);
@@ -112,7 +113,7 @@ fn dump_by_time() {
     run(["dump", "--hex", "--from", "1"]).expect_misuse(&["--from", "--hex"]);
 }
 
-/// A plot of ranges of axes and of commands; if nothing is left there is an error and no plot.
+/// `plot` selects axes by ranges, and commands; if nothing is left there is an error and no plot.
 #[test]
 fn plot_by_axis_and_command() {
     let (run, _) = two_axes();
@@ -129,7 +130,7 @@ fn plot_by_axis_and_command() {
     assert!(!recorded.file.with_extension("svg").exists());
 }
 
-/// Only the stretches where a slot has the command: before and after there is no line.
+/// With `--commands` the curve begins where the slot answers the command; there is no curve before.
 #[test]
 fn plot_of_a_command() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);

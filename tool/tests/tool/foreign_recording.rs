@@ -26,13 +26,14 @@ fn harmless(ran: &Ran) {
     }
 }
 
-/// The frames of a recording under another link's name.
+/// Copies a recording to `file`, but with `link` as the link that it names.
 fn renamed(recording: &Path, link: &str, file: &Path) {
     let memory = Memory::default();
     let meta = RecordMeta { slot: None, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
     RecordLink::to_sink(Arc::new(Echo::new(true)), "m", Box::new(memory.clone()), &meta, 1).expect("memory").close();
     let mut bytes = memory.bytes();
-    // Header and interface of one recording, frames and end of the other.
+    // A recording with the wanted link gives the section header and the interface block, the recording to copy gives all frames
+    // and the end.
     let second = |bytes: &[u8]| (0..2).fold(0, |at, _| at + support::recording::u32_at(bytes, at + 4) as usize);
     bytes.truncate(second(&bytes));
     let whole = fs::read(recording).expect("a recording");
@@ -40,8 +41,8 @@ fn renamed(recording: &Path, link: &str, file: &Path) {
     fs::write(file, bytes).expect("a file");
 }
 
-/// Texts of a recording, and the name of its file, are shown without effect: in words, in errors and notes, in
-/// pictures. JSON has them unchanged.
+/// Control sequences in the texts of a recording and in the name of its file are shown as codes: in text, in errors and notes,
+/// in pictures. JSON has the texts unchanged.
 #[test]
 fn text_of_a_recording_is_shown() {
     let program = Program::default().record();
@@ -84,7 +85,8 @@ fn text_of_a_recording_is_shown() {
     assert!(shown.contains("\\u001b]0;owned\\u0007"), "{}", shown.lines().next().expect("a line"));
 }
 
-/// A recording with another time in one of its frames, or in all from there on.
+/// A copy of a recording called `name`, with changed times: `change` gets the number of each frame from 0 and its time in
+/// nanoseconds, and returns the new time.
 fn with_times(recording: &Path, name: &str, change: impl Fn(usize, u64) -> u64) -> PathBuf {
     let mut bytes = fs::read(recording).expect("a recording");
     let (mut at, mut frame) = (0, 0);
@@ -123,7 +125,7 @@ fn replay_ends_whatever_the_times_are() {
     let ran = run(["replay", back.to_str().expect("UTF-8")]);
     assert!(ran.err.contains("its times jump once"), "{}", ran.err);
     assert!(ran.out.starts_with("A is "), "{ran:?}");
-    // The picture shows the motion, and not an hour of nothing.
+    // The plot shows the time of the motion, and not the hour by which the clock was set.
     let svg = program.file.with_extension("svg");
     let ran = run(["plot", back.to_str().expect("UTF-8"), "-o", svg.to_str().expect("UTF-8")]);
     assert!(ran.code == Some(0) && ran.err.contains("its times jump once"), "{ran:?}");
@@ -154,7 +156,7 @@ fn replay_opens_no_file_unasked() {
             ran.expect_failure(2, &["names a file (script=", "--allow-files"], "with --link");
         }
     }
-    // A model that the user names uses the user's files.
+    // If the user names the model by `--link`, the files that the recording's link names are not opened.
     renamed(&program.file, &format!("sim:?clock=virtual&script={}", pipe.display()), &file);
     let ran = run(["replay", file.to_str().expect("UTF-8"), "--link", "sim:?slaves=drive*2,io"]);
     assert!(ran.code == Some(0) && ran.out.contains("\nequal: "), "{ran:?}");

@@ -7,7 +7,7 @@ use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use serde_json::Value;
 
-/// Standard error, without the lines about this build.
+/// Standard error, without the notes on links that this build cannot open.
 fn notes(ran: &Ran) -> String {
     ran.err
         .lines()
@@ -16,7 +16,7 @@ fn notes(ran: &Ran) -> String {
         .collect()
 }
 
-/// Checks the exit code: 0 in builds that can open the links.
+/// Checks the exit code of `list`: 0 if this build can open links of the scheme, otherwise 1, with a note that says so.
 fn opens(ran: &Ran, scheme: Scheme) {
     let missing = ran.err.contains(&format!("note: this build has no {scheme}: links; {}", scheme.instead()));
     assert_eq!((ran.code, missing), (Some(i32::from(!scheme.in_build())), !scheme.in_build()), "{ran:?}");
@@ -27,8 +27,8 @@ fn row(tree: &FakeMachine, path: &str) -> Value {
     rows.into_iter().find(|row| row["path"] == path).unwrap_or_else(|| panic!("{path} is not in the list"))
 }
 
-/// Boards of every kind: one that opens, one that is denied, one that is slow, one that sleeps; another device with their
-/// ids; SPI devices.
+/// A machine with boards of every kind: one that can be opened, one without rights, a slow one, one that sleeps; also another
+/// device with the same USB ids, and SPI devices.
 fn several() -> FakeMachine {
     let tree = FakeMachine::good();
     tree.hub("1-2", "e0");
@@ -47,8 +47,8 @@ fn several() -> FakeMachine {
     tree
 }
 
-/// Every board with its link, the reason why it cannot be opened, and what to do; other devices with the reason why
-/// they are no boards. In words and as JSON.
+/// `list` shows every board with its link, the reason why it cannot be opened, and what to do; it shows other devices with the
+/// reason why they are no boards. It does so as text and as JSON.
 #[test]
 fn boards_of_every_kind() {
     let tree = several();
@@ -72,7 +72,7 @@ fn list_prints_what_tool_md_shows() {
     }
 }
 
-/// Every printed link is valid.
+/// Every link that `list` prints is valid.
 #[test]
 fn every_link_that_is_listed_can_be_parsed() {
     let links: Vec<String> = json_lines(&several().run(&["list", "--json"]).out)
@@ -121,7 +121,7 @@ fn the_exit_code_is_0_if_every_board_can_be_opened() {
     assert_eq!(tree.run(&["list"]).code, Some(1));
 }
 
-/// Each reason why a board cannot be opened, with what to do.
+/// `list` names each reason why a board cannot be opened, with what to do.
 #[test]
 fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
     type Change = fn(&FakeMachine);

@@ -8,7 +8,7 @@ use std::os::unix::fs::PermissionsExt;
 use crate::common::machine::FakeMachine;
 use crate::common::{Ran, json_lines, run};
 
-/// The rule is written to udev's folder, once; an existing file is not changed.
+/// `doctor --write-udev-rule` writes the rule to udev's folder if there is none; an existing file is not changed.
 #[test]
 fn the_udev_rule_is_written_once_where_udev_looks() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -31,7 +31,7 @@ fn the_udev_rule_is_written_once_where_udev_looks() {
     run(["doctor", "--write-udev-rule", "--json"]).expect_misuse(&["--json"]);
 }
 
-/// Without the right to write it, the tool prints commands for the user, which work.
+/// A user without the right to write the udev rule gets commands from the tool that write it.
 #[test]
 fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -40,7 +40,7 @@ fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     let ran = tree.run(&["doctor", "--write-udev-rule"]);
     ran.expect_failure(1, &["was not written: Permission denied"], "type the lines above");
     assert!(!tree.path("/etc/udev/rules.d/60-ecmsk.rules").exists());
-    // As root would, on this machine of files.
+    // The printed commands are executed as root would do it, but on this machine of files.
     let typed = tree.path("/typed");
     let script = ran.out.replace("/etc/udev/rules.d/60-ecmsk.rules", typed.to_str().expect("UTF-8"));
     let script = format!("sudo() {{ case $1 in tee) \"$@\";; *) echo \"$@\";; esac; }}\n{script}");
@@ -50,7 +50,8 @@ fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     assert!(said.starts_with("udevadm control --reload\nudevadm trigger --subsystem-match=usb"), "{said}");
 }
 
-/// The rule: one line for the device, one for hidraw, by the board's ids; before the file that acts on uaccess.
+/// The udev rule has a line for the USB device and one for hidraw, each with the board's ids and the tag uaccess, and lines
+/// that give spidev and GPIO devices to groups. By its number the file comes before the file that acts on uaccess.
 #[test]
 fn the_rule_matches_the_board_by_its_ids_before_uaccess_is_acted_on() {
     let rule = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -67,8 +68,8 @@ fn the_rule_matches_the_board_by_its_ids_before_uaccess_is_acted_on() {
     }
 }
 
-/// Files that are missing, empty, nonsense, endless, not for this user, or no files: each time a report, and never a
-/// panic.
+/// Whether files of the machine are missing, empty, nonsense, endless, without rights or no files: `list` and `doctor` give a
+/// report, and never panic.
 #[test]
 fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
     type Spoil = fn(&FakeMachine, &str);

@@ -1,4 +1,5 @@
-//! The machine file: one file runs one program on every board in units; limits; `ecmsk machine`.
+//! The machine file: with the same file a program runs on every board in units; its limits are kept; `ecmsk machine` makes and
+//! checks it.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +23,7 @@ kind = "io"
 texts = { 0x7500 = "the red cable" }
 "#;
 
-/// A folder with a machine file.
+/// A folder with a machine file in it, in which the tool is started.
 struct Folder(TempDir);
 
 impl Folder {
@@ -151,7 +152,7 @@ fn limits_refuse_before_anything_moves() {
             assert!(still.iter().all(|target| *target == 0), "{words:?} {still:?}");
         }
     }
-    // At the limit itself, and in counts.
+    // A target at the limit itself is accepted, in the unit of the axis and in counts.
     let ran = folder.run(&["move", "X=250", "2=-32768", "--up", "--json"]);
     let lines: Vec<_> = json_lines(&ran.out).into_iter().filter(|line| line["target_counts"].is_i64()).collect();
     assert_eq!(
@@ -161,7 +162,8 @@ fn limits_refuse_before_anything_moves() {
     assert_eq!((&lines[1]["name"], &lines[1]["position_counts"]), (&"turn".into(), &(-32_768).into()));
 }
 
-/// The file of the folder is used and said; another one is named; `none` is no file, where a name means nothing.
+/// The machine file of the working directory is used, with a note; `--machine` names another one; with `none` there is none,
+/// and names of axes mean nothing.
 #[test]
 fn the_file_of_the_folder_is_used_unless_another_one_is_named() {
     let folder = Folder::new(MACHINE);
@@ -176,7 +178,7 @@ fn the_file_of_the_folder_is_used_unless_another_one_is_named() {
     ran.expect_failure(1, &["axis `X` is no number from 1 to 40, and there is no machine file"], "say --machine FILE");
     let ran = folder.run(&["move", "1=500", "--machine", "nothing.toml", "--link", link]);
     ran.expect_failure(1, &["cannot read the machine file nothing.toml: "], "make one with `ecmsk machine new LINK`");
-    // --counts-per-unit is for numbers, a name keeps its unit.
+    // Without a machine file a name of an axis is refused also if the other axis is given by its number.
     let ran = folder.run(&["move", "X=5", "1=5", "--machine", "none", "--link", link]);
     assert_eq!(ran.code, Some(1), "{ran:?}");
     folder.write("machine.toml", "format = 1\n[axes]\nX = { slave = 1, per = 0 }\n");
@@ -185,7 +187,8 @@ fn the_file_of_the_folder_is_used_unless_another_one_is_named() {
     }
 }
 
-/// A file is made from a network, is equal to it, and says where another one differs.
+/// `machine new` makes a machine file from a network. `machine check` finds it equal to that network, and says where another
+/// network differs.
 #[test]
 fn a_new_file_is_equal_to_its_network() {
     let folder = Folder::new(MACHINE);
@@ -215,18 +218,18 @@ fn a_new_file_is_equal_to_its_network() {
     assert!(ran.out.starts_with("slave 4: it is there, and not in the file: vendor 0x"), "{ran:?}");
     let ran = folder.run(&["machine", "check", "nothing.toml"]);
     ran.expect_failure(2, &["cannot read the machine file nothing.toml"], "machine new LINK");
-    // Slaves that are simulated from a file are the devices that it expects.
+    // Slaves that a simulated board gets from the machine file are the devices that the file expects.
     let text_of_drive =
         "format = 1\nlink = \"sim:\"\n[slaves.1]\nkind = \"drive\"\nvendor = 1634\nproduct = 5\nrevision = 0x10\n";
     folder.write("drive.toml", text_of_drive);
     let same = folder.run(&["machine", "check", "drive.toml", "--link"]).expect_quiet();
     assert_eq!(same, "drive.toml: nothing is wrong; slaves: 1, as they are there\n");
-    // A board does not list its slaves, and is asked one after the other.
+    // A board does not list its slaves, so `machine new` asks them one after the other; the file is the same.
     let shown = folder.run(&["machine", "new", link, "--output", "-"]);
     assert_eq!(shown.expect_quiet(), text);
 }
 
-/// The schema names all fields, with what they mean.
+/// `machine schema` prints a schema that has all fields of a machine file, with their meanings.
 #[test]
 fn the_schema_has_the_fields_of_the_file() {
     let schema = Folder::new(MACHINE).run(&["machine", "schema"]);

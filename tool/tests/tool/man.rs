@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::common::run;
 
-/// The verbs that a help lists.
+/// The names of the verbs that a help text of the tool lists.
 fn verbs(help: &str) -> Vec<String> {
     let list = help.split("\nCommands:\n").nth(1).unwrap_or_default();
     list.lines()
@@ -14,7 +14,7 @@ fn verbs(help: &str) -> Vec<String> {
         .collect()
 }
 
-/// A page for the tool and one for each verb, with its options and its examples line by line.
+/// `ecmsk man` makes a page for the tool and one for each verb, with its options, and its examples line by line.
 #[test]
 fn a_page_for_each_verb() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -44,7 +44,7 @@ fn a_page_for_each_verb() {
     }
 }
 
-/// An unknown verb, and a folder that cannot be written.
+/// An unknown verb, and a folder that cannot be written, are errors with the next step.
 #[test]
 fn an_unknown_verb_or_an_unwritable_folder_is_an_error() {
     run(["man", "frobnicate"]).expect_failure(1, &["no verb `frobnicate`"], "`ecmsk --help` lists");
@@ -53,7 +53,7 @@ fn an_unknown_verb_or_an_unwritable_folder_is_an_error() {
     run(["man", "dump", "--out", "x"]).expect_misuse(&["--out"]);
 }
 
-/// A line that begins with a dot is a request that formatters know; all other dots are text.
+/// In a manual page only requests that the formatters know begin with a dot; all other lines that begin with one are escaped.
 #[test]
 fn pages_are_well_formed() {
     const REQUESTS: [&str; 13] =

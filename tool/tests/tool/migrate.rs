@@ -27,14 +27,14 @@ impl Files {
         self.0.path().join(name)
     }
 
-    /// The frames of a board as a recording in virtual time.
+    /// Writes the frames of a fake board as a recording in virtual time; returns its path.
     fn recorded(&self, name: &str, board: &FakeBoard) -> PathBuf {
         let file = self.path(name);
         board.script.record(&file, "sim:?clock=virtual", Some(board.size));
         file
     }
 
-    /// The same as a capture of usbmon, whose times are those of a clock on the wall.
+    /// The same frames as a capture of usbmon, whose times are those of a real clock.
     fn captured(&self, name: &str, board: &FakeBoard) -> PathBuf {
         let file = self.recorded(name, board);
         make_capture(&file, &vec![5; board.script.frames()]);
@@ -46,7 +46,7 @@ fn migrate(file: &Path, options: &[&str]) -> Ran {
     run([&["migrate", file.to_str().expect("UTF-8")], options].concat())
 }
 
-/// A program of one axis that is 30 targets ahead, and stalls for that many cycles in the motion.
+/// A program of one axis that is 30 targets ahead, and stalls for `cycles` cycles in the motion.
 fn stalled(cycles: i32) -> FakeBoard {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     let mut sent = 0;
@@ -60,14 +60,14 @@ fn stalled(cycles: i32) -> FakeBoard {
     board
 }
 
-/// The verdict on an item that is used.
+/// The verdict in the JSON of `migrate` on an item (such as a command) that the program uses.
 #[track_caller]
 fn verdict<'a>(found: &'a Value, name: &str) -> &'a Value {
     let uses = found["uses"].as_array().expect("a list");
     &uses.iter().find(|used| used["name"] == name).unwrap_or_else(|| panic!("no {name}: {found}"))["verdict"]
 }
 
-/// A program of two drives and an IO slave, in words and as JSON.
+/// `migrate` judges a program of two drives and an IO slave, as text and as JSON.
 #[test]
 fn a_program_in_words_and_as_json() {
     let program = Program::default().record();
@@ -83,7 +83,8 @@ fn a_program_in_words_and_as_json() {
     support::snapshot("tool_migrate", &format!("{}\n{pretty}\n", shown(&[])));
 }
 
-/// Items that run, that differ and that do not run: the program's circumstances decide, and each row has its sentence.
+/// The verdict on an item (runs, differs, does not run) depends on how the program uses it. The report names the row of
+/// docs/MIGRATION.md for each, with a sentence.
 #[test]
 fn what_differs_is_named_with_its_row() {
     let files = Files::new();
@@ -125,8 +126,8 @@ fn what_differs_is_named_with_its_row() {
 #[test]
 fn exit_codes_are_those_of_diff() {
     let files = Files::new();
-    // A program that goes to OP does not show how long it would wait; a recording behind a chip shows that it waits
-    // long enough.
+    // A program on a board reaches OP early, so its recording does not show how long it would wait for a chip. A recording
+    // behind a chip shows that it waits long enough.
     let text = migrate(&files.recorded("ahead.pcapng", &stalled(0)), &[]);
     assert_eq!((text.code, text.err.as_str()), (Some(1), ""), "{}", text.out);
     assert!(!text.out.contains("as it is"), "{}", text.out);
@@ -201,7 +202,8 @@ fn bad_input() {
     }
 }
 
-/// A host that stalled while its targets waited needs as many sets in the chip; virtual time allows no conclusion.
+/// If a host stalled while its targets waited in the FIFO, it needs as many sets of outputs in the chip. A recording in virtual
+/// time allows no such conclusion.
 #[test]
 fn a_stall_wants_sets_ahead() {
     let files = Files::new();
@@ -226,7 +228,8 @@ fn a_stall_wants_sets_ahead() {
     assert!(migrate(&recorded, &[]).out.contains("in virtual time no PC is late"));
 }
 
-/// The picture: the FIFO's level and the pauses, each with what `ahead=` covers, and gaps in a motion.
+/// The picture of `--plot` shows the level of the FIFO and the pauses of the host, each with the number that `ahead=` covers,
+/// and the gaps in a motion.
 #[test]
 fn the_picture_shows_level_pauses_and_ahead() {
     let files = Files::new();
@@ -248,7 +251,7 @@ fn the_picture_shows_level_pauses_and_ahead() {
     assert_eq!(found["host"]["gaps"], 1);
 }
 
-/// Captures of a real system's USB are read as by the other verbs, whatever their slot size.
+/// `migrate` reads captures of the USB of a real system as other verbs do, whatever their slot size.
 #[test]
 fn captures_are_read() {
     for slot in [12, 16] {
@@ -266,7 +269,7 @@ fn captures_are_read() {
     }
 }
 
-/// A cycle that is too short for the chip is reported with the needed time and a remedy; a slower clock needs larger
+/// If the cycle is too short for the chip, the report has the time that is needed and a remedy. A slower SPI clock needs larger
 /// packets.
 #[test]
 fn a_cycle_and_a_clock() {
@@ -302,8 +305,8 @@ fn int0_is_advised_where_it_is_not_wired() {
     assert!(line("no INT0 ").contains("INT0 (int0=)"), "{}", ran.out);
 }
 
-/// A program that gives up by the clock fails behind a chip: the report has the time to OP beside that of the board,
-/// with its row, and never says `as it is`.
+/// A program with a time limit for reaching OP may fail behind a chip. The report has the time that the chip needs beside that
+/// of the board, with its row, and never says `as it is`.
 #[test]
 fn the_way_to_op_is_told() {
     let run = Program::default().record();
@@ -323,7 +326,7 @@ fn the_way_to_op_is_told() {
     assert_eq!(verdict(&found, "SET_STATE OP")["row"], "start");
 }
 
-/// Commands and polls are counted as `compare` counts them.
+/// `migrate` counts commands and polls as `compare` does.
 #[test]
 fn commands_are_counted_as_compare_does() {
     let run = Program { polls: 3, ..Program::default() }.record();
@@ -336,7 +339,8 @@ fn commands_are_counted_as_compare_does() {
     assert_eq!(counts(migrate(&run.file, &[]).out), counts(compared));
 }
 
-/// The part of a pause that counts as a stall is reported with the pause, the usual pause and the sets that waited.
+/// The report says which part of a pause counts as a stall, with the length of the pause, the usual pause, and the number of
+/// sets that waited.
 #[test]
 fn a_stall_is_told_with_what_it_is_of() {
     let files = Files::new();
@@ -351,7 +355,7 @@ fn a_stall_is_told_with_what_it_is_of() {
     assert!(text.contains(&words) && text.contains(" in a motion, less the usual one of "), "{text}");
 }
 
-/// The links of the result are valid.
+/// The links that the report proposes are valid.
 #[test]
 fn the_links_can_be_opened() {
     let program = Program::default().record();

@@ -17,8 +17,9 @@ use tempfile::TempDir;
 const SIZE: SlotSize = SlotSize::Bytes16;
 const MS: u64 = 1_000_000;
 
-/// A recording with each kind of slave: a drive that is on, one with an alarm, one that is off, IO, a pulse module of
-/// two channels; 100 reports, 1 ms apart, in which the first drive goes 5 counts each.
+/// Makes a recording with each kind of slave: a drive that is on, one with an alarm, a stepper that is off, an IO slave, a
+/// pulse module of two channels. It has 100 reports, 1 ms apart, between which the first drive goes 5 counts. `declared`: it
+/// begins with SET_AXIS, which gives the kinds.
 fn everything(declared: bool) -> (TempDir, PathBuf) {
     let mut script = Script::default();
     let mut command = Frame::new();
@@ -64,7 +65,7 @@ fn monitor(file: &std::path::Path, options: &[&str]) -> Ran {
     run([&["monitor", "--recording", path], options].concat())
 }
 
-/// The table: board, FIFO, SDO, and every slave by its kind.
+/// The table of `monitor` shows the board, the FIFO, the SDO, and every slave by its kind.
 #[test]
 fn the_table_shows_board_fifo_sdo_and_every_slave() {
     let (folder, file) = everything(true);
@@ -85,7 +86,8 @@ fn without_set_axis_kinds_are_guessed_and_marked() {
     assert!(!told.contains("\n    2 "), "{told}");
 }
 
-/// One object for each interval of the recording's time: rates, speeds, and slots as in `dump --json`.
+/// `monitor --json` prints one object for each interval of the recording's time, with rates, velocities, and slots as in `dump
+/// --json`.
 #[test]
 fn json_has_one_object_for_each_interval() {
     let (_folder, file) = everything(true);
@@ -117,7 +119,7 @@ fn nothing_is_sent() {
         assert_eq!((&last["counters"]["frames"], &last["slots"][0]["state"]), (&0.into(), &"PreOP".into()), "{clock}");
         assert!(last["reports"].as_u64().is_some_and(|reports| reports > 0), "{clock}");
         assert_eq!(last["reports_lost"], 0, "{clock}");
-        // The link knows the kinds of slaves.
+        // The kinds of the slaves are known from the link.
         assert_eq!(last["slots"][3]["kind"], "io", "{clock}");
     }
     let text = run(["monitor", "--link", "sim:?slaves=drive*2", "--once"]).expect_quiet();
@@ -138,7 +140,7 @@ fn a_silent_board_is_shown_and_a_lost_one_ends_the_monitor() {
     assert!(json_lines(&ran.out).iter().all(|view| view["slots"][0]["state"] == "PreOP"), "{}", ran.out);
 }
 
-/// Sources that cannot be watched, and what to do.
+/// A source that cannot be watched is an error with the next step.
 #[test]
 fn a_source_that_cannot_be_watched_is_an_error_with_the_next_step() {
     let board = FakeBoard::new(SlotSize::Bytes12, 1);

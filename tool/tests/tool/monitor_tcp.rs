@@ -10,8 +10,8 @@ use ecmsk::sk::{Frame, MasterCommand, SlotSize};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-/// Beside a writer the monitor is a reader, whatever role its link names, and sends nothing. So are other verbs that
-/// only show something.
+/// `monitor` of a served board is a reader beside the writer, whatever role its link names, and sends nothing. The same holds
+/// for other verbs that only show something.
 #[test]
 fn a_monitor_is_a_reader() {
     let mut command = ecmsk(["serve", "tcp", "--link", "sim:?slaves=drive*2", "--listen", "127.0.0.1:0"]);

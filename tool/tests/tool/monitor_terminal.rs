@@ -20,20 +20,20 @@ use rustix::termios::{Action, ControlModes, LocalModes, Termios, Winsize, tcflow
 const ROWS: NonZero<u16> = NonZero::new(20).expect("not 0");
 const COLUMNS: NonZero<u16> = NonZero::new(90).expect("not 0");
 
-/// A terminal with the tool on it.
+/// A terminal on which the tool runs.
 struct Terminal {
     keyboard: File,
-    /// Keeps the terminal open, and gives its settings.
+    /// The tool's end of the terminal. It keeps the terminal open, and the test reads the terminal's settings from it.
     line: File,
     screen: Arc<Mutex<vt100::Parser>>,
     before: Termios,
     tool: Child,
-    /// Ends the thread that reads the terminal's output, which keeps the terminal open, too.
+    /// Ends the thread `reader`, because the handle from which it reads keeps the terminal open, too.
     end: Arc<AtomicBool>,
     reader: thread::JoinHandle<()>,
 }
 
-/// The process whose controlling terminal it is, which gets SIGHUP when the terminal is closed.
+/// The process that has the terminal as its controlling terminal, and so gets SIGHUP when the terminal is closed.
 #[derive(Clone, Copy, PartialEq)]
 enum Owner {
     /// The tool: it gets the signal.
@@ -97,7 +97,7 @@ impl Terminal {
         self.screen.lock().expect("no panic").screen().contents()
     }
 
-    /// Waits until `so` holds for the screen.
+    /// Waits until `so` is true of the screen; `what` names the expected content in the error.
     #[track_caller]
     fn until(&self, what: &str, so: impl Fn(&vt100::Screen) -> bool) {
         for _ in 0..12_000 {
@@ -155,7 +155,7 @@ fn started_as(owner: Owner) -> Terminal {
     terminal
 }
 
-/// Q and Ctrl-C end it with 0, and the terminal is as it was.
+/// The keys q and Ctrl-C end the monitor with exit code 0, and the terminal is as it was.
 #[test]
 fn q_and_ctrl_c_end_the_monitor_and_restore_the_terminal() {
     for key in [b"q" as &[u8], b"\x03", b"Q"] {
@@ -175,7 +175,8 @@ fn signals_end_the_monitor_and_restore_the_terminal() {
     }
 }
 
-/// The exit code of a process that has to end by itself; a process that does not is killed, and the test fails.
+/// Waits for the end of a process that has to end by itself; returns its exit code. A process that does not end is killed, and
+/// the test fails.
 #[track_caller]
 fn ends(tool: &mut Child) -> Option<i32> {
     for _ in 0..12_000 {
@@ -210,7 +211,7 @@ fn sigterm_ends_the_monitor_on_a_terminal_that_takes_no_output() {
     assert_eq!(tcgetattr(&terminal.line).expect("settings").local_modes, terminal.before.local_modes);
 }
 
-/// --seconds ends it by itself.
+/// `--seconds` ends the monitor by itself.
 #[test]
 fn the_monitor_ends_after_the_given_seconds() {
     let terminal = Terminal::start(&[BOARD, &["--seconds", "0.3"]].concat());
@@ -221,7 +222,7 @@ fn the_monitor_ends_after_the_given_seconds() {
 #[test]
 fn keys_scroll_through_forty_slaves() {
     let mut terminal = started();
-    // 20 lines, 7 above the rows and one below.
+    // The terminal has 20 lines: 7 above the rows of the table and one below.
     terminal.until("the first rows", |screen| screen.contents().contains("rows 1 to 12 of 40"));
     for (keys, rows) in [
         (b"\x1b[B" as &[u8], "rows 2 to 13 of 40"),

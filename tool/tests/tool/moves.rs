@@ -49,7 +49,8 @@ fn the_guard_refuses_a_target_that_is_too_far() {
     ] {
         assert_eq!(moved(words).out, at);
     }
-    // The distance is more than a target may be ahead in one cycle, which does not limit a move.
+    // The move goes further than the default of `--lead-limit`. That limits how far the target of a cycle is ahead of the axis,
+    // and not how far a move goes.
     assert_eq!(moved(&["move", "1=200000", "--velocity", "400000"]).code, Some(0));
 }
 
@@ -68,7 +69,7 @@ fn the_guard_holds_for_each_move_of_a_script() {
 /// and without `--yes`, and shorter ones say nothing.
 #[test]
 fn a_long_move_says_its_time_first() {
-    // The cycles are long, so that there are few.
+    // With a cycle time of 4 ms the simulation of these long moves has few cycles.
     let options = ["--velocity", "100", "--up", "--cycle-us", "4000", "--link", BOARD];
     let moved = |words: &[&'static str]| run(words.iter().chain(&options));
     let ran = moved(&["move", "1=50000"]);
@@ -118,7 +119,7 @@ fn units_are_for_the_axes_of_the_move() {
         "axis 1: at 5 (500 counts)\naxis 2: at 30\n"
     );
     assert_eq!(moved(&["move", "1=5", "--counts-per-unit", "100"]).out, "axis 1: at 5 (500 counts)\n");
-    // In a script the units are for all axes of the machine.
+    // In a script `--counts-per-unit` is for all axes of the machine: it may name one that a single move does not have.
     let in_script = |lines| run_with_input(&["run", "-", "--counts-per-unit", "1=100", "--up", "--link", BOARD], lines);
     assert_eq!(in_script("move 1=5\n").out, "axis 1: at 5 (500 counts)\n");
     let ran = in_script("move 1=5\nmove 1=6 2=7\n");
@@ -150,7 +151,8 @@ fn a_drive_that_holds_an_axis_back_ends_the_move() {
             assert!((5000..40_000).contains(&second.parse::<i32>().expect(&what)), "{what}");
         }
     }
-    // A move that ends before the limit is noticed has not arrived, either.
+    // The move ends before the internal limit has lasted long enough to be noticed. Then the error is that the axis has not
+    // arrived, and why.
     let board = "sim:?slaves=drive:limits@-1000..1000&clock=virtual";
     let ran = run(["move", "1=1200", "--up", "--link", board]);
     let ending = "off its target: its drive holds it back (internal limit active, statusword bit 11)";

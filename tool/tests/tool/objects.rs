@@ -90,8 +90,8 @@ fn making_an_object_allocates_nothing() {
     assert_eq!(allocated.count_total, 0);
 }
 
-/// SK-7.47 In a link the objects follow any kind, with a count and beside its travel, in one normal form; errors say
-/// what is allowed.
+/// SK-7.47 In a link `objects@FILE` may follow any kind of slave, also with a count and with the travel of the axis; the link
+/// has one normal form. Errors say what is allowed.
 #[test]
 fn a_link_names_objects_behind_any_kind_in_one_normal_form() {
     let of = |list: &str| {
@@ -115,7 +115,8 @@ fn a_link_names_objects_behind_any_kind_in_one_normal_form() {
     assert!(of("drive:objekts@a").unwrap_err().to_string().contains("objects@FILE|any"));
 }
 
-/// SK-7.47 An invalid file is refused when the board is switched on, with its line; so is a file that is not regular.
+/// SK-7.47 A file of objects that is invalid, or is not a regular file, is refused when the simulated board is made; the error
+/// names the line.
 #[test]
 fn an_invalid_objects_file_is_refused_with_its_line() {
     let open = |file: &str| Ecm::open(&format!("sim:?slaves=drive:objects@{file}&clock=virtual")).err().expect("wrong");
@@ -127,7 +128,7 @@ fn an_invalid_objects_file_is_refused_with_its_line() {
     assert!(open("/dev/zero").to_string().contains("a device"));
 }
 
-/// SK-7.47 A program on such a board writes its drive's objects and goes on.
+/// SK-7.47 A program on a board with a file of objects writes objects of its drive and goes on.
 #[test]
 fn a_program_writes_manufacturer_objects_of_a_drive() {
     let file = text("board.objects", OBJECTS);
@@ -264,7 +265,7 @@ fn a_file_that_is_no_esi_file_is_refused_with_the_next_step() {
     assert!(ran.code == Some(1) && ran.err.contains("no/such.xml"), "{}", ran.err);
 }
 
-/// A device with a text of 24 letters, an output and an input.
+/// An ESI file of a device with a text of 24 letters, an output and an input, which declares `encoding`.
 fn encoded(encoding: &str) -> String {
     format!(
         r##"<?xml version="1.0" encoding="{encoding}"?>
@@ -330,7 +331,7 @@ fn esi_files_in_other_encodings_with_long_texts() {
     );
 }
 
-/// An element with very many attributes is read as any other; a repeated attribute is refused with its line.
+/// An element of an ESI file with very many attributes is read like any other; a repeated attribute is refused with its line.
 #[test]
 fn very_many_attributes_are_read() {
     let many: String = (0..80_000).map(|n| format!(" a{n}=\"{n}\"")).collect();

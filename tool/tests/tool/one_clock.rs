@@ -6,8 +6,9 @@ use crate::common::{json_lines, run};
 use ecmsk::sk::DriveResponse;
 use support::script_client::Client;
 
-/// `dump` and `plot` count from the same frame. If the program has waited after Open, they print the offset to the zero
-/// of scripts and warnings, so that an alarm of the script is found at its time; without a wait they print none.
+/// `dump` and `plot` count times from the first frame. If the program has waited after it opened the board, they print the time
+/// between, because scripts and warnings count from the opening; so an alarm of the script is found at its time. Without a wait
+/// they print none.
 #[test]
 fn times_of_a_recording_and_of_a_script_have_one_zero_or_a_told_offset() {
     let folder = tempfile::tempdir().expect("a folder");

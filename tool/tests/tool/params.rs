@@ -3,7 +3,7 @@
 use crate::common::board::{file, text};
 use crate::common::{json_lines, run};
 
-/// A stepper, a drive, and an IO slave.
+/// The link of the tests: a stepper, a drive, and an IO slave.
 const NETWORK: &str = "sim:?slaves=dp3cl,drive,io";
 
 /// A backup of slave 1, a stepper, in a file of this name.
@@ -16,8 +16,8 @@ fn backup(name: &str) -> String {
     path
 }
 
-/// A file has the identity of its drive and its parameters, nothing that commands the drive or stores something, and is equal
-/// to the drive. It is not overwritten.
+/// `params backup` writes the identity of the drive and its parameters, but nothing that commands the drive or stores
+/// something. The file is equal to the drive, and is not overwritten.
 #[test]
 fn a_backup_is_equal_to_its_drive() {
     let path = backup("params_equal");
@@ -40,7 +40,7 @@ fn a_backup_is_equal_to_its_drive() {
     );
 }
 
-/// What differs is shown, is written only with --yes, and reads back.
+/// `params restore` shows the parameters that differ, writes them only with --yes, and reads them back.
 #[test]
 fn what_differs_is_put_back() {
     let path = backup("params_changed");
@@ -77,7 +77,7 @@ fn another_product_is_refused() {
     assert!(ran.code == Some(1) && ran.err.contains("does not say of which device"), "{ran:?}");
 }
 
-/// All slaves of a network are kept, each in its file; one without a mailbox is an error that names it.
+/// `params backup all` writes a file for each slave of a network; a slave without a mailbox is an error that names it.
 #[test]
 fn all_slaves_are_kept() {
     let folder = file("params_all");

@@ -25,7 +25,8 @@ fn targets_and_positions() {
         let whole = f64::from(10_000 * (axis as i32 + 1));
         for cycle in cycles.iter().skip(1).step_by(50) {
             near(panel.at(colour, false, cycle.seconds), cycle.position[axis].into(), whole);
-            // The target sent at that time is eight cycles further, 0.8 % of the whole: the tolerance is smaller.
+            // The target that is sent at that time is eight cycles further, which is 0.8 % of the whole way. The tolerance of
+            // 0.25 % is smaller.
             near(panel.at(colour, true, cycle.seconds), cycle.target[axis].into(), whole / 4.0);
         }
     }
@@ -43,7 +44,7 @@ fn targets_and_positions() {
     }
 }
 
-/// Torque in percent of rated, as the drive reports it in 0.1 %.
+/// The plot shows torque in percent of the rated torque; the drive reports it in 0.1 %.
 #[test]
 fn torque_is_shown_in_percent_of_rated() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -54,11 +55,12 @@ fn torque_is_shown_in_percent_of_rated() {
     let plot = Recorded::new(&board).plot(&[]);
     let highest =
         plot.panel("Torque").samples(COLOURS[0], false).into_iter().map(|(_, torque)| torque).fold(0.0, f64::max);
-    // 8000 counts away, a tenth of them gone at once, a quarter as 0.1 %.
+    // The target jumps by 8000 counts. The drive goes a tenth of the way at once, and its torque in 0.1 % is a quarter of the
+    // distance that is left.
     near(highest, 7200.0 / 4.0 / 10.0, 180.0);
 }
 
-/// An HSP has its inputs where a drive has its torque.
+/// The plot shows no torque of an HSP (a pulse module), which has its inputs at that place in its slot.
 #[test]
 fn an_hsp_has_no_torque() {
     let mut board = FakeBoard::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
@@ -70,7 +72,7 @@ fn an_hsp_has_no_torque() {
     assert_eq!(plot.panel_names(), ["Axis 1: position (counts)", "FIFO: free entries of 160"]);
 }
 
-/// The FIFO's level, and the moments when commands were lost.
+/// The plot shows the level of the FIFO, and the times at which commands were lost.
 #[test]
 fn the_fifo_level_and_lost_commands_are_shown() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -88,7 +90,8 @@ fn the_fifo_level_and_lost_commands_are_shown() {
         near(panel.at(FIFO, false, *seconds), f64::from(*free), 160.0);
     }
     let full = panel.lines(ALARM, false);
-    // One report after the burst, then one for each command that was sent to a full FIFO: the board counts those too.
+    // The full count rises in the report after the burst, and in one report for each later command that finds the FIFO full.
+    // Each rise is a vertical line.
     assert!(!full.is_empty() && full.iter().all(|line| line[0].0 == line[1].0), "{full:?}");
     let first = panel.samples(ALARM, false).into_iter().map(|(seconds, _)| seconds).fold(f64::MAX, f64::min);
     near(first, levels[100].0, 0.3);
@@ -162,7 +165,7 @@ fn axes_and_time_can_be_chosen() {
     assert!(plot.texts().iter().any(|text| text.starts_with("0.4 to 0.5 s of ")), "{:?}", plot.texts());
 }
 
-/// Eight axes in eight colours; more are named and left out.
+/// A plot shows at most eight axes, in eight colours; a note says which eight of a larger number.
 #[test]
 fn eight_axes_have_colours_and_further_ones_are_left_out_by_name() {
     let board = |axes: usize| {
@@ -208,7 +211,8 @@ fn labels_neither_overlap_nor_leave_the_picture() {
     }
 }
 
-/// 16-byte slots and a firmware whose full count counts words make no difference.
+/// The plot is right also with 16-byte slots and with firmware 1.5, whose full count rises by the number of 4-byte words of a
+/// lost frame.
 #[test]
 fn slots_of_16_bytes_and_a_wide_full_count_give_the_same_plot() {
     let mut board = FakeBoard::new(SlotSize::Bytes16, 2);
@@ -235,7 +239,7 @@ fn a_report_that_was_read_late_is_plotted_when_it_was_made() {
     assert_eq!(late, in_time);
 }
 
-/// In a capture of two boards the one that is in OP is plotted.
+/// Of the two boards in a capture the one that is in OP is plotted.
 #[test]
 fn of_two_boards_the_one_in_op_is_plotted() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -243,7 +247,7 @@ fn of_two_boards_the_one_in_op_is_plotted() {
         board.send(&[1000 * i]);
         board.cycle();
     }
-    // 4 frames on the way to OP, then a command and a report for each cycle.
+    // The recording has 4 frames on the way to OP, then a command and a report for each of 20 cycles.
     let (own, frames) = (board.positions[0], 4 + 2 * 20);
     for _ in 0..20 {
         board.positions[0] = -5000;
@@ -257,7 +261,7 @@ fn of_two_boards_the_one_in_op_is_plotted() {
     near(samples.last().expect("samples").1, own.into(), 20_000.0);
 }
 
-/// A note is said once, although the recording is read twice.
+/// Each note on a recording is printed once, although the recording is read twice.
 #[test]
 fn each_note_is_printed_once() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -272,7 +276,7 @@ fn each_note_is_printed_once() {
     assert_eq!(ran.err.matches("no CRC tells the slot size").count(), 1, "{}", ran.err);
 }
 
-/// Leaving OP ends the lines, coming back starts new ones.
+/// When the network leaves OP the curves end; when it comes back they begin anew.
 #[test]
 fn outside_op_there_is_a_gap() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -316,7 +320,7 @@ fn names_with_markup_do_not_break_the_svg() {
     assert!(plot.texts().iter().any(|text| text.contains("<a & \"b\">\u{fffd}\u{fffd}'.pcapng")), "{:?}", plot.texts());
 }
 
-/// Recordings that cannot be plotted, and what to do.
+/// A recording that cannot be plotted is an error with the next step.
 #[test]
 fn what_cannot_be_plotted_is_an_error_with_the_next_step() {
     let (board, _) = two_axes();
@@ -376,7 +380,7 @@ fn a_truncated_recording_is_plotted_as_far_as_it_goes() {
     recorded.try_plot(&[]).expect_failure(1, &["ends in the middle of the block"], "before copying its file");
 }
 
-/// SET_FIFO's clear is a command for slot 0 with an argument in byte 2, whatever else the frame holds.
+/// A SET_FIFO that sets the threshold, whose byte 2 is an argument, does not keep the run from being plotted.
 #[test]
 fn a_fifo_clear_is_found_whatever_else_the_frame_holds() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -417,7 +421,7 @@ fn an_axis_without_data_is_an_error_with_those_that_have_some() {
     recorded.plot(&["--axes", "2"]);
 }
 
-/// A time is a finite number.
+/// A time on the command line that is no finite number is refused.
 #[test]
 fn a_time_that_is_no_finite_number_is_refused() {
     let (board, _) = two_axes();

@@ -7,13 +7,13 @@ use crate::common::plots::{Recorded, near};
 use crate::common::svg::STATES;
 
 const FAULT: &str = STATES[0];
-/// The colour of the other run.
+/// The colour of the second recording.
 const BLACK: &str = "#202020";
-/// Fault, as CiA 402 shows it.
+/// The statusword of a drive in the state Fault.
 const FAULTED: u16 = 0x0218;
 
-/// One axis moves 10 counts per cycle, for that many cycles; in cycles `faulted` its drive has an alarm. Returns the
-/// run and the begin and end of the alarm.
+/// A run in which one axis moves 10 counts in each of `cycles` cycles; in the cycles `faulted` its drive has an alarm. Returns
+/// its recording, and the beginning and the end of the alarm in seconds.
 fn run(cycles: i32, faulted: std::ops::Range<i32>) -> (Recorded, (f64, f64)) {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     let fine = run.drives[0];
@@ -60,7 +60,7 @@ fn both_runs_are_seen_to_their_ends_with_their_alarms() {
     let panel = plot.panel("Axis 1");
     near(panel.samples(BLACK, false).last().expect("the other run").0, 0.3, 0.9);
     assert_eq!(panel.notes().iter().map(|(_, text)| *text).collect::<Vec<_>>(), ["alarm 0x7500: communication"]);
-    // A range of times holds for both.
+    // A range of times (`--from`) applies to both recordings.
     let plot = long.plot(&["--beside", short.file.to_str().expect("UTF-8"), "--from", "0.4"]);
     assert!(plot.panel("Axis 1").samples(BLACK, false).is_empty());
 }

@@ -49,7 +49,8 @@ fn after_a_loss_no_difference_is_shown_until_it_is_known_again() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     let mut cycles = Vec::new();
     for i in 0..600 {
-        // A burst that does not fit, then nothing until the FIFO has run empty, then one command a cycle.
+        // One command a cycle, then a burst that does not fit into the FIFO, then none until the FIFO has run empty, then one a
+        // cycle again.
         let commands = match i {
             0..100 => 1,
             100 => 300,
@@ -82,7 +83,8 @@ fn after_a_clear_the_difference_is_to_the_targets_sent_later() {
         board.send(&[1000 + i]);
     }
     board.clear();
-    // The frame with the clear waits itself: earlier targets must not count as executed.
+    // The frame with the clear is itself an entry of the FIFO, so this report comes before its execution. Targets from before
+    // the clear must not count as executed.
     board.report(MasterState::Op);
     for i in 0..100 {
         board.send(&[i]);

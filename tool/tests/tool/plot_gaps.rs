@@ -5,7 +5,8 @@ use crate::common::plots::Recorded;
 use crate::common::svg::{GAP, Panel};
 use ecmsk::sk::SlotSize;
 
-/// Asserts that the gaps are these, to a part of a cycle.
+/// Asserts that the panel marks these gaps, each with its beginning and end in seconds, with a tolerance of 0.8 ms: less than a
+/// cycle.
 #[track_caller]
 fn are(panel: &Panel<'_>, expected: &[(f64, f64)]) {
     let found = panel.spans(GAP);
@@ -34,7 +35,7 @@ fn late(ahead: i32, away: std::ops::Range<i32>) -> (FakeBoard, (f64, f64)) {
         }
     }
     let (first, last) = (idle[0], idle[idle.len() - 1]);
-    // The report after the last one of them is the first in which something was executed again.
+    // The gap ends in the cycle after the last one without an entry to execute.
     (run, (first, last + 0.001))
 }
 
@@ -56,13 +57,14 @@ fn an_empty_fifo_during_motion_is_marked_with_its_length() {
     }
 }
 
-/// TOOL-147 The end of a motion, a pause between two motions, and a host that is late but has commands waiting are no gaps.
+/// TOOL-147 No gap is marked at the end of a motion, in a pause between two motions, or when a host is late but commands wait
+/// in the FIFO.
 #[test]
 fn ends_and_pauses_of_motion_are_no_gaps() {
     let (run, _) = {
         let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
         for start in [0, 2000] {
-            // The motion begins and ends slowly, as a planned one.
+            // The motion begins and ends slowly, as a planned motion does.
             for i in 0..=100_i32 {
                 run.send(&[start + i * i * (300 - 2 * i) / 500]);
                 run.cycle();

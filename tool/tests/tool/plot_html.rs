@@ -11,7 +11,7 @@ use crate::common::{json_lines, run};
 /// The limit of the page without its data, in bytes.
 const PAGE_MAX: usize = 300_000;
 
-/// Two axes that move, with an alarm on the way.
+/// Records a run in which two axes move and one of them gets an alarm on the way; returns the path of the recording.
 pub fn recorded(folder: &Path) -> PathBuf {
     let script = folder.join("alarm.ecmscript");
     std::fs::write(&script, "at 600ms alarm 2 0x7305\n").expect("a file");
@@ -30,7 +30,8 @@ fn page(file: &Path, options: &[&str]) -> String {
     std::fs::read_to_string(&html).expect("a page")
 }
 
-/// One file has all: nothing is fetched, a policy forbids it, and the page is small.
+/// The page is one file: it has all data, fetches nothing (a content security policy forbids it), and is small without the
+/// data.
 #[test]
 fn a_page_is_one_small_file_that_fetches_nothing() {
     let recorded = Recorded::new(&two_axes().0);
@@ -45,7 +46,7 @@ fn a_page_is_one_small_file_that_fetches_nothing() {
     assert_eq!(html, page(&recorded.file, &[]), "the same bytes again");
 }
 
-/// Positions are those of the frames, one for each report, as `dump` shows them.
+/// The page has the positions of the frames, one for each report, as `dump` shows them.
 #[test]
 fn the_points_are_those_of_the_frames() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -56,7 +57,8 @@ fn the_points_are_those_of_the_frames() {
     let positions = &points[&channel(&hello, 1, "position")];
     let dumped = dumped(&file);
     assert!(positions.len() > 100 && dumped.len() > 200, "{} of {}", positions.len(), dumped.len());
-    // Between two points of the page is a straight line: where it is left out, the value did not change.
+    // The page leaves out points inside a run of equal values. So a report without a point of its own has the value of the
+    // point before it.
     let mut later = positions.iter().peekable();
     let mut before = None;
     let mut compared = 0;
@@ -80,7 +82,7 @@ pub fn dumped(file: &Path) -> Vec<(i64, i64)> {
     frames.map(|frame| (number(&frame["time_ns"]), number(&frame["slots"][1]["position_counts"]))).collect()
 }
 
-/// Events have their times and the tool's words, in order.
+/// The page lists the events of the run in order, with their times, in the words of the tool.
 #[test]
 fn events_stand_in_words() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -100,7 +102,7 @@ fn events_stand_in_words() {
     assert!(spans.iter().any(|span| span["slave"] == 2 && span["state"] == "fault"), "{spans:?}");
 }
 
-/// Names and units are those of the machine file.
+/// The page names axes and units as the machine file does.
 #[test]
 fn axes_have_their_names_and_units() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -114,7 +116,7 @@ fn axes_have_their_names_and_units() {
     assert_eq!(hello["slaves"][0]["name"], "X");
 }
 
-/// A page does not replace its recording, and a time without OP is an error.
+/// A page is not written over its recording, and a range of times outside OP is an error.
 #[test]
 fn what_cannot_be_shown_is_an_error() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -128,7 +130,7 @@ fn what_cannot_be_shown_is_an_error() {
     assert!(!Path::new(other).exists());
 }
 
-/// The logic of the page, in node.
+/// Tests of the page's JavaScript modules, run by Node.js.
 mod needs_node {
     use std::process::Command;
 
@@ -141,7 +143,7 @@ mod needs_node {
         assert!(said.contains("# fail 0") && !said.contains("# pass 0"), "{said}");
     }
 
-    /// A name that two modules have would be an error of the page, which is one module of all.
+    /// The page joins its modules into one. So no two modules may have the same name at their top level.
     #[test]
     fn the_modules_are_one_module() {
         let recorded = super::Recorded::new(&super::two_axes().0);

@@ -14,7 +14,7 @@ const GO_HOME: u8 = 0x18;
 const UNDER_WAY: u16 = 0x0237;
 const ATTAINED: u16 = 0x1637;
 
-/// Moves both axes by 10 and 20 counts in each cycle.
+/// In each cycle moves axis 1 by 10 counts and axis 2 by 20 counts.
 fn go(run: &mut FakeBoard, cycles: std::ops::Range<i32>) {
     for n in cycles {
         run.send(&[10 * n, 20 * n]);
@@ -33,7 +33,7 @@ fn near(found: &[(f64, f64)], expected: &[(f64, f64)]) {
     assert!(same, "{found:?} instead of {expected:?}");
 }
 
-/// Whether a line of that colour has a point between two times.
+/// Whether the curve of a colour has a point between the times `from` and `to`, in seconds.
 fn has_points(panel: &Panel<'_>, colour: &str, pale: bool, from: f64, to: f64) -> bool {
     panel.samples(colour, pale).iter().any(|(at, _)| from + 0.01 < *at && *at < to - 0.01)
 }
@@ -82,7 +82,7 @@ fn a_slave_that_stands_still_may_be_lost() {
     run.cycle();
     let from = run.seconds();
     (0..300).for_each(|_| run.cycle());
-    // Axis 1 is not lost, since it moves later.
+    // Axis 1 has also stood still, but is not lost, since it moves later.
     for n in 0..300 {
         run.send(&[10 * n, 0]);
         run.cycle();
@@ -164,7 +164,8 @@ fn another_zero_breaks_the_line_and_sets_the_scale() {
     assert!(points.iter().all(|(at, _)| *at > zeroed - 0.004), "what was before is far away");
     let (low, high) = points.iter().fold((f64::MAX, f64::MIN), |(low, high), (_, v)| (low.min(*v), high.max(*v)));
     assert!(low < 10.0 && high > 2_500.0, "{low} to {high}");
-    // If the earlier line is within the range, it is not connected with the later one.
+    // If the positions before homing are within the range of the vertical axis, they are drawn, but their curve is not
+    // connected with the later one.
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     run.send_to(1, &SlaveCommand::GoHome);
     answer(&mut run, GO_HOME, UNDER_WAY);

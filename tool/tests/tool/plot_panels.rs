@@ -7,13 +7,13 @@ use ecmsk::sk::{CommandId, IoResponse, Motion, SlaveCommand, SlaveKind, SlaveRes
 
 const GET_STATUS: u8 = 0x00;
 
-/// The slot of an IO slave.
+/// The slot of an IO slave that answers the command `id`, with these bits as inputs or outputs.
 fn io(id: u8, bits: u16) -> ecmsk::sk::RawSlot {
     IoResponse { head: SlaveResponse { id, index: 0 }, bits }.encode()
 }
 
-/// A drive that moves, and an IO slave whose input 3 goes up and whose output 15 goes up and down. Also returns these
-/// times.
+/// A run of a drive that moves, and of an IO slave whose input 3 goes up and whose output 15 goes up and down. Also returns the
+/// times at which the output goes up, the output goes down, and the input goes up.
 fn with_io() -> (FakeBoard, [f64; 3]) {
     let mut run = FakeBoard::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
     let mut times = [0.0; 3];
@@ -24,7 +24,7 @@ fn with_io() -> (FakeBoard, [f64; 3]) {
             100 | 150 => run.send_to(2, &SlaveCommand::IoWrite(if i == 100 { 1 << 15 } else { 0 })),
             _ => run.send_to(1, &SlaveCommand::Csp(Motion::to(10 * i))),
         }
-        // Ten commands wait.
+        // The board begins to execute only now, so that from here on ten commands wait in the FIFO.
         if i >= 10 {
             run.cycle();
             match i {
@@ -93,7 +93,7 @@ fn the_velocity_of_positions_and_targets_is_shown_if_asked_for() {
     assert_eq!(plot.panel_names(), ["Velocity (counts/s; pale: of the targets)"]);
     let panel = plot.panel("Velocity");
     let at = cycles[700].seconds;
-    // 10 and 20 counts a cycle of 1 ms.
+    // The axes move by 10 and 20 counts in each cycle of 1 ms.
     near(panel.at(COLOURS[0], true, at), 10_000.0, 10_000.0);
     near(panel.at(COLOURS[1], true, at), 20_000.0, 20_000.0);
     let gone = cycles[702].position[1] - cycles[697].position[1];
@@ -124,7 +124,8 @@ fn a_drive_in_csv_shows_its_velocity() {
     assert!(plot.panel_names().contains(&"Velocity (counts/s; pale: of the targets)"));
 }
 
-/// The plane: the commanded and the actual path, the first axis horizontal, both to the same scale.
+/// The diagram `xy` shows the commanded and the actual path of two axes in their plane: the first axis horizontal, both to the
+/// same scale.
 #[test]
 fn the_plane_shows_two_axes_to_the_same_scale() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 3);
@@ -154,7 +155,7 @@ fn the_plane_shows_two_axes_to_the_same_scale() {
     };
     near(span(|point| point.0), 2.0 * span(|point| point.1), 100.0 * 8.0);
     assert!(plot.texts().contains(&"position of axis 3 (counts)") && plot.texts().contains(&"time (s)"));
-    // By default the first two axes.
+    // The diagram `xy` shows the first two axes, unless `--xy` names others.
     assert_eq!(
         recorded.plot(&["--panels", "xy"]).panel_names(),
         ["Plane of axes 1 and 2: position of axis 2 (counts)"]

@@ -28,7 +28,7 @@ fn a_png_shows_what_the_svg_shows() {
         let place = (y as usize * width as usize + x as usize) * 3;
         [points[place], points[place + 1], points[place + 2]]
     };
-    // The SVG's grid has two points for each of these.
+    // Coordinates in the SVG are twice those of the PNG.
     for (axis, colour) in [(1, COLOURS[0]), (2, COLOURS[1])] {
         let line = &plot.panel(&format!("Axis {axis}")).lines(colour, false)[0];
         for (x, y) in line.iter().step_by(line.len() / 20) {

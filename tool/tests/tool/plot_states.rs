@@ -9,12 +9,13 @@ const FAULT: &str = STATES[0];
 const HOMING: &str = STATES[1];
 const NOT_ENABLED: &str = STATES[2];
 
-/// Operation enabled in homing mode: under way, standing before the start, home attained, homing error.
+/// Statuswords in homing mode, all of them in Operation enabled: homing is under way, the drive stands before the start, home
+/// is attained, homing has failed.
 const UNDER_WAY: u16 = 0x0237;
 const STANDS: u16 = 0x0637;
 const ATTAINED: u16 = 0x1637;
 const ERROR: u16 = 0x2637;
-/// Fault reaction active, Fault, Switch on disabled.
+/// Statuswords of the states Fault reaction active, Fault, and Switch on disabled.
 const REACTION: u16 = 0x021F;
 const FAULTED: u16 = 0x0218;
 const DISABLED: u16 = 0x0250;
@@ -23,8 +24,8 @@ const CSP: u8 = 0x15;
 const GO_HOME: u8 = 0x18;
 const ABORT_HOME: u8 = 0x19;
 
-/// Runs that many cycles in which a slave's drive has this slot; returns their begin and end in seconds: the report
-/// after them is the first one with another value.
+/// Runs `cycles` cycles in which the slot of the slave's drive has this id and statusword. Returns their beginning and end in
+/// seconds; the end is the time of the next report, the first one with other values.
 fn say(run: &mut FakeBoard, slave: usize, id: u8, statusword: u16, cycles: u32) -> (f64, f64) {
     run.drives[slave - 1] = DriveSlot { id, statusword, ..run.drives[slave - 1] };
     run.cycle();
@@ -35,7 +36,7 @@ fn say(run: &mut FakeBoard, slave: usize, id: u8, statusword: u16, cycles: u32) 
     (from, run.seconds() + 0.001)
 }
 
-/// Asserts that the spans are these, to a pixel of some milliseconds.
+/// Asserts that the areas of a colour have these beginnings and ends in seconds, with a tolerance of 1.5 ms.
 #[track_caller]
 fn are(panel: &Panel<'_>, colour: &str, expected: &[(f64, f64)]) {
     let found = panel.spans(colour);
@@ -55,7 +56,7 @@ fn homing_lasts_from_go_home_until_bits_10_and_12_are_set() {
         run.send_to(2, &SlaveCommand::GoHome);
         let (from, _) = say(&mut run, 2, GO_HOME, first, 3);
         say(&mut run, 2, GO_HOME, UNDER_WAY, 100);
-        // The host sends no command meanwhile.
+        // From here on the host sends no command, so the slot no longer answers GO_HOME. The drive is still homing.
         let (_, to) = say(&mut run, 2, 0, UNDER_WAY, 100);
         say(&mut run, 2, 0, ATTAINED, 100);
         say(&mut run, 2, CSP, ENABLED, 100);
@@ -105,7 +106,7 @@ fn an_error_an_abort_a_fault_and_leaving_op_end_homing() {
         are(&panel, HOMING, &[(from, to)]);
         let notes: Vec<&str> = panel.notes().into_iter().map(|(_, text)| text).collect();
         let expected: &[&str] = if i == 0 { &["homing error"] } else { &[] };
-        // The fault has no code here.
+        // In this test the fault has no error code, so there is no note.
         assert_eq!(notes, expected, "end {i}");
     }
 }
@@ -148,7 +149,7 @@ fn a_fault_is_shown_with_its_code_until_it_is_cleared() {
     }
 }
 
-/// SK-3.21 An HSP has no error code in its slot: the value in its place is none.
+/// SK-3.21 The slot of an HSP has no error code. The bytes at that place are not shown as one.
 #[test]
 fn a_fault_of_an_hsp_has_no_error_code() {
     let mut run = FakeBoard::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
@@ -173,8 +174,8 @@ fn a_drive_that_was_on_all_the_time_has_no_shading() {
     assert!(!plot.texts().iter().any(|text| ["fault", "homing", "not enabled"].contains(text)));
 }
 
-/// Within the requested time a state is shown in part; a state of one cycle is still seen; notes overlap nothing and
-/// are not cut, and thousands of faults do not make a picture of thousands of areas.
+/// A state that lasts beyond the requested time is drawn up to its limits. A state of one cycle is still visible. Notes overlap
+/// nothing and are not cut. Thousands of faults do not make a picture of thousands of areas.
 #[test]
 fn short_states_are_seen_and_thousands_of_faults_stay_readable() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);

@@ -1,4 +1,4 @@
-//! The picture of README.
+//! The pictures of README and of a board beside one with a chip are what the demo draws.
 #![cfg(target_os = "linux")]
 
 mod needs_cxx {
@@ -11,7 +11,7 @@ mod needs_cxx {
 
     use crate::common::ecmsk;
 
-    /// Records that program as the demo runs it, in virtual time, on a board with that link.
+    /// Records the program of README's picture as the demo runs it, in virtual time, on a board with the link `link`.
     fn record(folder: &Path, link: &str, script: &str, recording: &str) {
         let link = format!("{link}&script=examples/scripts/{script}.ecmscript&record={recording}");
         let program = support::compile(&root().join("examples/cpp/alarm_recovery.cpp"), Language::Cpp("c++17"));
@@ -28,7 +28,7 @@ mod needs_cxx {
         support::succeed(ecmsk([&["plot"], arguments, &["-o", "-"]].concat()).current_dir(folder))
     }
 
-    /// The picture of README is a recording of that program as the demo makes it, on virtual time, drawn by the tool.
+    /// The picture of README is what the tool draws of a recording that the demo's program makes, in virtual time.
     #[test]
     fn the_picture_of_readme_is_what_the_demo_draws() {
         let folder = folder();
@@ -36,8 +36,8 @@ mod needs_cxx {
         support::kept(&root().join("docs/two_axes.svg"), &plot(folder.path(), &["two_axes.pcapng"]));
     }
 
-    /// XF-19.1 So is the picture with the same program on a board behind an ECM-XF beside it, with both OP phases
-    /// aligned.
+    /// XF-19.1 The picture of two boards is what the tool draws of the program on a board and, beside it, on a board behind an
+    /// ECM-XF, with the beginnings of OP aligned.
     #[test]
     fn the_picture_of_both_boards_is_what_the_demo_draws() {
         let folder = folder();

@@ -1,4 +1,5 @@
-//! Recordings that were not ended, in every verb that reads one; and the message of `exec` about its own.
+//! Recordings that were not ended: what each verb that reads one says, and what `exec` and other verbs say about the recordings
+//! that they make.
 #![cfg(unix)]
 
 use std::fs;
@@ -10,7 +11,7 @@ use crate::common::{Ran, run};
 use serde_json::Value;
 use support::recorded::{Program, Run};
 
-/// A run's recording up to a block, as a killed program leaves it: that many frames.
+/// The recording of a run, cut after its first `frames` frames, as a killed program leaves it.
 fn cut_after(run: &Run, frames: usize) -> PathBuf {
     let bytes = fs::read(&run.file).expect("a recording");
     let length = (0..2 + frames)
@@ -59,7 +60,7 @@ fn every_verb_says_that_a_recording_was_not_ended() {
         let allowed = run([arguments, &["--allow-incomplete"]].concat());
         assert!(allowed.code == Some(0) && allowed.err.contains(SAID), "{allowed:?}");
     }
-    // A difference counts, whatever is missing after it.
+    // A difference that is found makes the exit code 1, although the rest of recording B is missing.
     let ran = run(["compare", whole.path(), cut]);
     assert!(ran.code == Some(1) && ran.err.starts_with("note: B: ") && ran.out.contains("B ends early"), "{ran:?}");
 }
@@ -68,7 +69,8 @@ fn every_verb_says_that_a_recording_was_not_ended() {
 #[test]
 fn a_recording_cut_after_its_first_command_is_not_replayed_as_equal() {
     let whole = Program::default().record();
-    // The first report comes some frames later; without one there is nothing to compare.
+    // The first report comes some frames after the first command. Neither a file without a report, nor one with little more
+    // than that, shows that the model answers as the board did.
     for frames in [5, 8] {
         let cut = cut_after(&whole, frames);
         let ran = run(["replay", cut.to_str().expect("UTF-8")]);
@@ -95,7 +97,8 @@ fn exec_tells_of_its_recording() {
     assert!(refused.out.is_empty() && fs::read(&file).expect("a recording") == whole);
     let again = [&options[..], &["--overwrite"]].concat();
 
-    // The disk is full after 64 KiB: the program succeeds, and its recording is ended, too.
+    // The disk is full after 64 KiB (`ulimit`): the program succeeds, and its recording is cut there but has an end that says
+    // so.
     let full = place.run(&again, &format!("trap '' XFSZ; ulimit -f 128; {moves}; cat moved >&2"));
     assert_eq!(full.code, Some(124), "{full:?}");
     assert!(full.err.contains("has stopped: File too large"), "{}", full.err);
@@ -104,12 +107,12 @@ fn exec_tells_of_its_recording() {
     let dumped = run(["dump", file.to_str().expect("UTF-8"), "--slots", "ecm"]);
     assert!(dumped.code == Some(0) && dumped.err.contains("frames are missing: File too large"), "{}", dumped.err);
 
-    // The recording of a killed program; a failed program keeps its code.
+    // A recording without its end, as a killed program leaves it. The exit code of a program that has failed is kept.
     let killed = place.run(&again, &format!("{moves}; truncate -s -60 run.pcapng; exit 3"));
     assert!(killed.code == Some(3) && killed.err.contains("was not ended"), "{killed:?}");
     let cut = place.run(&again, &format!("{moves}; truncate -s -52 run.pcapng"));
     assert!(cut.code == Some(124) && cut.err.contains("was not ended"), "{cut:?}");
-    // Nothing was recorded, and the old recording is gone.
+    // The program has opened no board, so nothing was recorded, and `--overwrite` has removed the old recording.
     place.run(&again, ":").expect_quiet();
     assert!(!file.exists());
 }
@@ -120,7 +123,7 @@ fn exec_tells_of_its_recording() {
 fn a_verb_and_a_server_tell_of_their_recording() {
     let place = ExecFolder::new();
     let tool = env!("CARGO_BIN_EXE_ecmsk");
-    // The disk is full after 64 KiB.
+    // The shell limits files to 64 KiB, as if the disk were full after that.
     let run = |script: &str| {
         let script = format!("trap '' XFSZ; ulimit -f 128; {script}");
         Ran::from(Command::new("sh").args(["-c", &script]).current_dir(place.path()).output().expect("sh starts"))

@@ -14,15 +14,15 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
-/// Exports the recording beside itself, under a name with this ending.
+/// Exports the recording of a run to a file beside it, with this file name extension; returns its path.
 fn exported(whole: &Run, ending: &str) -> std::path::PathBuf {
     let file = whole.file.with_extension(ending);
     run(["recording", "export", whole.path(), text(&file)]).expect_quiet();
     file
 }
 
-/// A recording in blocks shows every verb what the pcapng shows that it was made from, and becomes the same pcapng, byte
-/// by byte.
+/// A recording in blocks (.ecmrec) that was exported from a pcapng gives the same output in every verb. Exported back it
+/// becomes the same pcapng, byte by byte.
 #[test]
 fn every_verb_reads_both_formats_alike() {
     let program = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() };
@@ -51,7 +51,7 @@ fn every_verb_reads_both_formats_alike() {
     assert!(pictures[0] == pictures[1], "another picture");
 }
 
-/// A table has a row for each report in OP, with the values of its slaves.
+/// `recording export` writes a table with a row for each report in OP, with the values of its slaves.
 #[test]
 fn a_table_has_the_reports() {
     const SIZE: SlotSize = SlotSize::Bytes12;
@@ -74,7 +74,8 @@ fn a_table_has_the_reports() {
     assert!(rows.iter().all(|row| row.len() == names.len()));
 }
 
-/// `info` says what is in a file without reading it, and with `--check` where it is damaged; `summary` says so, too.
+/// `recording info` shows from the index what is in a recording. With `--check` it reads all frames and shows where the
+/// recording is damaged. `summary` reports the damage, too.
 #[test]
 fn damage_is_told_with_its_time() {
     let whole = Program::default().record();
@@ -87,7 +88,8 @@ fn damage_is_told_with_its_time() {
         assert_eq!(json[key], checked[key], "{key}");
     }
     let mut bytes = fs::read(&blocks).expect("a file");
-    // The second block of frames: the first one, and the section before it, stay whole.
+    // A byte of the second block of frames is changed. The first block of frames, and the block before it with the metadata,
+    // stay whole.
     let places: Vec<usize> = (0..bytes.len() - 8).filter(|at| bytes[*at..].starts_with(b"\x89ECMREC\n")).collect();
     bytes[places[2] + 100] ^= 1;
     fs::write(&blocks, bytes).expect("a file");
@@ -102,7 +104,7 @@ fn damage_is_told_with_its_time() {
     assert!(ran.err.contains("frames are missing: they were damaged in the file that was copied"), "{ran:?}");
 }
 
-/// What cannot be exported says why, and touches nothing.
+/// An export that is not possible is an error that says why, and changes no file.
 #[test]
 fn a_wrong_export_is_refused() {
     let whole = Program::default().record();

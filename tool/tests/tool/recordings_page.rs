@@ -8,7 +8,7 @@ use support::recorded::Program;
 
 const BLOCK: &str = "```console\n";
 
-/// Makes the recordings of the page.
+/// Makes the recordings that the commands of docs/RECORDINGS.md read.
 fn record(folder: &Path) {
     for (name, program) in [
         ("a", Program::default()),
@@ -21,7 +21,7 @@ fn record(folder: &Path) {
     }
 }
 
-/// The page with the present outputs.
+/// The text of the page with the outputs that its commands print now.
 fn run_again(page: &str, folder: &Path) -> String {
     let mut blocks = page.split(BLOCK);
     let mut again = blocks.next().unwrap_or_default().to_owned();

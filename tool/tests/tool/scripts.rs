@@ -120,7 +120,7 @@ fn a_script_that_cannot_be_read_is_an_error() {
 fn relative_moves_do_not_drift() {
     let file = file("drift");
     let board = format!("{BOARD}&record={}", file.display());
-    // After the fast one the axis is a few counts off its target.
+    // After the fast move the axis is a few counts off its target.
     let steps = "move 1=1 --relative\n".repeat(40);
     let lines = format!("state op\nservo on 1\nmove 1=50000 --velocity 1000000\n{steps}");
     let ran = script(&board, &lines);
@@ -129,7 +129,7 @@ fn relative_moves_do_not_drift() {
     assert_eq!(RecordedTraffic::read(&file).targets(1).last(), Some(&50_040));
 }
 
-/// TOOL-20 Targets in units; a relative target beyond 32 bits is refused before a frame of it is sent.
+/// TOOL-20 Targets may be in units. A relative target that leads beyond 32 bits is refused before a frame of the move is sent.
 #[test]
 fn targets_are_in_units_and_stay_within_32_bits() {
     let board = "sim:?slaves=drive:start@2147483000&clock=virtual";

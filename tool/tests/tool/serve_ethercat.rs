@@ -50,7 +50,7 @@ fn what_serve_ethercat_refuses() {
     }
 }
 
-/// The page has the whole program, so that a reader of the page alone can run it.
+/// docs/SLAVES.md has the whole program of the example, so that a reader of the page alone can run it.
 #[test]
 fn the_page_has_the_master_of_the_example() {
     let read = |file| std::fs::read_to_string(support::root().join(file)).expect("a file");
@@ -58,11 +58,11 @@ fn the_page_has_the_master_of_the_example() {
     assert!(read("docs/SLAVES.md").ends_with(&program));
 }
 
-/// Makes a pair of interfaces, then runs the command.
+/// A shell script that makes a pair of virtual interfaces (veth0, veth1), then runs the command that its arguments are.
 const IN_NAMESPACE: &str =
     "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && exec \"$@\"";
 
-/// In a network namespace of the test's own.
+/// Tests that run in a network namespace of their own.
 mod needs_network_namespace {
     use std::io::{BufRead, BufReader, Read};
     use std::process::{Command, Stdio};
@@ -115,7 +115,7 @@ mod needs_network_namespace {
     }
 }
 
-/// In a network namespace of the test's own.
+/// Tests with the master pysoem, in a network namespace of their own.
 mod needs_pysoem {
     use std::io::{BufRead, BufReader, Read};
     use std::process::{Command, Stdio};

@@ -12,7 +12,7 @@ fn run(arguments: &[&str]) -> Ran {
     ecmsk([&["serve", "gadget"][..], arguments].concat()).output().expect("the tool starts").into()
 }
 
-/// What cannot be is said with the next step, and nothing is made.
+/// A board that cannot be served at a device port is an error with the next step, and no gadget is made.
 #[test]
 fn a_board_that_cannot_be_shown_is_an_error_with_the_next_step() {
     run(&[]).expect_misuse(&["--link"]);
@@ -31,8 +31,8 @@ fn a_board_that_cannot_be_shown_is_an_error_with_the_next_step() {
     }
 }
 
-/// The service of docs/BOARD.md: systemd accepts its unit, where it is installed. Its command line, with the settings of the
-/// template, is one that the tool takes; it restarts after failures alone.
+/// The service of docs/BOARD.md: systemd, where it is installed, accepts its unit. The tool accepts the command line of the
+/// unit, with the settings of the template for its configuration file. The service is restarted only after failures.
 #[test]
 fn the_service_starts_the_tool_with_its_one_configuration_file() {
     let folder = support::root().join("share/systemd");
@@ -46,20 +46,21 @@ fn the_service_starts_the_tool_with_its_one_configuration_file() {
     let link = LinkUri::parse(value("ECMSK_LINK")).expect("a link");
     assert_eq!(link.path(), value("BOARD_CARD"));
 
-    // As systemd expands variables without braces.
+    // The words of the command line. A word `$NAME` without braces becomes all words of the variable, as systemd does it.
     let words: Vec<&str> = says("ExecStart=")
         .split(' ')
         .flat_map(|word| word.strip_prefix('$').map_or(vec![word], |name| value(name).split(' ').collect()))
         .collect();
     assert_eq!(words[..3], ["ecmsk", "serve", "gadget"]);
     let mut command = ecmsk(words[1..].to_vec());
-    // A link that is refused after the options were taken.
+    // The options are accepted if the tool goes on and refuses the link.
     let ran = Ran::from(command.env("ECMSK_LINK", "sim:?slaves=whale").output().expect("the tool starts"));
     assert!(ran.code != Some(0) && ran.err.contains("whale"), "{ran:?}");
 
     let copy = tempfile::tempdir().expect("a folder");
     let file = copy.path().join("ecmsk-board.service");
-    // Commands have to exist where the unit is verified.
+    // `systemd-analyze verify` checks that the programs of a unit exist on this machine, so a program that exists replaces
+    // them.
     let there =
         unit.replace("ExecStart=ecmsk", "ExecStart=/bin/true").replace("ExecStartPre=-ip", "ExecStartPre=-/bin/true");
     fs::write(&file, there).expect("a file");

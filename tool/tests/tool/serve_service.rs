@@ -11,7 +11,7 @@ use std::time::Duration;
 use crate::common::ecmsk;
 use rustix::process::{Pid, Signal, kill_process};
 
-/// `ecmsk serve tcp` with that socket of a service manager, and the first line of its output.
+/// `ecmsk serve tcp` that reports to `socket` as its service manager, and the first line of its output.
 fn serve(socket: &Path) -> (Child, String) {
     let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive"]);
     command.env("NOTIFY_SOCKET", socket).env_remove("ECMSK_TCP_SECRET");
@@ -44,7 +44,7 @@ fn a_service_is_ready_when_it_serves() {
     end(child);
 }
 
-/// A service manager that reads nothing, or is not there, holds no server up: it serves, and ends by a signal.
+/// A server does not wait for a service manager that reads nothing or does not exist: it serves, and a signal ends it.
 #[test]
 fn a_service_manager_that_does_not_read_holds_nothing_up() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -11,7 +11,7 @@ use ecmsk::recording::Recording;
 use rustix::process::{Pid, Signal, kill_process};
 use support::usbip_client::{Client, Reply};
 
-/// The tool at work.
+/// A running `ecmsk serve usbip`.
 struct Serving {
     child: Child,
     out: BufReader<ChildStdout>,
@@ -30,7 +30,7 @@ impl Serving {
         Self { child, out, address }
     }
 
-    /// The next line of standard output.
+    /// Reads the next line of standard output.
     fn line(&mut self) -> String {
         let mut line = String::new();
         self.out.read_line(&mut line).expect("a line");
@@ -51,8 +51,8 @@ fn run(arguments: &[&str]) -> Ran {
     ecmsk([&["serve", "usbip"][..], arguments].concat()).output().expect("the tool starts").into()
 }
 
-/// The output has the address, what is served, and the clients that come and go; the server ends in order; the link
-/// keeps one report.
+/// The output has the address, what is served, and the clients that come and go; a signal ends the server in an orderly way. A
+/// link without `queue=` gets a queue of one report.
 #[test]
 fn serve_usbip_says_what_it_serves_and_who_attaches() {
     for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
@@ -73,7 +73,7 @@ fn serve_usbip_says_what_it_serves_and_who_attaches() {
     }
 }
 
-/// The options are shown in the device's descriptors.
+/// The USB device descriptors have the serial number and the names that the options set.
 #[test]
 fn the_device_has_the_serial_number_and_names_that_were_set() {
     let options = "--vendor 1234 --product 0xabcd --release 0203 --serial S1 --name N --interval 4";
@@ -90,7 +90,7 @@ fn the_device_has_the_serial_number_and_names_that_were_set() {
     serving.end_by(Signal::TERM);
 }
 
-/// The recording of its link has the frames of the host.
+/// A recording by the served link's `record=` has the frames that the USB host sends.
 #[test]
 fn what_a_host_sends_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -107,8 +107,8 @@ fn what_a_host_sends_is_recorded() {
     assert_eq!(frames.count(), 20);
 }
 
-/// Any client that reaches the server can use the boards: without the option for that, such an address is refused with
-/// the next step, and nothing listens.
+/// Any client that reaches the server can use the boards. So an address that other machines reach is refused without
+/// `--insecure-anyone`, with the next step, and nothing listens.
 #[test]
 fn listening_to_others_is_refused() {
     for listen in ["0.0.0.0:0", "192.0.2.1:3240", "[::]:0"] {
@@ -121,7 +121,7 @@ fn listening_to_others_is_refused() {
     run(&["--link", "sim:", "--listen", "127.0.0.2:0", "--link", "sim:"]).expect_failure(1, &["in use"], "name=");
 }
 
-/// Any client that reaches the server can use the boards: a note says so.
+/// Any client that reaches the server can use the boards. With `--insecure-anyone` a note says so.
 #[test]
 fn listening_to_others_is_warned_of() {
     let mut child = ecmsk(["serve", "usbip", "--link", "sim:", "--listen", "0.0.0.0:0", "--insecure-anyone"])
@@ -140,7 +140,8 @@ fn listening_to_others_is_warned_of() {
 #[test]
 fn a_board_that_cannot_be_served_is_an_error_with_the_next_step() {
     let listen = ["--listen", "127.0.0.1:0"];
-    // An address that is in use nowhere (RFC 5737); the note before says that other machines reach it.
+    // No machine has this address (RFC 5737), so listening fails. Of the two lines of standard error the first is the note that
+    // other machines reach the address.
     let elsewhere = run(&["--listen", "192.0.2.1:3240", "--insecure-anyone", "--link", "sim:"]);
     assert_eq!((elsewhere.code, elsewhere.err.lines().count()), (Some(1), 2), "{elsewhere:?}");
     assert!(elsewhere.err.contains("cannot listen on 192.0.2.1:3240: "), "{elsewhere:?}");

@@ -1,4 +1,4 @@
-//! `ecmsk serve web`: who may have the page, what it is told, and that no page holds the board up.
+//! `ecmsk serve web`: who may read the page, which messages it gets, and that no page delays the board.
 
 use std::io::Read;
 use std::net::TcpStream;
@@ -10,14 +10,14 @@ use crate::common::page::{Serving, data, insist, next_text, points};
 use crate::common::run;
 
 const HOST: &str = "Host: localhost:1";
-/// The messages with counters in some minutes, after which a test gives up.
+/// How many messages with counters a test reads before it gives up; a page gets four of them a second.
 const STATUSES_MAX: u32 = 1000;
 
 fn of_a_simulated_board() -> Serving {
     Serving::start("web", &["--link", "sim:?slaves=drive*2,io"])
 }
 
-/// A board that others command, and its page.
+/// A board that is served over TCP, the link to it, and a page that shows it.
 fn of_a_served_board() -> (Serving, String, Serving) {
     let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
     let link = format!("tcp://{}", board.address());
@@ -25,7 +25,8 @@ fn of_a_served_board() -> (Serving, String, Serving) {
     (board, link, web)
 }
 
-/// The page has what keeps others out; without its token, by another name and by other methods there is none.
+/// The answer with the page has the header fields that keep other sites out. Without its token, under another host name and
+/// with other methods there is no page.
 #[test]
 fn only_who_has_the_address_gets_the_page() {
     let web = of_a_simulated_board();
@@ -62,7 +63,7 @@ fn only_who_has_the_address_gets_the_page() {
     web.end();
 }
 
-/// A WebSocket is the page's own: other pages have another origin, and know no token.
+/// Only the page itself may open the WebSocket: other pages have another origin, and do not know the token.
 #[test]
 fn a_socket_needs_the_origin_of_the_page() {
     let web = of_a_simulated_board();
@@ -93,7 +94,8 @@ fn a_socket_needs_the_origin_of_the_page() {
     web.end();
 }
 
-/// A page is greeted, and then told channels, events, counters and points. What another program does shows there.
+/// A page gets a hello message first, then channels, events, counters and points. They show what another program does with the
+/// board.
 #[test]
 fn a_page_shows_what_another_program_does() {
     let (board, link, web) = of_a_served_board();
@@ -135,17 +137,18 @@ fn a_page_shows_what_another_program_does() {
             has_output |= has(of(3, "output", 2), |output| output == 1);
         }
     }
-    // Nothing was sent to the board but what the program has sent.
+    // The page has sent nothing to the board: it is still in the state in which the program has left it.
     let info = run(["info", "--link", &link]).expect_quiet();
     assert!(info.contains("state       OP"), "{info}");
     web.end();
     let said = board.end();
-    // `home`, `io` and `info` are writers.
+    // The page is the only reader of the board. The verbs `home`, `io` and `info` are writers.
     assert_eq!(said.matches(" is a reader").count(), 1, "{said}");
     assert!(said.matches(" is a writer").count() >= 3, "{said}");
 }
 
-/// 200 pages: 16 are served, the others are refused, the board is read on, and then there is room again.
+/// If 200 pages connect, 16 are served and the others are refused. The board is read all the time, and when pages have gone
+/// others are served.
 #[test]
 fn a_crowd_of_pages_does_not_slow_the_board() {
     let web = of_a_simulated_board();
@@ -155,14 +158,14 @@ fn a_crowd_of_pages_does_not_slow_the_board() {
     let last = status(&mut sockets[15])["status"]["reports"].as_u64();
     assert!(first > Some(0) && last > Some(0), "{first:?}, {last:?}");
     drop(sockets);
-    // That pages have gone is seen with the next message to them.
+    // The server notices that a page is gone when it sends it the next message.
     let mut socket = (0..10_000).find_map(|_| web.socket()).expect("there is room again");
     let (before, after) = (status(&mut socket), status(&mut socket));
     assert!(before["status"]["reports"].as_u64() < after["status"]["reports"].as_u64(), "{before} {after}");
     web.end();
 }
 
-/// The next message with counters.
+/// Reads the next message with counters (type `status`).
 fn status(socket: &mut WebSocket<TcpStream>) -> Value {
     loop {
         let message = next_text(socket, &mut Vec::new());
@@ -172,7 +175,7 @@ fn status(socket: &mut WebSocket<TcpStream>) -> Value {
     }
 }
 
-/// Connections that say nothing, or a page that reads nothing, hold nobody up.
+/// Connections that send nothing, and a page that reads nothing, do not delay other pages or the board.
 #[test]
 fn who_says_nothing_holds_nobody_up() {
     let web = of_a_simulated_board();
@@ -187,7 +190,7 @@ fn who_says_nothing_holds_nobody_up() {
     web.end();
 }
 
-/// The page of a recording has all in it; there is no socket.
+/// The page of a recording contains all its data, and the server opens no WebSocket for it.
 #[test]
 fn a_recording_is_shown_whole() {
     let folder = tempfile::tempdir().expect("a folder");

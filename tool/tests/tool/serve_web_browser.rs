@@ -1,12 +1,13 @@
-//! The page in a browser.
+//! The pages of recordings and boards, tested in a browser (Chromium).
 
 mod needs_chromium {
     use crate::common::page::{Browser, Serving, insist};
     use crate::common::run;
     use crate::plot_html::{dumped, recorded};
 
-    /// The page of a recording: states in words, events, the values of the frames, cursors, XY, keys, a phone's width. Its
-    /// policy allows its own scripts, and it fetches nothing. With ECMSK_BLESS=1 it writes the picture of docs/WEB.md.
+    /// The page of a recording in a browser: states in words, events, the values of the frames, cursors, the XY diagram, keys,
+    /// and the width of a phone. Its policy allows its own scripts only, and it fetches nothing. With ECMSK_BLESS=1 the test
+    /// writes the picture of docs/WEB.md.
     #[test]
     fn a_recording_is_shown_from_a_file() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -31,7 +32,7 @@ mod needs_chromium {
             assert!((shown - position as f64).abs() < 0.01, "{shown} and not {position} at {at_ns} ns");
         }
 
-        // Curves are drawn: there are pixels that are neither paper nor grey.
+        // Curves are drawn: the picture has pixels with a colour, which background and grid have not.
         let coloured = "(() => { const { plot } = page.scope.panels[0]; const { canvas } = plot.ctx; \
                         const { data } = plot.ctx.getImageData(0, 0, canvas.width, canvas.height); let n = 0; \
                         for (let i = 0; i < data.length; i += 4) \
@@ -59,7 +60,7 @@ mod needs_chromium {
         let theme = browser.value("document.documentElement.dataset.theme");
         browser.press("t");
         assert_ne!(browser.value("document.documentElement.dataset.theme"), theme);
-        // What is saved, instead of a file.
+        // `saved(act)` returns the content (a Blob) that `act` would save as a file.
         browser.value(
             "globalThis.saved = (act) => new Promise((done) => { const old = URL.createObjectURL; \
              URL.createObjectURL = (blob) => { URL.createObjectURL = old; done(blob); return old(blob); }; act(); })",
@@ -84,7 +85,7 @@ mod needs_chromium {
         }
     }
 
-    /// The page of a board: what another program does shows, and it stops at its trigger.
+    /// The page of a board in a browser shows what another program does, and stops at its trigger.
     #[test]
     fn a_board_is_shown_live() {
         let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);

@@ -8,10 +8,10 @@ use std::process::{Child, Stdio};
 use crate::common::{Ran, ecmsk};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// The tool at work.
+/// A running `ecmsk serve xf`.
 struct Serving {
     child: Child,
-    /// The first line of its output.
+    /// The first line of the server's output.
     line: String,
 }
 
@@ -63,7 +63,8 @@ fn serve_xf_says_what_it_serves_and_who_comes() {
         assert_eq!(host.read_to_end(&mut Vec::new()).expect("the end"), 4);
         let said = serving.end_by(signal);
         let mut said: Vec<&str> = said.lines().collect();
-        // The signal may come before the server has reported that the host has closed.
+        // The server may notice the signal before it has reported that the host has closed. So the order of the lines is not
+        // compared.
         said.sort_unstable();
         let expected = [&format!("{from} has closed"), &format!("{from} has the chip"), &format!("stopped by {name}")];
         assert_eq!(said, expected.map(|line| format!("serve: {line}")));
@@ -104,7 +105,7 @@ mod needs_cxx {
         for (firmware, printed) in [("new", "n 1024, firmware 0x22\n"), ("old", "n 112, firmware 0x0E\n")] {
             let link = format!("xf-sim:?chip_fw={firmware}&clock=virtual");
             let serving = Serving::start(&["--link", &link, "--listen", "127.0.0.1:0"]);
-            // The second host begins where the first one has ended.
+            // A second host opens the chip after the first one has closed it.
             for _ in 0..2 {
                 assert_eq!(support::succeed(Command::new(&program).arg(serving.port())), printed);
             }

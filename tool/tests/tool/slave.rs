@@ -32,7 +32,7 @@ fn the_esi_file_says_what_the_eeprom_says() {
         let identity = sii.info().identity;
         let found = (number(vendor.text().expect("an id")), code("ProductCode"), code("RevisionNo"));
         assert_eq!(found, (identity.vendor, identity.product, identity.revision), "{kind}");
-        // The name of the kind stands in both.
+        // The name of the device in the ESI file is that in the EEPROM.
         let category = |kind| sii.category(kind).expect("it has one");
         let name = category(CategoryKind::General).general().expect("it is whole").name;
         let name = category(CategoryKind::Strings).strings().get(name).expect("a text");
@@ -47,7 +47,7 @@ fn the_esi_file_says_what_the_eeprom_says() {
     }
 }
 
-/// A list is not a kind; a file that cannot be written is a failure with the next step.
+/// `ecmsk slave` takes one kind and no list; a file that cannot be written is a failure with the next step.
 #[test]
 fn what_slave_refuses() {
     let run = |arguments: &[&str]| ecmsk([&["slave"][..], arguments].concat()).output().expect("the tool starts");

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use support::full_pipe;
 use support::tcp::{LIMIT, SIZE, serve, until, uri};
 
-/// An output that takes nothing.
+/// Which output of the tool takes no bytes, and why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stalled {
     OutPipe,
@@ -29,7 +29,7 @@ enum Stalled {
     HeldTerminal,
 }
 
-/// The running tool with such an output, which stays stalled as long as this value lives.
+/// The running tool, with an output that takes no bytes as long as this value lives.
 struct Work {
     child: Child,
     _unread: Vec<File>,
@@ -70,7 +70,7 @@ impl Work {
         kill_process(Pid::from_child(&self.child), signal).unwrap();
     }
 
-    /// Its exit code.
+    /// Waits for the tool's end; returns its exit code.
     fn ends(mut self) -> Option<i32> {
         until("the end of the tool", || self.child.try_wait().unwrap()).code()
     }
@@ -90,7 +90,7 @@ fn terminal() -> (File, String) {
     (File::from(master), name)
 }
 
-/// A reader of axis 1 of a served board.
+/// A reader of a served board, for the position of axis 1.
 struct Look(Arc<dyn Link>);
 
 impl Look {
@@ -104,7 +104,7 @@ impl Look {
         report.slot(SIZE, 1).data1 as i32
     }
 
-    /// The axis's position, and that some cycles later.
+    /// Two positions of the axis, 50 reports apart.
     fn twice(&self) -> [i32; 2] {
         [0; 2].map(|_| (0..50).fold(0, |_, _| self.position()))
     }
@@ -117,7 +117,7 @@ impl Look {
 const ALL: [Stalled; 5] =
     [Stalled::OutPipe, Stalled::ErrPipe, Stalled::BothPipes, Stalled::FullTerminal, Stalled::HeldTerminal];
 
-/// Runs the cases side by side.
+/// Runs a test for all cases at the same time, each in a thread.
 fn at_once<T: Send>(cases: impl IntoIterator<Item = T>, run: impl Fn(T) + Sync) {
     let run = &run;
     thread::scope(|scope| cases.into_iter().for_each(|case| _ = scope.spawn(move || run(case))));
@@ -134,7 +134,7 @@ fn a_move_obeys_ctrl_c() {
         let mut words = vec!["move", "1=9000000", "--velocity", "100000", "--up", "--link", &link];
         words.extend(json.then_some("--json"));
         let work = Work::start(&words, stalled);
-        // By then it has printed progress.
+        // When the axis has gone so far, the tool has printed progress.
         look.until_beyond(150_000);
         work.signal(Signal::INT);
         assert_eq!(work.ends(), Some(130), "{stalled:?}, JSON: {json}");
@@ -144,7 +144,7 @@ fn a_move_obeys_ctrl_c() {
     });
 }
 
-/// The same with an axis that is homing.
+/// Ctrl-C ends a homing whose output is not read, and the tool ends by itself.
 #[test]
 fn homing_obeys_ctrl_c() {
     at_once(ALL, |stalled| {
@@ -162,7 +162,8 @@ fn homing_obeys_ctrl_c() {
     });
 }
 
-/// A result waits for its reader, with the axes at a standstill: a slow reader gets it whole, and the tool succeeds.
+/// The tool waits until its result is read, with the axes at a standstill. So a slow reader gets the whole result, and the tool
+/// succeeds.
 #[test]
 fn a_result_waits_for_its_reader() {
     let (server, _told) = serve("sim:?slaves=drive");

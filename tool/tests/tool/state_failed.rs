@@ -1,4 +1,4 @@
-//! A failed state is explained wherever the tool shows it.
+//! The reason for a failed state is given wherever the tool shows that state.
 
 use crate::common::board::{script, text};
 use crate::common::run;

@@ -10,11 +10,11 @@ use crate::common::ecmsk;
 use ecmsk::sk::{CommandId, MasterState};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// The tool at work.
+/// The running tool, and what it prints on standard error.
 struct Work {
     child: Child,
     said: BufReader<ChildStderr>,
-    /// Its standard error so far.
+    /// What the test has read from standard error so far.
     err: String,
 }
 
@@ -26,7 +26,7 @@ impl Work {
         Self { child, said, err: String::new() }
     }
 
-    /// Waits for a line with these words.
+    /// Reads standard error until a line contains these words.
     fn until(&mut self, words: &str) {
         let before = self.err.len();
         while !self.err[before..].contains(words) {
@@ -39,7 +39,7 @@ impl Work {
         kill_process(Pid::from_child(&self.child), signal).expect("it runs");
     }
 
-    /// Waits until no signal is pending: two pending ones of a kind are one.
+    /// Waits until the tool has got all signals: a second signal of a kind that is still pending would be lost.
     fn until_delivered(&self) {
         let status = format!("/proc/{}/status", self.child.id());
         let pending =
@@ -49,7 +49,7 @@ impl Work {
         }
     }
 
-    /// Its exit code; `err` then has all of its standard error.
+    /// Waits for the tool's end; returns its exit code and all of its standard error.
     fn end(mut self) -> (Option<i32>, String) {
         self.said.read_to_string(&mut self.err).expect("UTF-8");
         (self.child.wait().expect("it ends").code(), self.err)
@@ -61,7 +61,7 @@ fn recorded(name: &str, keys: &str) -> (String, PathBuf) {
     (format!("sim:?{keys}&record={}", file.display()), file)
 }
 
-/// The first and second differences of the targets.
+/// The steps from each target to the next, and the changes from each step to the next.
 fn steps(targets: &[i32]) -> (Vec<i32>, Vec<i32>) {
     let differences = |of: &[i32]| of.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>();
     let steps = differences(targets);
@@ -91,12 +91,13 @@ fn ctrl_c_brakes_a_move() {
         let tape = RecordedTraffic::read(&file);
         let (first, second) = (tape.targets(1), tape.targets(2));
         let (speed, change) = steps(&first);
-        // 100 counts a cycle; it may change by 0.2 in a cycle, and by a count for rounding.
+        // At full speed the step is 100 counts a cycle. With the move's acceleration it changes by 0.2 counts a cycle; rounding
+        // adds up to a count.
         assert!(speed.contains(&100) && speed.iter().all(|step| (0..=101).contains(step)), "it moved, and never back");
         assert!(change.iter().all(|change| change.abs() <= 2), "{change:?}");
         assert!(speed.ends_with(&[0]) || speed.ends_with(&[1]), "it came to rest: {:?}", &speed[speed.len() - 5..]);
         let full = speed.iter().rposition(|step| *step >= 99).expect("it was fast");
-        // 0.5 s at full acceleration, 0.1 s to reach it and 0.1 s back.
+        // The axis brakes in 0.6 s: 0.1 s until full deceleration, 0.4 s with it, and 0.1 s until it has ended.
         let brake: Vec<i32> = speed[full..].windows(101).map(|window| window[0] - window[100]).collect();
         assert!(brake.iter().all(|change| *change <= 22) && brake.iter().any(|change| *change >= 18), "{brake:?}");
         assert!(speed.len() - full <= 800, "{} frames to rest", speed.len() - full);
@@ -110,7 +111,8 @@ fn ctrl_c_brakes_a_move() {
     }
 }
 
-/// A move whose own brake would take longer brakes harder: it is at rest within 1.5 s.
+/// If braking with the move's own acceleration would take longer than 1.5 s, the move brakes harder and is at rest within that
+/// time.
 #[test]
 fn a_slow_brake_is_cut_short() {
     let (board, file) = recorded("slow", "slaves=drive");
@@ -138,7 +140,7 @@ fn a_move_that_stands_still_goes_on_from_rest() {
     let mut work = Work::start(&[&line[..], &["--up", "--link", &board]].concat());
     work.until("progress: moving");
     work.signal(Signal::STOP);
-    // Longer than the entries in the board's FIFO last.
+    // The tool is stopped for longer than the frames in the board's FIFO last.
     std::thread::sleep(std::time::Duration::from_millis(600));
     work.signal(Signal::CONT);
     let (ended, said) = work.end();
@@ -165,7 +167,7 @@ fn a_second_ctrl_c_leaves() {
     work.until("progress: moving");
     work.signal(Signal::INT);
     work.until_delivered();
-    // The axis brakes now, for 1.5 s.
+    // The axis brakes for 1.5 s from here on; the second signal comes before the end of that.
     work.signal(Signal::INT);
     let (code, said) = work.end();
     assert_eq!(code, Some(130));
@@ -218,7 +220,7 @@ fn waiting_script(line: &[&str]) -> Work {
     Work::start(&["run", &script, line[2], line[3]])
 }
 
-/// A board that falls silent ends a move, with what to do.
+/// A board that falls silent ends a move; the error says what to do.
 #[test]
 fn a_silent_board_ends_a_move_with_the_next_step() {
     let events = text("silent.ecmscript", "at 900ms silent\n");

@@ -6,11 +6,11 @@ use ecmsk::sk::MasterState;
 use crate::common::board::{file, text};
 use crate::common::{json_lines, run};
 
-/// The cycle of the jump.
+/// The cycle in which the target of axis 1 jumps.
 const JUMP: i32 = 3_000;
 
-/// A run of ten seconds in virtual time, in a recording of that name: axis 1 turns with 10 counts in each cycle. In the middle
-/// its target jumps by 3,000 counts, and axis 2 is blocked for 20 ms by a script.
+/// Records ten seconds in virtual time to the file `name`.pcapng; returns its path. Both axes turn with 10 counts in each
+/// cycle. In the cycle [`JUMP`] the target of axis 1 steps by 3,010 counts, and at 6 s a script blocks axis 2 for 20 ms.
 fn recorded(name: &str) -> String {
     let script = text(&format!("{name}.script"), "at 6s jam 2 for 20ms\n");
     let path = file(&format!("{name}.pcapng"));
@@ -45,7 +45,8 @@ fn a_jam_and_a_step_are_found() {
     let json = &json_lines(&ran.out)[0];
     let [one, two] = [&json["axes"][0], &json["axes"][1]];
     assert_eq!(one["target_step"]["value"], 3_010, "{said}{json}");
-    // The drive follows at once: the fastest moment of its own position, and the target that is in force.
+    // The drive follows the jump at once. So the time of its largest velocity is nearly that of the largest step of the target
+    // in force.
     let at = |quantity: &str| one[quantity]["at_s"].as_f64().expect("a time");
     assert!(at("target_step") > 3.0 && (at("velocity") - at("target_step")).abs() < 0.005, "{json}");
     assert!(
@@ -58,7 +59,7 @@ fn a_jam_and_a_step_are_found() {
     assert_eq!(two["target_step"]["value"], 10);
 }
 
-/// `--fail-on` names what failed, and ends with 1.
+/// With `--fail-on` standard error names the limit that was exceeded, and the exit code is 1.
 #[test]
 fn a_limit_makes_a_run_fail() {
     let path = recorded("summary_limits");
@@ -74,7 +75,7 @@ fn a_limit_makes_a_run_fail() {
     assert!(ran.code == Some(2) && ran.err.contains("allowed: any, alarm"), "{ran:?}");
 }
 
-/// The last of 40 axes has its extremes, too.
+/// The summary has the extremes of all axes, up to the last one of 40.
 #[test]
 fn every_axis_has_its_extremes() {
     let path = file("summary_forty.pcapng");

@@ -15,9 +15,9 @@ fn known(slaves: &str, counts_per_unit: &str) -> Option<KnownNetwork> {
     Some(KnownNetwork { slaves: slaves.to_owned(), counts_per_unit: counts_per_unit.to_owned() })
 }
 
-/// Clients get the list of slaves: those of a simulated board, those that a client has configured with their modes, and
-/// those of the server's options, which count more; a server of a server passes them on. For an unknown board the list
-/// is empty.
+/// The clients of a server get its list of slaves: that of a simulated board, or that which a client has configured, with
+/// modes; the list of the server's options comes before both. A server of a server passes the list on. For an unknown board the
+/// list is empty.
 #[test]
 fn clients_know_what_the_server_knows() {
     let (server, _) = serve("sim:?slaves=drive*2,io");
@@ -42,10 +42,10 @@ fn clients_know_what_the_server_knows() {
     assert_eq!(connect(&long, "").network(), known("", "7"), "half a list would be another one");
 }
 
-/// The variable with a secret.
+/// The environment variable with the secret that a server and its clients share.
 const SECRET: &str = "ECMSK_TCP_SECRET";
 
-/// The serving tool and its address; it ends when it is dropped.
+/// The running `ecmsk serve` and its address; dropping the value ends the tool.
 struct Serving(Child, String);
 
 impl Serving {

@@ -1,10 +1,11 @@
-//! `ecmsk params` of drives behind a board that is served: backup, change, diff and restore give the same parameters.
+//! `ecmsk params` of drives behind a board that is served over TCP: backup, change, diff and restore give the same parameters.
 
 use crate::common::board::file;
 use crate::common::run;
 use support::tcp::{serve, uri};
 
-/// A stepper behind a board, whose objects are known from a network that has one, too.
+/// The parameters of a stepper behind a served board are saved, changed, compared and restored. Its objects are known from a
+/// network with another stepper.
 #[test]
 fn a_drive_behind_a_served_board_is_put_back() {
     let objects = file("tcp_params_objects").display().to_string();

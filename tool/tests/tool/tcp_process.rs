@@ -11,7 +11,7 @@ use ecmsk::sk::{Frame, MasterState};
 use rustix::process::{Pid, Signal, kill_process};
 use support::tcp::{LIMIT, options, serve_with, until, uri};
 
-/// `ecmsk serve tcp` on any free port; killed when dropped.
+/// A running `ecmsk serve tcp` on any free port; dropping the value kills it.
 struct Serving {
     child: Child,
     address: String,
@@ -36,7 +36,7 @@ impl Serving {
         format!("tcp://{}", self.address)
     }
 
-    /// Waits for a line on standard error.
+    /// Reads standard error until a line contains `part`; returns the line.
     fn wait(&mut self, part: &str) -> String {
         loop {
             let mut line = String::new();
@@ -105,7 +105,7 @@ fn in_op(uri: &str) -> Ecm {
     ecm
 }
 
-/// A server that is killed while axes move: every call ends, at once and with an error.
+/// When a server is killed while axes move, every call of its clients ends at once with an error.
 #[test]
 fn killing_the_server_ends_every_call_of_its_clients() {
     let mut serving = Serving::start("");
@@ -129,10 +129,10 @@ fn killing_the_server_ends_every_call_of_its_clients() {
     assert!(matches!(ecm.close(Close::Hold), Err(EcmError::Link(LinkError::Lost { .. }))));
 }
 
-/// The variable that turns this program into the writer that is killed.
+/// The environment variable with the link to the server. A test program that is started with it is the writer that is killed.
 const WRITER: &str = "ECMSK_TEST_WRITER";
 
-/// TCP-9 A writer that is killed while axes move: the server brings them to a standstill.
+/// TCP-9 When a writer is killed while axes move, the server brings them to a standstill.
 #[test]
 fn killing_the_writer_has_the_server_stop_its_axes() {
     if let Ok(uri) = std::env::var(WRITER) {
@@ -149,7 +149,8 @@ fn killing_the_writer_has_the_server_stop_its_axes() {
     let mut command = Command::new(std::env::current_exe().unwrap());
     command
         .args(["--exact", "tcp_process::killing_the_writer_has_the_server_stop_its_axes"])
-        // "At once": four keep-alive times are four hours.
+        // With this keep-alive time a lost writer would be noticed only after hours. So the axes stop because the server sees
+        // the end of the connection at once.
         .env(WRITER, uri(&server, "keepalive_ms=3600000"));
     let mut writer = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let reader = link::open(&uri(&server, "role=reader"), Share::ByName).unwrap();

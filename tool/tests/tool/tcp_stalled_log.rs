@@ -1,5 +1,5 @@
-//! Servers whose log is not read: a full pipe, a function that does not return. Axes, clients and the end of the server
-//! do not wait for it.
+//! Servers whose log is not read, because its pipe is full or because the program's function for messages does not return.
+//! Axes, clients and the end of the server do not wait for it.
 #![cfg(target_os = "linux")]
 
 use std::io::{BufRead as _, BufReader, PipeReader, Read as _};
@@ -18,7 +18,8 @@ use support::full_pipe;
 use support::tcp::proxy::Cable;
 use support::tcp::{LIMIT, Raw, SIZE, options, serve_with, until};
 
-/// The running tool, with an unread standard error.
+/// Starts the tool with a standard error that is a full pipe. Returns the tool, its standard output, the address on which it
+/// listens, and the reading end of the pipe.
 fn serving(arguments: &[&str], keys: &[(&str, &str)]) -> (Child, BufReader<ChildStdout>, String, PipeReader) {
     let (reader, writer) = full_pipe();
     let mut command = ecmsk(arguments);
@@ -38,8 +39,8 @@ fn ends(child: &mut Child) {
     assert_eq!(status.code(), Some(0));
 }
 
-/// Foreign clients are refused; a writer whose axes move is cut off. Then the axes stand, one in CSP and one in CSV,
-/// and new clients are accepted, also a writer.
+/// Clients with another protocol are refused, and the connection of a writer whose axes move is cut. Then the axes stand still,
+/// one in CSP and one in CSV, and new clients are accepted, also a writer.
 fn a_writer_vanishes(server: SocketAddr) {
     for _ in 0..50 {
         Raw::dial_to(server).send(b"GET / HTTP/1.1\r\n\r\n");
@@ -63,7 +64,7 @@ fn a_writer_vanishes(server: SocketAddr) {
     until("a standstill", || {
         reader.read(&mut report, Wait::For(LIMIT)).unwrap();
         let now = [1, 2].map(|slave| report.slot(SIZE, slave).data1 as i32);
-        // A held axis may tremble by a count.
+        // The position of an axis that is held may vary by a count.
         let stands = (0..2).all(|axis| i32::abs(now[axis] - last[axis]) < 3);
         still = if stands { still + 1 } else { 0 };
         last = now;
@@ -90,7 +91,7 @@ fn a_pipe_that_is_read_again_gets_the_newest_lines_and_the_number_of_missing_one
     let arguments = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];
     let (mut child, _out, address, mut unread) = serving(&arguments, &[("ECMSK_LOG", "off")]);
     let uri = format!("tcp://{address}");
-    // Each writer makes two lines at least.
+    // The server logs at least two lines for each writer, in all more lines than its queue holds.
     for _ in 0..700 {
         link::open(&uri, Share::ByName).unwrap().close();
     }
@@ -133,8 +134,8 @@ fn usbip_ends_with_a_full_pipe() {
     ends(&mut child);
 }
 
-/// TCP-25 TCP-9 A function of the program's that never returns is called by a thread of its own: axes are braked, clients come
-/// in and the server can be stopped.
+/// TCP-25 TCP-9 The server calls the program's function for messages in a thread of its own. If the function never returns,
+/// axes are braked all the same, clients are accepted, and the server can be stopped.
 #[test]
 fn a_stuck_function_stops_nothing() {
     let (goes_on, stuck) = mpsc::channel::<()>();

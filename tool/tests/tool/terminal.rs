@@ -13,27 +13,27 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// Every wait takes only a fraction of this.
+/// The time limit of a wait for output. In a run without faults every wait takes only a fraction of it.
 const HANG: Duration = Duration::from_secs(60);
 
-/// The owner of the terminal.
+/// The process that has the terminal as its controlling terminal, and so gets SIGHUP when the terminal is closed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Owner {
     /// The tool: it gets SIGHUP when the terminal is closed.
     Tool,
-    /// None: the tool gets no signal.
+    /// No process: the tool gets no signal and has to notice by itself that the terminal is closed.
     Nobody,
 }
 
-/// A terminal with the tool in it.
+/// A terminal in which the tool runs.
 struct Terminal {
     keys: File,
-    /// The output so far, and whether it has ended.
+    /// The tool's output so far, and whether the output has ended.
     screen: Arc<(Mutex<(String, bool)>, Condvar)>,
     /// The length of the output that earlier waits have consumed.
     seen: usize,
     child: Child,
-    /// Ends the reading thread, which keeps the terminal open, too.
+    /// Ends the thread `reader`, because the handle from which it reads keeps the terminal open, too.
     hung_up: Arc<AtomicBool>,
     reader: std::thread::JoinHandle<()>,
 }
@@ -67,7 +67,8 @@ impl Terminal {
             .stderr(tty())
             .spawn()
             .expect("it starts");
-        // The command holds the other end, too.
+        // The command has handles of the tool's end of the terminal. With them the test would not see that the tool has closed
+        // it.
         drop(command);
         let keys = File::from(master);
         let mut output = keys.try_clone().expect("a second handle");
@@ -87,7 +88,7 @@ impl Terminal {
                 if nothing {
                     continue;
                 }
-                // At the end a terminal returns an error.
+                // After the tool has closed the terminal, reading returns an error, which counts as the end of the output.
                 let read = output.read(&mut bytes).unwrap_or(0);
                 let mut screen: std::sync::MutexGuard<'_, (String, bool)> = shared.0.lock().unwrap();
                 screen.0.push_str(&String::from_utf8_lossy(&bytes[..read]));
@@ -118,7 +119,7 @@ impl Terminal {
         panic!("it goes on");
     }
 
-    /// Waits until the output has these words, after those of earlier waits.
+    /// Waits until the output has these words behind those that earlier waits have found.
     fn until(&mut self, words: &str) {
         let mut screen = self.screen.0.lock().unwrap();
         loop {
@@ -137,7 +138,7 @@ impl Terminal {
         self.keys.write_all(keys.as_bytes()).expect("it reads");
     }
 
-    /// Brings the shell's network to OP and its drive on.
+    /// Types the lines that bring the shell's network to OP and switch its drive on.
     fn servo_on(&mut self) {
         for (line, answer) in [("state op\r", "OP\r\n"), ("servo on 1\r", "Operation enabled")] {
             self.keys(line);
@@ -150,7 +151,7 @@ impl Terminal {
         kill_process(Pid::from_child(&self.child), signal).expect("it runs");
     }
 
-    /// Its exit code, and all of its output.
+    /// Waits for the tool's end; returns its exit code, and all of its output.
     fn end(mut self) -> (Option<i32>, String) {
         let code = self.child.wait().expect("it ends").code();
         let mut screen = self.screen.0.lock().unwrap();
@@ -161,7 +162,8 @@ impl Terminal {
     }
 }
 
-/// Tab completes, arrow up recalls lines, Ctrl-C without a running step explains how to leave, quit leaves.
+/// In the shell Tab completes words, arrow up recalls lines, Ctrl-C without a running step explains how to leave, and `quit`
+/// ends it.
 #[test]
 fn the_shell_completes_recalls_lines_and_quits() {
     let mut terminal = Terminal::start(&["shell", "--link", "sim:?slaves=drive&clock=virtual"]);
@@ -178,7 +180,7 @@ fn the_shell_completes_recalls_lines_and_quits() {
     terminal.keys("\x03");
     terminal.until("note: nothing runs; type quit to leave");
     terminal.until("ecmsk> ");
-    // The order of recalled lines: the move, the servo, the state.
+    // The first arrow up recalls the last line, which is the move, and the second one the line `servo`.
     terminal.keys("\x1b[A\x1b[A\r");
     terminal.until("Operation enabled");
     terminal.until("ecmsk> ");
@@ -279,7 +281,7 @@ fn a_closed_terminal_ends_the_shell() {
     }
 }
 
-/// `doctor` colours its states on a terminal, unless NO_COLOR or TERM=dumb disables colours.
+/// `doctor` colours the words `ok`, `advice` and `wrong` on a terminal, unless NO_COLOR or TERM=dumb forbids it.
 #[test]
 fn doctor_uses_colours_on_a_terminal_only() {
     let green = "\x1b[32mok    \x1b[0m  versions ";

@@ -11,7 +11,8 @@ fn recorded(name: &str, slaves: &str) -> (String, std::path::PathBuf) {
     (format!("sim:?slaves={slaves}&clock=virtual&record={}", file.display()), file)
 }
 
-/// `info` and `state`, in words and as JSON; with --scan, info reads the identity of the slaves.
+/// `info` and `state` show the board and its slaves, as text and as JSON; with --scan, `info` reads the identities of the
+/// slaves.
 #[test]
 fn info_and_state_show_board_and_slaves() {
     let step = "sim:?slaves=step,hsp2&clock=virtual&slot=16&fw=1.5";
@@ -32,14 +33,14 @@ fn info_and_state_show_board_and_slaves() {
     );
 }
 
-/// A network of one slave is described in the singular.
+/// `info --scan` writes about a network of one slave in the singular.
 #[test]
 fn a_network_of_one_slave_is_told_in_the_singular() {
     let one = run(["info", "--scan", "--link", "sim:?slaves=drive&clock=virtual"]).expect_quiet();
     assert_eq!(one.lines().last(), Some("found       1 slave"), "{one}");
 }
 
-/// Objects by number and name, abort codes in words; inputs and outputs.
+/// `sdo` reads and writes objects by number and by name and shows abort codes in words; `io` reads inputs and sets outputs.
 #[test]
 fn sdo_and_io_read_and_write() {
     support::snapshot(
@@ -67,8 +68,8 @@ fn sdo_and_io_read_and_write() {
     );
 }
 
-/// With `--up` axes are switched on, homed and moved in one command each; without it nothing is sent and the error has
-/// the line to type.
+/// With `--up` one command switches axes on, homes or moves them on a network that is not up. Without `--up` nothing is sent,
+/// and the error has the command line to type.
 #[test]
 fn servo_home_and_move_bring_the_network_up_only_with_up() {
     support::snapshot(
@@ -109,7 +110,8 @@ fn without_a_link_the_board_is_the_one_of_the_library() {
     assert_eq!(crate::common::Ran::from(ran).expect_quiet(), "PreOP\n");
     let ran = crate::common::ecmsk(["state"]).env("ECMSK_LINK", "nonsense").output().expect("it starts");
     crate::common::Ran::from(ran).expect_failure(1, &["`nonsense` has no scheme"], "ecmsk link help");
-    // The test must not use a board that is plugged in here: the library that would find it cannot be loaded.
+    // The test must not use a board that is plugged in here. So libusb, with which the tool would find it, is replaced by a
+    // file that cannot be loaded.
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("libusb-1.0.so.0"), "no library").expect("a file");
     let mut nowhere = crate::common::ecmsk(["state"]);
@@ -160,7 +162,7 @@ fn axes_stay_on_unless_close_says_servo_off() {
     }
 }
 
-/// All axes begin and end in the same frame, on a straight line, whatever their distances are.
+/// The targets of all axes begin and end in the same frame and are on a straight line, whatever the distances of the axes are.
 #[test]
 fn axes_move_on_a_straight_line() {
     let (board, file) = recorded("line", "drive*3");
@@ -178,7 +180,7 @@ fn axes_move_on_a_straight_line() {
     assert!(steps.contains(&50), "it reaches its speed");
 }
 
-/// Speed, acceleration and jerk of the targets are the requested ones.
+/// The targets of a move keep the velocity, acceleration and jerk that the options request.
 #[test]
 fn a_move_keeps_its_limits() {
     let (board, file) = recorded("limits", "drive");
@@ -187,11 +189,13 @@ fn a_move_keeps_its_limits() {
     let targets = RecordedTraffic::read(&file).targets(1);
     let steps: Vec<i32> = targets.windows(2).map(|pair| pair[1] - pair[0]).collect();
     assert_eq!(steps.iter().max(), Some(&100));
-    // A change of the step is 0.2 counts at most in a cycle: over 100 cycles 20, and two for rounding.
+    // With the move's acceleration the step changes by at most 0.2 counts a cycle: by 20 counts in 100 cycles, and by two more
+    // from rounding.
     let changes: Vec<i32> = steps.windows(101).map(|window| window[100] - window[0]).collect();
     assert!(changes.iter().all(|change| change.abs() <= 22), "{changes:?}");
     assert!(changes.iter().any(|change| *change >= 18), "it uses its acceleration");
-    // The ramps with that jerk take 0.3 + 0.5 + 0.2 s, the rest is at full speed.
+    // Each ramp takes 0.7 s: 0.2 s until full acceleration, 0.3 s with it, and 0.2 s until it has ended. So 150,000 counts at
+    // 100,000 counts per second take 1.5 s + 0.7 s.
     let seconds = targets.len() as f64 / 1000.0;
     assert!((2.19..=2.21).contains(&seconds), "{seconds}");
     run(["move", "1=150000", "--up", "--link", &board]

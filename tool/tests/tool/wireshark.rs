@@ -22,7 +22,7 @@ fn the_kept_plugin_is_installed() {
     ran.expect_failure(1, &["cannot write"], "--dir");
 }
 
-/// Without --dir the folder is that of the user.
+/// Without --dir the plugin is installed into the folder of the user's Wireshark plugins.
 #[cfg(unix)]
 #[test]
 fn the_folder_is_the_user_s() {
@@ -63,7 +63,7 @@ mod needs_tshark {
         file
     }
 
-    /// Each field of each slot of a recording is the one of `dump`, also of a board with alarms.
+    /// The plugin shows each field of each slot of a recording as `dump` does, also of a board with alarms.
     #[test]
     fn recordings_are_shown_as_by_dump() {
         for keys in ["", "&fw=1.5"] {
@@ -74,7 +74,8 @@ mod needs_tshark {
         }
     }
 
-    /// The same of captures of a real kernel, on Linux and with the headers of Windows.
+    /// The plugin shows each field of captures of a real kernel as `dump` does: of captures on Linux, and of the same with the
+    /// headers of Windows.
     #[test]
     fn captures_are_shown_as_by_dump() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -94,8 +95,8 @@ mod needs_tshark {
         }
     }
 
-    /// Any bytes in the slots of any command: each value, each default that is left out, and each reason why a command
-    /// is malformed. The captures, of Linux and of Windows, do not have the ids of the device.
+    /// Slots of all commands with random bytes, so that every value, every default that is left out and every reason for a
+    /// malformed command occurs. The captures do not contain the USB ids of the device.
     #[test]
     fn frames_of_any_bytes_are_shown_as_by_dump() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -138,7 +139,7 @@ mod needs_tshark {
         frame
     }
 
-    /// A slot of any command, with numbers that commands take, and others.
+    /// A random slot of any command, in part with numbers that the command accepts.
     fn any_slot(dice: &mut Dice) -> RawSlot {
         let ids = CommandId::ALL.map(CommandId::code);
         let id = if dice.one_in(10) { dice.pick(&[MASTER_CYCLIC, 0x40]) } else { dice.pick(&ids) };
@@ -157,8 +158,8 @@ mod needs_tshark {
         }
     }
 
-    /// The frames of a run in which all goes wrong, which the remarks name: an alarm and its end, a lost slave, lost
-    /// commands, a wrong CRC. Each is said of the frame that shows it first, and of no other.
+    /// Three runs in which something goes wrong: an alarm that ends again, a full FIFO with lost commands, and a lost slave.
+    /// Each remark is on the frame that shows the change first, and on no other.
     #[test]
     fn remarks_say_what_goes_wrong() {
         let script = "at 600ms alarm 2 0x7500\n".to_owned();
@@ -172,7 +173,8 @@ mod needs_tshark {
         expect_remarks(&cut.file, &["ecmsk.slave_lost"]);
     }
 
-    /// Compares the remarks on a recording with what `dump` shows to change.
+    /// Compares the plugin's remarks on a recording with the changes that `dump` shows. Each of the remarks `kinds` has to
+    /// occur.
     #[track_caller]
     fn expect_remarks(file: &Path, kinds: &[&str]) {
         let shown = shown(file, "ecmsk", &[]);
@@ -187,7 +189,7 @@ mod needs_tshark {
         }
     }
 
-    /// The frames in which something begins, or ends, that a remark names.
+    /// The numbers of the frames in which something that a remark names begins or ends, each with the name of the remark.
     fn changes(frames: &[Value]) -> Vec<(u64, String)> {
         let mut changes = Vec::new();
         let (mut board, mut alarms): (Value, [Option<String>; 41]) = (Value::Null, [const { None }; 41]);
@@ -223,7 +225,7 @@ mod needs_tshark {
         changes
     }
 
-    /// A wrong CRC, a command that its slot does not take and one that is malformed have remarks.
+    /// A wrong CRC, a command in a slot that does not take it, and a malformed command each have a remark.
     #[test]
     fn remarks_name_commands_that_a_board_rejects() {
         let size = SlotSize::Bytes12;
@@ -287,7 +289,8 @@ mod needs_tshark {
         }
     }
 
-    /// Transfers of other lengths, and those of a device with other ids, are none of a board's.
+    /// Transfers of other lengths than a frame, and transfers of a device with other USB ids, are not shown as frames of a
+    /// board.
     #[test]
     fn other_traffic_is_left_alone() {
         let mut traffic = Traffic::default();
@@ -304,7 +307,8 @@ mod needs_tshark {
         assert_eq!(tshark(&file, &["-Y", "ecmsk"]), "");
     }
 
-    /// tshark loads the plugin from the user's folder, where `install` has written it, and takes each filter of the page.
+    /// tshark loads the plugin from the user's folder, where `install` has written it, and accepts each filter of
+    /// docs/WIRESHARK.md.
     #[test]
     fn the_installed_plugin_is_loaded_and_takes_the_filters_of_the_page() {
         let run_of_program = Program::default().record();

@@ -21,11 +21,11 @@ mod needs_tshark {
 
     use crate::common::tshark::{dumped, field, is_same, remarks, shown, values};
 
-    /// Bytes to a chip, and from it: the first byte of a packet in a recording.
+    /// The first byte of a packet in a recording, for bytes to the chip and (next constant) from the chip.
     const TO_CHIP: u8 = 0;
     const FROM_CHIP: u8 = 1;
 
-    /// The data segment of answers that a test makes, bytes: more than the longest answer.
+    /// The length in bytes of the data segment in answers that a test makes: more than the longest answer needs.
     const DATA_OF_ANSWERS: usize = 256;
 
     /// The numbers of each packet in a recording are those of `dump`; damaged packets and other bytes are shown as such.
@@ -48,7 +48,7 @@ mod needs_tshark {
         let mut compared = [0; 4];
         for packet in &dumped {
             let number = packet["number"].as_u64().expect("a number");
-            // Pieces are joined by `dump` alone.
+            // `dump` joins pieces of packets and the plugin does not, so they are not compared.
             if packet.get("pieces").is_none() {
                 let (_, layer) = shown.iter().find(|(shown, _)| *shown == number).expect("a packet");
                 compared[compare_packet(layer, packet)] += 1;
@@ -57,7 +57,8 @@ mod needs_tshark {
         assert!(compared.iter().all(|count| *count > 0), "{compared:?}");
     }
 
-    /// Compares a packet with its JSON; returns its kind.
+    /// Compares what the plugin shows of a packet with the JSON of `dump`. Returns the kind of packet: 0 damaged, 1 not ready,
+    /// 2 a piece, 3 any other.
     fn compare_packet(layer: &Json, packet: &Json) -> usize {
         let text = packet["text"][0].as_str().expect("words");
         let special = ["damaged", "not_ready", "piece"];
@@ -83,7 +84,8 @@ mod needs_tshark {
         kind.unwrap_or(special.len())
     }
 
-    /// Each field of a request that Rust has written, and of an answer that Rust reads, is shown with its value.
+    /// The plugin shows each field of a request that this project's code has written, and of an answer that this code can read,
+    /// with its value.
     #[test]
     fn each_field_of_each_function_is_shown() {
         let (mut capture, mut dice, mut expected) = (Capture::default(), Dice(44), Vec::new());
@@ -116,11 +118,11 @@ mod needs_tshark {
     struct Expected {
         name: &'static str,
         repeats: bool,
-        /// The part of an answer, the field's name, its values.
+        /// The fields: each with its part of a repeated answer (from 0), its name and its values.
         fields: Vec<(usize, String, Vec<Json>)>,
     }
 
-    /// A number that tshark shows, or its text.
+    /// A value that tshark shows as a text: as a number if it is one, otherwise as the text.
     fn number_of(shown: &Json) -> Json {
         let text = shown.as_str().expect("a text");
         let number = match text.strip_prefix("0x") {
@@ -142,7 +144,8 @@ mod needs_tshark {
             put.push((field, json_of(field, value)));
         }
         let request = draft.request().ok()?;
-        // Fields for one operation each may share a place: the last one has written it.
+        // Fields of different operations may have the same position in a request. Then the value of the last one is in the
+        // packet.
         let is_at = |one: &Field, other: &Field| one.position == other.position && one.shift == other.shift;
         let is_last =
             |field: &Field| put.iter().rfind(|(other, _)| is_at(other, field)).is_some_and(|(last, _)| *last == field);
@@ -156,7 +159,7 @@ mod needs_tshark {
         Some(Expected { name: row.name(), repeats: false, fields })
     }
 
-    /// Writes an answer of any bytes to the last command.
+    /// Writes an answer to the last command, with random data.
     fn answer(capture: &mut Capture, dice: &mut Dice, row: &'static FunctionFields, form: &AnswerFields) -> Expected {
         let parts = if form.every.is_some() { 3 } else { 1 };
         let len = form.len.or(form.every.map(|every| parts * every)).unwrap_or_else(|| dice.pick(&[32, 64, 112]));
@@ -170,7 +173,8 @@ mod needs_tshark {
         let index = capture.index;
         let header = AnswerHeader { index, code: row.code, ret: returned.ret, len, ..AnswerHeader::default() };
         capture.push(FROM_CHIP, &packet_of(&header, &data, FIXED_CHECK));
-        // The plugin takes the first form that has the length.
+        // An answer may have several forms. The plugin uses the first one with the length of the data, so the expected fields
+        // are those of that form.
         let form = row.answer(returned).unwrap_or(form);
         let mut fields = Vec::new();
         for part in 0..usize::from(if form.every.is_some() { parts } else { 1 }) {
@@ -201,7 +205,7 @@ mod needs_tshark {
             FieldKind::Choice(names) => i64::from(names[dice.below(names.len() as u64) as usize].1),
             FieldKind::Bits(names) => i64::from(names.iter().fold(0, |all, (_, bit)| all | bit) & any as u32),
             FieldKind::Signed => i64::from(any as i32),
-            // Numbers of slaves, axes and pins are small.
+            // In half of the cases a small number, because numbers of slaves, axes and pins have to be small.
             _ if dice.one_in(2) => (any & 7).cast_signed(),
             _ => any.cast_signed(),
         }
@@ -212,7 +216,7 @@ mod needs_tshark {
         (0..len).map(|_| b'a' + dice.below(26) as u8).collect()
     }
 
-    /// A value as tshark shows it; none for bytes that are not there.
+    /// A value as the plugin shows it; an empty list for a field without bytes, which the plugin does not show.
     fn json_of(field: &Field, value: Value<'_>) -> Vec<Json> {
         match value {
             Value::Number(number) => vec![number.into()],
@@ -230,7 +234,8 @@ mod needs_tshark {
         }
     }
 
-    /// `StateSet`, `state` as `ecmsk_xf.state_set.state`.
+    /// The name of a field in Wireshark: the field `state` of the function `StateSet` is `ecmsk_xf.state_set.state`. `part` is
+    /// `answer.` for a field of an answer.
     fn name_of(row: &FunctionFields, part: &str, field: &Field) -> String {
         let snake = row.type_name.chars().enumerate().flat_map(|(n, letter)| {
             let line = (letter.is_uppercase() && n > 0).then_some('_');

@@ -7,12 +7,13 @@ use support::recorded::Program;
 
 const LINK: &str = "sim:?slaves=drive&clock=virtual";
 
-/// `--slot-size` is the size and `--slots` are slots in every verb.
+/// In every verb `--slot-size` is the slot size and `--slots` selects slots.
 #[test]
 fn slot_size_and_slots_mean_the_same_in_every_verb() {
     let program = Program { short: true, ..Program::default() }.record();
     let file = program.path();
-    // Behind a chip it has already waited for OP, so that it runs unchanged.
+    // The program of this recording ran behind a chip and waited for OP. So `migrate` judges that it runs unchanged, and
+    // succeeds.
     let behind_chip = Program { scheme: "xf-sim", short: true, ..Program::default() }.record();
     for arguments in [
         &["dump", file, "--slot-size", "12"][..],
@@ -27,8 +28,8 @@ fn slot_size_and_slots_mean_the_same_in_every_verb() {
     }
 }
 
-/// `--slot` is accepted where its meaning is clear, with a hint about the right name; where it may mean either it is an
-/// error that names both.
+/// `--slot` is accepted, with a hint at its present name, if only one of its two meanings is possible; otherwise the error
+/// names the present options for both.
 #[test]
 fn the_former_option_slot_is_accepted_where_it_is_unambiguous() {
     let program = Program { short: true, ..Program::default() }.record();

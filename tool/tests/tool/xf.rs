@@ -6,10 +6,10 @@ use std::collections::BTreeSet;
 use crate::common::board::transcript;
 use crate::common::{ecmsk, json_lines, run};
 
-/// Two drives and an IO slave.
+/// The link of the tests: a chip with two drives and an IO slave on virtual time.
 const CHIP: &str = "xf-sim:?slaves=drive*2,io&clock=virtual";
 
-/// XF-18.3, XF-18.5, XF-18.6 `scan`, `info` and `state`, in words and as JSON.
+/// XF-18.3, XF-18.5, XF-18.6 `scan`, `info` and `state` show the chip and its slaves, as text and as JSON.
 #[test]
 fn scan_info_and_state_show_chip_and_slaves() {
     support::snapshot(
@@ -29,7 +29,8 @@ fn scan_info_and_state_show_chip_and_slaves() {
     );
 }
 
-/// XF-18.1 Without a link the error shows one and nothing is simulated; a board's link and a wrong one are errors.
+/// XF-18.1 Without a link the error shows an example of one, and no chip is simulated. The link of a board and a wrong link are
+/// errors.
 #[test]
 fn a_chip_is_named_or_there_is_none() {
     for verb in ["scan", "info", "state"] {
@@ -47,7 +48,8 @@ fn a_chip_is_named_or_there_is_none() {
     assert_eq!((ran.code, json_lines(&ran.out).len()), (Some(0), 3), "{ran:?}");
 }
 
-/// XF-11.75 `script=` works behind `xf` and `serve xf`, or the link is refused; `use_n=` of an ECM-XFU is refused, too.
+/// XF-11.75 The key `script=` has an effect with `xf` and `serve xf`, or the link is refused; `use_n=` of an ECM-XFU is
+/// refused, too.
 #[test]
 fn what_a_link_says_happens_or_it_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -86,7 +88,7 @@ fn what_there_is_is_named() {
     }
 }
 
-/// XF-18.2 The table has the 91 functions, with and without a chip, in words and as JSON.
+/// XF-18.2 `xf commands` lists the 91 functions of the chip, as text and as JSON. It needs no chip.
 #[test]
 fn commands_are_listed() {
     let text = run(["xf", "commands"]).expect_quiet();
@@ -148,13 +150,13 @@ fn a_wrong_value_opens_no_chip() {
         (&["read", "0", "0x1000", "--complete", "--type", "u8"], "--complete"),
         (&["read", "0", "6041"], "did you mean `0x6041`?"),
     ] {
-        // This link does not open, and an attempt would be reported.
+        // `sim:` is no link to a chip. If the tool tried to open it, it would report that instead of the wrong value.
         let ran = run([&["xf", "sdo"], words, &["--link", "sim:"]].concat());
         ran.expect_misuse(&[why]);
     }
 }
 
-/// XF-18.8 The layout of the process data by slave and object, with the present inputs.
+/// XF-18.8 `xf pdo` shows the layout of the process data by slave and object, with the present inputs.
 #[test]
 fn pdo_shows_objects_and_inputs() {
     support::snapshot(
@@ -167,7 +169,7 @@ fn pdo_shows_objects_and_inputs() {
     );
 }
 
-/// XF-18.9 The chip's own inputs and outputs.
+/// XF-18.9 `xf gpio`, `adc`, `dac` and `encoder` read and set the chip's own inputs and outputs.
 #[test]
 fn units_are_read_and_set() {
     support::snapshot(
@@ -232,7 +234,8 @@ fn raw_knows_each_function_of_the_list() {
     let name = |n: usize, key: &str| commands[n][key].as_str().expect("a name").to_owned();
     for n in 0..commands.len() {
         for key in ["type", "name"] {
-            // The error for a wrong field lists the fields of the function; a wrong name fails earlier.
+            // A wrong field is an error that lists the fields of the function. It comes after the name was found, so a name
+            // that is not known would give another error.
             let ran = run(["xf", "raw", &name(n, key), "wrong=1"]);
             let several = commands.iter().filter(|row| row["name"] == commands[n]["name"]).count() > 1;
             if key == "name" && several {

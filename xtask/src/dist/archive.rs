@@ -53,7 +53,7 @@ pub fn sha256(file: &Path) -> Result<String, Error> {
     Ok(String::from_utf8_lossy(&said).split_whitespace().next().unwrap_or_default().to_owned())
 }
 
-/// The checksums of files in the format that `sha256sum -c` reads.
+/// The SHA-256 checksums of the files `names` in `folder`, as lines that `sha256sum -c` reads.
 pub fn sums(folder: &Path, names: &[String]) -> Result<String, Error> {
     let lines: Result<Vec<String>, Error> =
         names.iter().map(|name| Ok(format!("{}  {name}\n", sha256(&folder.join(name))?))).collect();

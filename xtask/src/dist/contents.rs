@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::needs::UNZIP;
 use crate::project::{Project, cargo_home};
 
-/// The paths that every package has to contain, relative to the package.
+/// The list of the files that the packages have to contain: each line has the name of a package and a path in it.
 const LIST: &str = include_str!("contents.txt");
 
 /// Unpacks the packages and checks their contents.

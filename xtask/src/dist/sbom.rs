@@ -16,7 +16,7 @@ use crate::windows::Width;
 
 /// A shipped library or program.
 pub struct Artefact {
-    /// The name of the package that contains it, and its path in the package.
+    /// The package that contains the library or program, and its path in the package.
     pub name: String,
     /// Its type: `library` or `application`.
     pub kind: &'static str,

@@ -77,7 +77,7 @@ impl Tree {
         Ok(())
     }
 
-    /// The files and links, relative to its root, sorted by name.
+    /// The files and links in the tree, by their paths relative to its root, sorted by name.
     pub fn files(&self) -> Result<Vec<PathBuf>, Error> {
         files(&self.root)
     }

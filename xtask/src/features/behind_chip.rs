@@ -28,9 +28,9 @@ const ALWAYS: [&str; 8] = [
 /// The tables of tests/engine/over.rs. Their entries are the names of tests (`module::test`) or modules (`module::`).
 #[derive(Debug, Default)]
 pub struct BehindChip {
-    /// Tests that count cycles. A chip answers some cycles late, so after the cycles that another test runs as many more pass
-    /// as the answers are late; a test that counts cycles would count these too. It is left out of the run of all tests, and
-    /// has a run of its own without additional cycles, in which it is selected by its full name.
+    /// Tests that count cycles. In the run of all tests behind a chip, additional cycles pass after the cycles that a test
+    /// runs: as many as the chip answers late. Tests that count cycles would count these too. So they are left out of that run,
+    /// and have a run of their own without additional cycles, in which their full names select them.
     by_cycles: Vec<String>,
     /// Tests that are left out because they cannot pass behind a chip: every test whose name contains one of these texts.
     cannot: Vec<String>,

@@ -64,7 +64,8 @@ pub fn comments(text: &str) -> Vec<Comment> {
     found
 }
 
-/// The tokens before a `{`. They show whether it opens the body of a function, or a namespace, a struct or an initialiser.
+/// The tokens before a `{`, since the end of the last statement or block. They show whether the `{` opens the body of a
+/// function, or a namespace, a struct or an initialiser.
 #[derive(Default)]
 struct Head<'a> {
     last_word: Option<&'a str>,

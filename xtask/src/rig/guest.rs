@@ -64,8 +64,8 @@ pub fn pack(
 
     let modules = packages.root.join("lib/modules").join(&packages.release);
     let mut order = modules::in_order(&modules, &MODULES)?;
-    // The guest loads the modules in the order of this list. The board's module depends on no other module, so it can come
-    // last.
+    // The guest loads the modules in the order of this list, each after those that it depends on. The module of the board on
+    // SPI depends on none of them, so it can come last.
     order.push(board.to_owned());
     let names = pack_modules(&mut archive, &order)?;
     let mut gadget = modules::in_order(&modules, &GADGET_MODULES)?;

@@ -14,7 +14,7 @@ use crate::npm::{DOTNET_X64, DOTNET_X86, VBC};
 use crate::project::Project;
 use crate::wheel::DOTNET_CORE_3;
 
-/// The prefix of the names of these tests: their module.
+/// The prefix of the names of the .NET tests: the module that they are in.
 pub const MODULE: &str = "dotnet::";
 
 /// The file name of the program that runs .NET Core programs.

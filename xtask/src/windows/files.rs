@@ -108,8 +108,8 @@ fn in_order(folder: &Path) -> PathBuf {
     Path::new("/proc/self/root").join(folder.strip_prefix("/").unwrap_or(folder))
 }
 
-/// Compiles the functions for threads (locks, thread-local values) that the unwinder of 32-bit DLLs calls, so that the DLL
-/// does not contain those of MinGW's winpthreads.
+/// Compiles the functions for threads (one-time calls and mutexes) that the unwinder of 32-bit DLLs calls, so that the DLL does
+/// not contain those of MinGW's winpthreads.
 fn unwinding(target: &Path) -> Result<PathBuf, Error> {
     let (source, object) = (target.join("unwinding.c"), target.join("unwinding.o"));
     fs::write(&source, include_str!("unwinding.c")).map_err(Error::file("write", &source))?;

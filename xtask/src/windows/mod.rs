@@ -103,7 +103,8 @@ impl Width {
         }
     }
 
-    /// Whether a test with this name may be for this width: the name does not contain the other width.
+    /// Whether a test with this name may be for this width: the module of the other width (`x86::` or `x64::`) is not in the
+    /// name.
     fn has(self, name: &str) -> bool {
         !Self::ALL.into_iter().any(|other| other != self && name.contains(&format!("{}::", other.name())))
     }

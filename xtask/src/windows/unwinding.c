@@ -1,6 +1,7 @@
-/* What the unwinder of 32-bit MinGW (libgcc_eh) needs of threads, for the DLL. MinGW has it in winpthreads, which takes one of the
- * process's 1088 TLS indexes while a DLL is loaded and never gives it back. These take none. They come before the libraries when
- * the DLL is linked, so that nothing of winpthreads is. */
+/* The functions for threads (one-time calls, mutexes) that the unwinder of 32-bit MinGW (libgcc_eh) calls, for the
+ * DLL. MinGW has them in its library winpthreads. That library takes one of the process's 1088 TLS indexes when a DLL is loaded
+ * and never gives it back. The functions here take none. They come before the libraries when the DLL is linked, so that the
+ * linker takes nothing from winpthreads. */
 #include <windows.h>
 
 int pthread_once(volatile LONG *once, void (*work)(void))

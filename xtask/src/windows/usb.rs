@@ -145,7 +145,8 @@ fn set_up_root(project: &Project) -> Result<PathBuf, Error> {
         let new = wine.programs.join("winebus.new.reg");
         fs::write(&new, REGISTRY).map_err(Error::file("write", &new))?;
         wine.run(".", &["regedit.exe", "/S", "winebus.new.reg"])?;
-        // The file gets its final name only after Wine has read it, so that an interrupted run repeats this.
+        // The settings get their final file name only after Wine has read them, so that the next run reads them again if this
+        // one is interrupted before.
         fs::rename(&new, &known).map_err(Error::file("rename", &new))?;
     }
     // Wine writes its registry to disk when its server ends. Dropping `wine` on return ends the server.

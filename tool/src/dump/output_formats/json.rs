@@ -18,7 +18,7 @@ use crate::dump::packet::{self, Decoded, Packet};
 use crate::dump::pieces::Pieces;
 use crate::dump::slot_json::SlotJson;
 
-/// The output as JSON.
+/// The output format of `--json`.
 pub struct Json;
 
 impl Format for Json {

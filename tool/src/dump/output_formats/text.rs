@@ -13,7 +13,7 @@ use crate::dump::packet::{self, Decoded, Packet};
 use crate::dump::pieces::Pieces;
 use crate::dump::place::Place;
 
-/// The output as text.
+/// The output format without `--json`: text.
 pub struct Text {
     /// Whether the bytes of packets are shown, too.
     pub with_bytes: bool,

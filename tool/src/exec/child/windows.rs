@@ -18,7 +18,8 @@ pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecErro
     child.wait().map_err(failed("wait for the program"))
 }
 
-/// Ends with the exit code of the program, which has 32 bits while [`ExitCode`] has 8.
+/// The exit code to end with, which is that of the program. A code of the program has 32 bits. If it does not fit into the 8
+/// bits of [`ExitCode`], this function ends the process with it.
 pub fn end_as(ended: ExitStatus) -> ExitCode {
     match ended.code().map(|code| (code, u8::try_from(code))) {
         Some((_, Ok(code))) => ExitCode::from(code),

@@ -34,8 +34,8 @@ use crate::web::sampler::Sampler;
 const BLOCK_INTERVAL: Duration = Duration::from_millis(50);
 /// How many blocks are between two messages with the counters. \[OURS]
 const BLOCKS_PER_STATUS: u32 = 5;
-/// The largest number of reports in the buffer: a second at the fastest cycle. Reports that find it full are left out and
-/// counted. \[OURS]
+/// The largest number of reports in the buffer: two seconds at the fastest cycle, 250 us. Reports that find it full are left
+/// out and counted. \[OURS]
 const REPORTS_MAX: usize = 8000;
 /// The largest number of pages that show a board at the same time. \[OURS]
 const PAGES_MAX: usize = 16;
@@ -277,7 +277,7 @@ impl Publisher {
         self.events = Some(events);
     }
 
-    /// Takes events and points from reports.
+    /// Adds what these reports show: events to `events`, and points to the channels.
     fn take(&mut self, reports: &[(i64, Frame)], size: SlotSize, events: &mut Events) {
         let machine = self.subject.machine.as_deref();
         let names = Names { machine, scales: self.subject.scales.as_ref(), unit: "units" };

@@ -100,7 +100,7 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
         }
         let serving = Arc::clone(shared);
         let spawned = thread::Builder::new().name("web client".into()).spawn(move || {
-            // Whatever is wrong with a connection ends it and nothing else.
+            // An error of a connection is ignored here: it ends this connection only, and there is nobody to tell.
             let _ = serving.serve(stream);
             serving.connections.fetch_sub(1, Ordering::Relaxed);
         });

@@ -50,7 +50,7 @@ pub struct AxisPath {
 }
 
 impl AxisPath {
-    /// The distance of the axis from its end position, in counts.
+    /// The distance of the axis from its end position, in counts; 0 if the report `now` has no position of the axis.
     pub fn off(&self, now: &Snapshot) -> u32 {
         now.position(self.slave).map_or(0, |at| self.end.abs_diff(at))
     }

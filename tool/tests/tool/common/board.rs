@@ -10,15 +10,15 @@ use ecmsk::sk::{CommandId, DriveResponse, Frame, MasterResponse, MasterState, Sl
 use crate::common::{Ran, run, run_with_input};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
-/// Two drives and an IO slave on virtual time.
+/// The link of the tests: two drives and an IO slave on virtual time.
 pub const BOARD: &str = "sim:?slaves=drive*2,io&clock=virtual";
 
-/// Command lines with their output, as a user sees it: standard error first.
+/// The transcript of several command lines: each with its output as a user sees it, standard error first.
 pub fn transcript(lines: &[&[&str]]) -> String {
     lines.iter().map(|words| transcript_entry(words, &run(*words))).collect()
 }
 
-/// One command line with its output.
+/// The part of a transcript for one command line: the command, its output and its exit code.
 pub fn transcript_entry(words: &[&str], ran: &Ran) -> String {
     let quoted: Vec<String> = words.iter().map(|word| quoted(word)).collect();
     let said: String = ran.err.lines().map(|line| format!("! {line}\n")).collect();
@@ -31,24 +31,24 @@ fn quoted(word: &str) -> String {
     if word.chars().all(plain) && !word.contains('*') { word.to_owned() } else { format!("'{word}'") }
 }
 
-/// A file with that name for this test.
+/// The path of a file for tests. The name contains the process id, so that other processes have other files.
 pub fn file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("tool-{}-{name}", std::process::id()))
 }
 
-/// Writes a text to a file for this test.
+/// Writes a text to the file [`file`] of this name; returns its path.
 pub fn text(name: &str, text: &str) -> String {
     let file = file(name);
     std::fs::write(&file, text).expect("a file in the target folder");
     file.display().to_string()
 }
 
-/// Runs a script from standard input.
+/// Runs `ecmsk run` on the board with this link, with the script `lines` on standard input.
 pub fn script(board: &str, lines: &str) -> Ran {
     run_with_input(&["run", "-", "--link", board], lines)
 }
 
-/// The frames of a recorded link.
+/// The frames in a recording: the command frames that were written, and the reports that were read.
 pub struct RecordedTraffic {
     pub written: Vec<Frame>,
     pub reports: Vec<Frame>,
@@ -75,12 +75,12 @@ impl RecordedTraffic {
         slots.filter(|slot| slot.id == CommandId::Csp.code()).map(|slot| slot.data1 as i32).collect()
     }
 
-    /// Whether that command was sent in that slot.
+    /// Whether the command `id` was sent in the slot.
     pub fn sent(&self, slot: usize, id: CommandId) -> bool {
         self.written.iter().any(|frame| frame.slot(self.size, slot).id == id.code())
     }
 
-    /// The drive's slot of the last report.
+    /// The slot of a drive in the last report.
     pub fn last(&self, slave: usize) -> DriveResponse {
         DriveResponse::decode(&self.reports.last().expect("a report").slot(self.size, slave))
     }

@@ -12,7 +12,7 @@ use crate::common::{Ran, ecmsk};
 /// The shell command that reports an opened board, as the library does.
 pub const OPEN_BOARD: &str = ": > \"$ECMSK_OPENED\";";
 
-/// A folder with a file in place of the library, and one for temporary files.
+/// A folder with a stand-in for the library, which is a link to the tool, and with a sub-folder for temporary files.
 pub struct ExecFolder {
     folder: TempDir,
 }
@@ -33,14 +33,14 @@ impl ExecFolder {
         self.path().join("tmp")
     }
 
-    /// `ecmsk exec` with this library, in this folder.
+    /// `ecmsk exec` with the stand-in for the library; this folder is the working directory.
     pub fn exec(&self, options: &[&str]) -> Command {
         let mut command = ecmsk(["exec", "--library"]);
         command.arg(self.path()).args(options).env("TMPDIR", self.tmp()).current_dir(self.path());
         command
     }
 
-    /// Runs a shell script after [`OPEN_BOARD`], and checks that nothing is left behind.
+    /// Runs a shell script after [`OPEN_BOARD`], and checks that the folder for temporary files is empty afterwards.
     pub fn run(&self, options: &[&str], script: &str) -> Ran {
         let script = format!("{OPEN_BOARD} {script}");
         let ran = self.exec(options).args(["--", "sh", "-c", &script]).output().expect("the tool starts").into();
@@ -48,7 +48,7 @@ impl ExecFolder {
         ran
     }
 
-    /// A file with these permissions.
+    /// Makes a file in this folder: its name, its content, and its permissions as `install -m` takes them.
     pub fn program(&self, name: &str, text: impl AsRef<[u8]>, mode: &str) {
         let source = self.path().join("source");
         fs::write(&source, text).expect("a file");

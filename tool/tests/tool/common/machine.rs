@@ -37,7 +37,7 @@ pub const RELAY: [u8; 52] = [
 /// The id of a user without rights: nobody.
 const NOBODY: u32 = 65534;
 
-/// A machine made of files.
+/// A machine made of files: a folder that stands for `/`, for the hidden option `--root` of the tool.
 pub struct FakeMachine {
     folder: TempDir,
 }
@@ -61,7 +61,7 @@ impl FakeMachine {
         tree
     }
 
-    /// A machine without faults: a board at 1-1, an SPI device with its lines, and rights for all of it.
+    /// Makes a machine without faults: a board at USB path 1-1, an SPI device with its GPIO lines, and rights for all of it.
     pub fn good() -> Self {
         let tree = Self::bare();
         tree.board("1-1", 4, "7");
@@ -95,7 +95,7 @@ impl FakeMachine {
         self.link(&format!("{folder}/device/subsystem"), "../../../bus/pci");
     }
 
-    /// Lets this process use raw frames.
+    /// Gives this process the capability CAP_NET_RAW, so that it may send raw frames.
     pub fn allow_raw_frames(&self) {
         self.file("/proc/self/status", "Name:\tecmsk\nCapEff:\t0000000000002000\n");
     }
@@ -126,7 +126,7 @@ impl FakeMachine {
         if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.expect("it is there");
     }
 
-    /// Lets only root use a file.
+    /// Takes all rights to a file of the machine from everybody but root.
     pub fn deny(&self, name: &str) {
         fs::set_permissions(self.path(name), fs::Permissions::from_mode(0o000)).expect("our own file");
     }
@@ -136,7 +136,8 @@ impl FakeMachine {
         self.file(&format!("/sys/bus/usb/devices/{path}/{name}"), format!("{value}\n"));
     }
 
-    /// Adds a device with the board's ids at `path`, number `device` on bus 1.
+    /// Adds a USB device with the board's vendor and product id and these descriptors at the USB path `path`, as device number
+    /// `device` on bus 1.
     pub fn device(&self, path: &str, device: u16, descriptors: &[u8]) {
         for (name, value) in [
             ("idVendor", "16c0"),
@@ -160,7 +161,7 @@ impl FakeMachine {
         self.file(&format!("/dev/bus/usb/001/{device:03}"), "");
     }
 
-    /// Adds a board.
+    /// Adds a board on USB at the USB path `path`, with this device number and serial number.
     pub fn board(&self, path: &str, device: u16, serial: &str) {
         self.device(path, device, &BOARD);
         for (name, value) in [("product", "ECM-SK"), ("serial", serial), ("manufacturer", "NEXTW")] {
@@ -171,14 +172,14 @@ impl FakeMachine {
         self.file(&format!("/dev/hidraw{device}"), "");
     }
 
-    /// Sets the driver of a device's interface.
+    /// Sets the kernel driver of the interface of a USB device.
     pub fn driver(&self, path: &str, name: &str) {
         let link = format!("/sys/bus/usb/devices/{path}:1.0/driver");
         let _ = fs::remove_file(self.path(&link));
         self.link(&link, &format!("../../../bus/usb/drivers/{name}"));
     }
 
-    /// Adds a hub.
+    /// Adds a USB hub at the USB path `path`. `attributes` says whether it has a power supply of its own.
     pub fn hub(&self, path: &str, attributes: &str) {
         for (name, value) in [("idVendor", "05e3"), ("idProduct", "0608"), ("bmAttributes", attributes)] {
             self.usb(path, name, value);
@@ -190,7 +191,7 @@ impl FakeMachine {
         self.file(&format!("/dev/{name}"), "");
     }
 
-    /// Adds a process that has a file open.
+    /// Adds a process with this id and name that has the file open.
     pub fn process(&self, pid: u32, program: &str, file: &str) {
         self.file(&format!("/proc/{pid}/comm"), format!("{program}\n"));
         self.link(&format!("/proc/{pid}/fd/0"), "/dev/null");
@@ -243,7 +244,7 @@ impl FakeMachine {
         one
     }
 
-    /// The names of all files.
+    /// The names of all files of the machine.
     pub fn files(&self) -> Vec<String> {
         let mut files = Vec::new();
         let mut folders = vec![self.folder.path().to_owned()];

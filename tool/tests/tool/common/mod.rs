@@ -28,7 +28,7 @@ use std::ffi::OsStr;
 use std::io::Write;
 use std::process::{Command, Output, Stdio};
 
-/// The tool, in an environment that names no link and no library.
+/// A command that runs the tool, in an environment that names no link and no library.
 pub fn ecmsk(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_ecmsk"));
     command.args(arguments).stdin(Stdio::null());
@@ -38,8 +38,8 @@ pub fn ecmsk(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command 
     command
 }
 
-/// The same command with default signal actions, as from a shell at a terminal; the tests may have been started with
-/// some ignored (`nohup`).
+/// The command with the default actions of signals, as a shell at a terminal starts it. The tests themselves may run with some
+/// signals ignored (`nohup`).
 pub fn with_default_signals(inner: &Command) -> Command {
     let mut command = Command::new("env");
     command.arg("--default-signal=HUP,INT,QUIT,TERM").arg(inner.get_program()).args(inner.get_args());
@@ -143,7 +143,7 @@ pub fn run(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Ran {
     ecmsk(arguments).output().expect("the tool starts").into()
 }
 
-/// Runs the tool with this on standard input.
+/// Runs the tool to its end, with `input` on its standard input.
 pub fn run_with_input(arguments: &[&str], input: impl AsRef<[u8]>) -> Ran {
     let mut command = ecmsk(arguments);
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());

@@ -1,4 +1,5 @@
-//! A fake board in OP without the model: the host sends targets, they wait in a queue, the drives follow.
+//! A fake board in OP that is simpler than the model: the host sends targets, these wait in a queue, and the drives follow
+//! them.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -11,29 +12,29 @@ use ecmsk::sk::{
 use super::recordings::Script;
 
 const MS: u64 = 1_000_000;
-/// The time that a call of the host takes.
+/// The time between two calls of the host that send a frame, in nanoseconds.
 const CALL: u64 = MS / 8;
-/// Operation enabled, following its target.
+/// The statusword of a drive in Operation enabled that follows its target (bit 12).
 pub const ENABLED: u16 = 0x1637;
 
-/// The fake board and its host, with a cycle of 1 ms.
+/// The fake board and its host, with a cycle of 1 ms, and the frames between them so far.
 pub struct FakeBoard {
     pub script: Script,
     pub size: SlotSize,
-    /// The time of the first frame.
+    /// The time of the first frame, in nanoseconds.
     start_ns: u64,
     now_ns: u64,
     free: u16,
     full: u16,
     waiting: VecDeque<Vec<i32>>,
-    /// The targets that were executed last.
+    /// The target of each axis that was executed last, in counts.
     pub targets: Vec<i32>,
     pub positions: Vec<i32>,
     /// The values in the slot of each drive.
     pub drives: Vec<DriveSlot>,
     /// The slots of slaves that are not drives, by their numbers.
     pub slots: BTreeMap<usize, RawSlot>,
-    /// The slots of drives in the last report.
+    /// The slots of drives in the last report; a lost drive keeps that of the report before it was lost.
     last: BTreeMap<usize, RawSlot>,
     /// The drives that are lost: the state is 0x18, and their slots keep their values.
     pub lost: Vec<usize>,
@@ -49,12 +50,12 @@ pub struct DriveSlot {
 }
 
 impl FakeBoard {
-    /// A board with that many drives that is taken to OP.
+    /// A board with `axes` drives that is taken to OP.
     pub fn new(size: SlotSize, axes: usize) -> Self {
         Self::of_kind(size, axes, SlaveKind::Drive)
     }
 
-    /// The same with slaves of that kind.
+    /// A board with `axes` slaves of this kind that is taken to OP.
     pub fn of_kind(size: SlotSize, axes: usize, kind: SlaveKind) -> Self {
         let mut run = Self::starting(size, axes, kind);
         run.report(MasterState::SafeOp);
@@ -62,7 +63,7 @@ impl FakeBoard {
         run
     }
 
-    /// A board with that many slaves that was asked to go to OP.
+    /// A board with `axes` slaves of this kind that was asked to go to OP and is not there yet.
     pub fn starting(size: SlotSize, axes: usize, kind: SlaveKind) -> Self {
         Self::starting_with(size, &vec![kind; axes])
     }
@@ -112,7 +113,7 @@ impl FakeBoard {
         self.waiting.len() as u16
     }
 
-    /// The host clears the FIFO; then the frame itself is its first entry.
+    /// The host sends SET_FIFO 1 (clear). The frame with this command is then the only entry of the FIFO.
     pub fn clear(&mut self) {
         self.master(&MasterCommand::SetFifo(FifoAction::Clear));
         self.waiting.clear();
@@ -138,7 +139,7 @@ impl FakeBoard {
         self.script.command(self.now_ns, frame);
     }
 
-    /// The host sends targets, one for each axis; a full board takes none.
+    /// The host sends targets, one for each axis. If the FIFO is full, the targets are lost and the full count rises.
     pub fn send(&mut self, targets: &[i32]) {
         let mut frame = Frame::new();
         for (slave, target) in (1..).zip(targets) {
@@ -164,8 +165,8 @@ impl FakeBoard {
         self.waiting.push_back(self.targets.clone());
     }
 
-    /// The host sends targets at the moment of a cycle: the board takes them after the cycle, though they were sent
-    /// before.
+    /// The host sends targets just when a cycle begins: they are sent before the report of the cycle, but the board puts them
+    /// into the FIFO only after the cycle.
     pub fn send_across_a_cycle(&mut self, targets: &[i32]) {
         let waiting = self.waiting.clone();
         self.send(targets);
@@ -174,7 +175,8 @@ impl FakeBoard {
         self.waiting.push_back(targets.to_vec());
     }
 
-    /// Runs a cycle: the next targets are executed, the drives go a tenth of the way, the host reads the report.
+    /// Runs a cycle: the next targets in the FIFO are executed, each drive goes a tenth of the distance to its target, and the
+    /// host reads the report.
     pub fn cycle(&mut self) {
         if let Some(next) = self.waiting.pop_front() {
             self.targets = next;
@@ -188,7 +190,7 @@ impl FakeBoard {
         self.report(MasterState::Op);
     }
 
-    /// The host reads a report of that state, made at the next full millisecond.
+    /// The host reads a report with the state `state`, made at the next full millisecond.
     pub fn report(&mut self, state: MasterState) {
         self.now_ns = (self.now_ns / MS + 1) * MS;
         let mut frame = Frame::new();

@@ -1,4 +1,4 @@
-//! The page of the tool: what an HTML file tells, its points, `ecmsk serve web`, and a browser.
+//! Code for tests of the tool's page: the data in an HTML file and their points, `ecmsk serve`, and a browser.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -12,20 +12,20 @@ use tungstenite::{Message, WebSocket};
 
 use super::{ecmsk, run};
 
-/// The text of the element with the data of a recording.
+/// The text of the element of a recording's page that contains its data as JSON.
 #[track_caller]
 pub fn data(html: &str) -> &str {
     let (_, rest) = html.split_once(r#"<script type="application/json" id="data">"#).expect("an element for data");
     rest.split_once("</script>").expect("its end").0
 }
 
-/// What a page of a recording is told.
+/// The hello message in the page of a recording: its slaves, channels and events.
 #[track_caller]
 pub fn hello(html: &str) -> Value {
     serde_json::from_str(data(html)).expect("JSON")
 }
 
-/// Points: nanoseconds, value in steps.
+/// The points of a channel: the time in nanoseconds since the first frame, and the value in steps of the channel's factor.
 pub type Points = Vec<(i64, i64)>;
 
 /// The points of a block, by channel.
@@ -61,7 +61,7 @@ pub fn points(block: &[u8]) -> BTreeMap<usize, Points> {
     }
 }
 
-/// The place of a channel in the list of a hello.
+/// The index of the channel with this slave and quantity in the list of a hello message.
 #[track_caller]
 pub fn channel(hello: &Value, slave: u64, quantity: &str) -> usize {
     let channels = hello["channels"].as_array().expect("a list");
@@ -69,11 +69,11 @@ pub fn channel(hello: &Value, slave: u64, quantity: &str) -> usize {
     channels.iter().position(is_it).unwrap_or_else(|| panic!("no {quantity} of {slave} in {channels:?}"))
 }
 
-/// `ecmsk serve`, of a page or a board, at work.
+/// A running `ecmsk serve`, of a page or of a board.
 pub struct Serving {
     child: Child,
     _out: BufReader<ChildStdout>,
-    /// What it said first, without `listening on `.
+    /// The first line of the server's output, without `listening on `.
     pub first_line: String,
 }
 
@@ -92,18 +92,18 @@ impl Serving {
         Self { child, _out: out, first_line: first_line.to_owned() }
     }
 
-    /// Its address: that of the page, or that of a board.
+    /// The address of the page, or that of the served board.
     pub fn address(&self) -> &str {
         self.first_line.split(';').next().expect("an address")
     }
 
-    /// Host with port, and the token.
+    /// The host with the port, and the token, in the address of a page.
     pub fn host_and_token(&self) -> (&str, &str) {
         let rest = self.address().strip_prefix("http://").expect("an address of a page");
         rest.split_once("/?token=").expect("a token")
     }
 
-    /// Sends SIGTERM; returns standard error.
+    /// Ends the server by SIGTERM; returns its standard error.
     pub fn end(mut self) -> String {
         kill_process(Pid::from_child(&self.child), Signal::TERM).expect("it runs");
         let mut said = String::new();
@@ -112,7 +112,7 @@ impl Serving {
         said
     }
 
-    /// Sends a request of these lines; returns head and body of the answer.
+    /// Sends an HTTP request with these lines to the server of the page; returns the head and the body of the answer.
     pub fn ask(&self, lines: &[&str]) -> (String, String) {
         let mut stream = TcpStream::connect(self.host_and_token().0).expect("it listens");
         stream.write_all((lines.join("\r\n") + "\r\n\r\n").as_bytes()).expect("it reads");
@@ -122,7 +122,7 @@ impl Serving {
         (head.to_owned(), body.to_owned())
     }
 
-    /// A WebSocket as the page opens one; `None` if it is refused.
+    /// Opens a WebSocket as the page does; `None` if the server refuses it.
     pub fn socket(&self) -> Option<WebSocket<TcpStream>> {
         let (host, token) = self.host_and_token();
         let mut request = format!("ws://{host}/live?token={token}").into_client_request().expect("an address");
@@ -133,14 +133,14 @@ impl Serving {
 }
 
 impl Drop for Serving {
-    /// Ends it after a test that has failed.
+    /// Ends the server if the test has failed before it called [`Self::end`].
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// Runs the tool until it succeeds: on a late machine a board of the real clock may take too long.
+/// Runs the tool until it succeeds, at most 20 times: on a late machine a board on the real clock may run into a timeout.
 #[track_caller]
 pub fn insist(arguments: &[&str]) {
     const TRIES: usize = 20;
@@ -173,7 +173,7 @@ impl Browser {
     pub fn start() -> Self {
         let profile = tempfile::tempdir().expect("a folder");
         let mut command = std::process::Command::new("chromium");
-        // Root has no sandbox; the pages are ours.
+        // Chromium refuses its sandbox to root. No sandbox is needed, because only pages of this project are opened.
         command.args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"]);
         command.args(["--disable-extensions", "--disable-background-networking", "--hide-scrollbars"]);
         command.args(["--remote-debugging-port=0", "--window-size=1000,800", "about:blank"]);
@@ -189,7 +189,7 @@ impl Browser {
                 break address.to_owned();
             }
         };
-        // Standard error has to be read on, or the browser waits.
+        // Chromium would block if nobody read its standard error, so a thread goes on reading.
         std::thread::spawn(move || said.for_each(drop));
         let place = address.strip_prefix("ws://").and_then(|rest| rest.split('/').next()).expect(&address);
         let stream = TcpStream::connect(place).expect("it listens");
@@ -228,7 +228,7 @@ impl Browser {
         self.wait_for(&format!("location.href === {url:?} && document.documentElement.dataset.ready === 'yes'"));
     }
 
-    /// The value of an expression in the page; a promise is waited for.
+    /// The value of a JavaScript expression in the page. If it is a promise, its result is awaited.
     #[track_caller]
     pub fn value(&mut self, expression: &str) -> Value {
         let parameters = json!({"expression": expression, "awaitPromise": true, "returnByValue": true});
@@ -237,10 +237,11 @@ impl Browser {
         found["result"]["value"].take()
     }
 
-    /// Waits until an expression is true in the page.
+    /// Waits until a JavaScript expression is true in the page, for 1200 evaluations at most.
     #[track_caller]
     pub fn wait_for(&mut self, expression: &str) {
-        // A new page ends the promise of the page before, so it is asked anew.
+        // When the browser opens a new page, the promise in the page before ends with an error. So each evaluation is a request
+        // of its own, and an error only leads to the next one.
         for _ in 0..1200 {
             let asked = format!("new Promise((done) => setTimeout(() => done(Boolean({expression})), 100))");
             let parameters = json!({"expression": asked, "awaitPromise": true, "returnByValue": true});

@@ -1,4 +1,4 @@
-//! Recordings that are plotted.
+//! Plots of recordings for tests: runs of the fake board, and the tool's plots of them.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use super::motion::FakeBoard;
 use super::svg::Plot;
 use super::{Ran, run};
 
-/// A folder with a recording.
+/// A recording of the fake board in a folder of its own, to be plotted.
 pub struct Recorded {
     _folder: TempDir,
     pub file: PathBuf,
@@ -31,7 +31,7 @@ impl Recorded {
         run([&["plot", self.file.to_str().expect("UTF-8")], options].concat())
     }
 
-    /// The file of a picture with that ending.
+    /// The bytes of the plot in the format of this file name extension.
     pub fn picture(&self, ending: &str, options: &[&str]) -> Vec<u8> {
         let file = self.file.with_extension(ending);
         let name = file.to_str().expect("UTF-8");
@@ -44,7 +44,7 @@ impl Recorded {
     }
 }
 
-/// Two axes: axis k goes k * 10 counts a cycle for a second, eight commands ahead.
+/// A run of two axes and its cycles: axis k goes k * 10 counts in each cycle for a second, and eight commands wait in the FIFO.
 pub fn two_axes() -> (FakeBoard, Vec<Cycle>) {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 2);
     let mut cycles = Vec::new();
@@ -58,14 +58,14 @@ pub fn two_axes() -> (FakeBoard, Vec<Cycle>) {
     (run, cycles)
 }
 
-/// The board's state in a cycle.
+/// The state of the fake board after a cycle: the time, and for each axis the position and the executed target.
 pub struct Cycle {
     pub seconds: f64,
     pub position: Vec<i32>,
     pub target: Vec<i32>,
 }
 
-/// Asserts equality, up to an invisible part of the whole.
+/// Asserts that a value read from a plot is the expected one, up to a hundredth of `whole`, the length of the axis.
 #[track_caller]
 pub fn near(found: f64, expected: f64, whole: f64) {
     assert!((found - expected).abs() <= whole / 100.0, "{found} instead of {expected}");

@@ -12,25 +12,25 @@ use ecmsk::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wa
 use ecmsk::recording::RecordMeta;
 use ecmsk::sk::{Frame, SlotSize};
 
-/// Frames and when they pass, in the order in which the host's calls return.
+/// The frames of a recording with their times in nanoseconds and directions, in the order in which the host's calls return.
 #[derive(Default)]
 pub struct Script(Vec<(u64, Dir, Frame)>);
 
 impl Script {
-    /// The host writes.
+    /// The host writes a frame at this time.
     pub fn command(&mut self, at_ns: u64, frame: Frame) -> &mut Self {
         self.0.push((at_ns, Dir::Write, frame));
         self
     }
 
-    /// The host reads a report made at that time.
+    /// The host reads a report that was made at this time.
     pub fn response(&mut self, at_ns: u64, frame: Frame) -> &mut Self {
         self.0.push((at_ns, Dir::Read, frame));
         self
     }
 
-    /// Delays the read of every report until that many further commands were written: they come before it in the
-    /// recording.
+    /// Delays the read of every report until `commands` further commands were written. They then come before the report in the
+    /// recording, although they are later.
     pub fn read_late(&mut self, commands: usize) -> &mut Self {
         let mut late = VecDeque::new();
         let mut order = Vec::new();
@@ -55,13 +55,13 @@ impl Script {
         self.0.len()
     }
 
-    /// Makes the frames have no CRC.
+    /// Removes the CRCs of the frames: byte 3 becomes 0.
     pub fn leave_crc_out(&mut self) -> &mut Self {
         self.0.iter_mut().for_each(|(_, _, frame)| frame.bytes_mut()[3] = 0);
         self
     }
 
-    /// Records to `file`. `slot` is the slot size that the link knows.
+    /// Records the frames to `file`, as those of the link `link`. `slot` is the slot size that the link knows.
     pub fn record(&self, file: &Path, link: &str, slot: Option<SlotSize>) {
         let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
         let queue = Mutex::new(self.0.iter().cloned().collect());
@@ -83,7 +83,7 @@ pub fn make_capture(file: &Path, devices: &[u8]) {
     let mut bytes = std::fs::read(file).expect("a recording");
     let comment = bytes.windows(6).position(|six| six == b"ecmsk ").expect("a comment");
     bytes[comment..comment + 5].fill(b'x');
-    // Event, kind of transfer, endpoint and device in the header of a packet (Linux, usbmon.rst).
+    // The beginnings of a packet in the format of usbmon: event, kind of transfer, endpoint and device (Linux, usbmon.rst).
     let starts = |four: &[u8]| matches!(four, [b'S', 1, 0x02, 1] | [b'C', 1, 0x81, 1]);
     let packets: Vec<_> =
         (0..bytes.len() - 8).filter(|at| starts(&bytes[*at..at + 4]) && bytes[at + 6] == b'-').collect();
@@ -94,7 +94,8 @@ pub fn make_capture(file: &Path, devices: &[u8]) {
     std::fs::write(file, bytes).expect("a capture");
 }
 
-/// Records `frames` frames to `file` while the disk takes none; returns the number of frames without room.
+/// Records `frames` frames to `file` while the disk takes no bytes; returns the number of frames that were lost because the
+/// recorder's queue was full.
 pub fn record_to_a_slow_disk(file: &Path, frames: u64) -> u64 {
     let gate = Arc::new((Mutex::new(Disk::Headers), Condvar::new()));
     let sink = SlowDisk { file: File::create(file).expect("a file"), gate: Arc::clone(&gate) };
@@ -143,7 +144,7 @@ impl Write for SlowDisk {
     }
 }
 
-/// A link that plays the script, whatever the host writes.
+/// A link that takes the times of writes, and the reports with their times, from the script, whatever the host writes.
 struct Scripted(Mutex<VecDeque<(u64, Dir, Frame)>>);
 
 impl Scripted {

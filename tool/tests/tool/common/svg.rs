@@ -3,15 +3,15 @@
 
 /// Colours of axes 1 to 8, in the plot of all of them.
 pub const COLOURS: [&str; 8] = ["#1F77B4", "#E66A00", "#2C8C2C", "#A04EC4", "#009EA8", "#8C564B", "#E04FA0", "#7A7F1A"];
-/// Colour of losses.
+/// The colour of marks for lost commands, alarms and other notes.
 pub const ALARM: &str = "#D01020";
-/// Shading where the FIFO was empty during motion.
+/// Colour of the areas in which the FIFO was empty during motion.
 pub const GAP: &str = "#E39BF5";
-/// Lines of inputs and outputs.
+/// Colours of the curves of inputs and of outputs.
 pub const IN_OUT: [&str; 2] = ["#0B6E8A", "#B84A00"];
-/// Shading where a drive has a fault, is homing, is not enabled.
+/// Colours of the areas in which a drive has a fault, is homing, is not enabled.
 pub const STATES: [&str; 3] = ["#F9CFD0", "#FFEEB8", "#E9ECEF"];
-/// Colour of numbers at the axes.
+/// Colour of the numbers at the axes.
 const SOFT_INK: &str = "#586068";
 /// Colour of the FIFO's level.
 pub const FIFO: &str = "#405060";
@@ -27,12 +27,12 @@ pub struct Label {
     /// `start`, `middle` or `end`: which part of the text is at `x`.
     pub anchor: String,
     pub size: f64,
-    /// A dark text is a name, a pale one a number or a caption.
+    /// The colour. A dark text is a name, a pale one a number or a caption.
     pub colour: String,
 }
 
 impl Label {
-    /// Left, top, right, bottom, estimated with broad letters.
+    /// The box around the text: left, top, right, bottom. The width is estimated with broad letters.
     fn place(&self) -> (f64, f64, f64, f64) {
         let width = self.text.chars().count() as f64 * self.size * 0.55;
         let baseline = self.y + self.baseline;
@@ -45,7 +45,8 @@ impl Label {
     }
 }
 
-/// `0.76em` or `-0.5ex` as a part of the text's size; half of it is about the height of an x.
+/// Converts a distance such as `0.76em` or `-0.5ex` to a fraction of the text size. The height of an x (`ex`) is about half of
+/// the size.
 fn shift(text: &str) -> f64 {
     let (number, unit) = text.split_at(text.len().saturating_sub(2));
     let number: f64 = number.parse().expect("a number with a unit");
@@ -67,10 +68,10 @@ pub struct Area {
     pub place: (f64, f64, f64, f64),
 }
 
-/// A plot.
+/// A plot that was read from an SVG: its texts, lines and areas.
 pub struct Plot {
     pub size: (f64, f64),
-    /// Width and height of the page.
+    /// Width and height of the picture on a page, in pixels; `size` is that of its finer grid.
     pub page: (f64, f64),
     pub labels: Vec<Label>,
     pub lines: Vec<Line>,
@@ -121,7 +122,7 @@ impl Plot {
                     pale: number(node, "opacity") < 1.0,
                     points: vec![(number(node, "x1"), number(node, "y1")), (number(node, "x2"), number(node, "y2"))],
                 }),
-                // A piece of a line with one sample.
+                // A piece of a curve with a single sample is drawn as a circle.
                 "circle" => plot.lines.push(Line {
                     colour: colour("fill"),
                     pale: number(node, "opacity") < 1.0,
@@ -158,7 +159,7 @@ impl Plot {
         self.labels.iter().map(|label| label.text.as_str()).collect()
     }
 
-    /// The panel of that name.
+    /// The panel with the name `name`.
     ///
     /// # Panics
     /// If there is none.
@@ -178,7 +179,7 @@ impl Plot {
     }
 }
 
-/// How names of panels begin.
+/// The beginnings of the names of all panels.
 const PANELS: [&str; 10] = [
     "Axis ",
     "Torque ",
@@ -192,7 +193,7 @@ const PANELS: [&str; 10] = [
     "Pauses ",
 ];
 
-/// One of the diagrams.
+/// One diagram of a plot: its name, and its top and bottom in the coordinates of the picture.
 pub struct Panel<'a> {
     plot: &'a Plot,
     name: String,
@@ -201,7 +202,8 @@ pub struct Panel<'a> {
 }
 
 impl Panel<'_> {
-    /// The samples of a line, seconds and values, read at the axes; all its pieces.
+    /// The samples of all pieces of a curve, as seconds and values that are read at the axes. `pale` chooses the curve of the
+    /// commanded values.
     ///
     /// # Panics
     /// If the axes cannot be read.
@@ -210,10 +212,10 @@ impl Panel<'_> {
         self.lines(colour, pale).into_iter().flatten().map(|(x, y)| (seconds(x), value(y))).collect()
     }
 
-    /// The value of a line at a time.
+    /// The value of a curve at a time, interpolated between the two samples around it.
     ///
     /// # Panics
-    /// If the line does not go there.
+    /// If the curve has no samples around this time.
     pub fn at(&self, colour: &str, pale: bool, seconds: f64) -> f64 {
         let samples = self.samples(colour, pale);
         let around = samples.windows(2).find(|pair| pair[0].0 <= seconds && seconds <= pair[1].0);
@@ -223,7 +225,7 @@ impl Panel<'_> {
         if t1 == t0 { *v0 } else { v0 + (v1 - v0) * (seconds - t0) / (t1 - t0) }
     }
 
-    /// The pieces of a line, as drawn.
+    /// The pieces of a curve, in the coordinates of the picture.
     pub fn lines(&self, colour: &str, pale: bool) -> Vec<Vec<(f64, f64)>> {
         let ours = |line: &&Line| {
             line.colour == colour
@@ -233,7 +235,7 @@ impl Panel<'_> {
         self.plot.lines.iter().filter(ours).map(|line| line.points.clone()).collect()
     }
 
-    /// The areas of a colour, from when to when; those that fill the panel from top to bottom.
+    /// The beginnings and ends, in seconds, of the areas of a colour that fill more than half of the panel's height.
     pub fn spans(&self, colour: &str) -> Vec<(f64, f64)> {
         let seconds = self.seconds();
         let ours = |area: &&Area| {
@@ -246,22 +248,22 @@ impl Panel<'_> {
         self.plot.areas.iter().filter(ours).map(|area| (seconds(area.place.0), seconds(area.place.2))).collect()
     }
 
-    /// The texts in the panel's diagram that are no numbers at its axes, and when they begin.
+    /// The notes in the panel's diagram, which have the colour [`ALARM`], each with the time at which it begins, in seconds.
     pub fn notes(&self) -> Vec<(f64, &str)> {
         let seconds = self.seconds();
         let ours = |label: &&Label| label.colour == ALARM && (self.top..self.bottom).contains(&label.y);
         self.plot.labels.iter().filter(ours).map(|label| (seconds(label.x), label.text.as_str())).collect()
     }
 
-    /// Converts a height to a value.
+    /// Returns a function that converts a vertical coordinate to a value of the panel, by the numbers at its vertical axis.
     fn values(&self) -> impl Fn(f64) -> f64 + use<> {
         let numbers =
             self.plot.labels.iter().filter(|label| label.anchor == "end" && (self.top..self.bottom).contains(&label.y));
         scale(numbers.map(|label| (label.y, number(&label.text))).collect())
     }
 
-    /// Converts a horizontal coordinate to seconds: by the numbers in this panel if it has some, else by those of the
-    /// next one.
+    /// Returns a function that converts a horizontal coordinate to seconds: by the numbers at the first horizontal axis below
+    /// the top of this panel, which may be that of a later panel.
     fn seconds(&self) -> impl Fn(f64) -> f64 + use<> {
         let numbers = self.plot.labels.iter().filter(|label| label.anchor == "middle" && label.colour == SOFT_INK);
         let below: Vec<&Label> = numbers.filter(|label| label.y > self.top).collect();
@@ -270,13 +272,14 @@ impl Panel<'_> {
         scale(numbers.map(|label| (label.x, number(&label.text))).collect())
     }
 
-    /// The texts at its left that replace numbers, from top to bottom, with their heights.
+    /// The names of the lanes at the left of the panel, which has no numbers there, from top to bottom, each with its vertical
+    /// coordinate.
     pub fn lanes(&self) -> Vec<(&str, f64)> {
         let ours = |label: &&Label| label.anchor == "end" && (self.top..self.bottom).contains(&label.y);
         self.plot.labels.iter().filter(ours).map(|label| (label.text.as_str(), label.y)).collect()
     }
 
-    /// The edges of a lane's line from its first sample on: the time in seconds, and whether it is up afterwards.
+    /// The edges of a lane's curve from its first sample on: the time in seconds, and whether the level is high afterwards.
     pub fn edges(&self, lane: &str, colour: &str) -> Vec<(f64, bool)> {
         let lanes = self.lanes();
         let (_, middle) = lanes.iter().find(|(text, _)| *text == lane).unwrap_or_else(|| panic!("{lane} in {lanes:?}"));
@@ -287,7 +290,7 @@ impl Panel<'_> {
         let mut edges: Vec<(f64, bool)> = Vec::new();
         for (x, y) in points {
             let up = y < *middle;
-            // Up and down in one column of pixels: the final level counts.
+            // Two edges in one pixel column: only the level after them counts.
             if edges.last().is_some_and(|(before, _)| (seconds(x) - before).abs() < 1e-4) {
                 edges.pop();
             }
@@ -299,13 +302,14 @@ impl Panel<'_> {
     }
 }
 
-/// The straight line through the numbers at an axis.
+/// Returns the function that converts coordinates to values: the straight line through the first and the last number at an
+/// axis. `numbers` are coordinates with their values.
 fn scale(numbers: Vec<(f64, f64)>) -> impl Fn(f64) -> f64 + use<> {
     let [(p0, v0), .., (p1, v1)] = numbers[..] else { panic!("an axis has two numbers at least, not {numbers:?}") };
     move |p| v0 + (v1 - v0) * (p - p0) / (p1 - p0)
 }
 
-/// A number at an axis.
+/// Parses a number at an axis, which has blanks between groups of three digits.
 fn number(text: &str) -> f64 {
     let plain: String = text.chars().filter(|c| !c.is_whitespace()).collect();
     plain.parse().unwrap_or_else(|_| panic!("`{text}` is no number"))

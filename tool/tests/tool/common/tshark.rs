@@ -1,4 +1,4 @@
-//! What tshark shows with the plugin, to be compared with `ecmsk dump --json`.
+//! Code for tests that compare what tshark shows with the plugin and what `ecmsk dump --json` prints.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use super::{json_lines, run};
 
-/// The plugin as it is kept, which is what `ecmsk wireshark install` writes.
+/// The plugin in `share/wireshark`, which is the same that `ecmsk wireshark install` writes.
 pub fn plugin() -> PathBuf {
     support::root().join("share/wireshark/ecmsk.lua")
 }
@@ -23,7 +23,7 @@ pub fn tshark(file: &Path, options: &[&str]) -> String {
     out
 }
 
-/// The packets of a file that are of this protocol, each with its number and what tshark shows of it.
+/// The packets of a file that the plugin dissects as `protocol`, each with its number and the layer that tshark shows.
 pub fn shown(file: &Path, protocol: &str, options: &[&str]) -> Vec<(u64, Value)> {
     let layers = format!("frame {protocol}");
     let out = tshark(file, &[&["-T", "json", "-J", &layers, "--no-duplicate-keys"], options].concat());
@@ -37,14 +37,15 @@ pub fn shown(file: &Path, protocol: &str, options: &[&str]) -> Vec<(u64, Value)>
     of_protocol.collect()
 }
 
-/// What `ecmsk dump --json` says of a file, without the line on the recording as a whole.
+/// The lines of `ecmsk dump --json` for a file, without the line about the recording as a whole.
 pub fn dumped(file: &Path, options: &[&str]) -> Vec<Value> {
     let ran = run([&["dump", file.to_str().expect("UTF-8"), "--json"], options].concat());
     assert_eq!(ran.code, Some(0), "{ran:?}");
     json_lines(&ran.out).into_iter().filter(|line| line.get("recording").is_none()).collect()
 }
 
-/// A field of a layer; what is shown below a field is beside it, behind `_tree`.
+/// A field of a layer. The fields that tshark shows below another field are in an object beside that field, which has `_tree`
+/// at the end of its name.
 pub fn field<'v>(layer: &'v Value, name: &str) -> Option<&'v Value> {
     layer.get(name).or_else(|| layer.get(format!("{}_tree", name.rsplit_once('.')?.0))?.get(name))
 }
@@ -58,7 +59,7 @@ pub fn values(layer: &Value, name: &str) -> Vec<Value> {
     }
 }
 
-/// Whether a value of tshark, which is a text, is this one.
+/// Whether a value in tshark's output, which is always a text, is equal to this value of the JSON of `dump`.
 pub fn is_same(shown: &Value, expected: &Value) -> bool {
     let text = shown.as_str().unwrap_or_default();
     match expected {
@@ -69,7 +70,7 @@ pub fn is_same(shown: &Value, expected: &Value) -> bool {
     }
 }
 
-/// A number of tshark's.
+/// Parses a number as tshark prints it, decimal or with 0x.
 fn parsed(text: &str) -> Option<i64> {
     match text.strip_prefix("0x") {
         Some(digits) => i64::from_str_radix(digits, 16).ok(),
@@ -81,7 +82,8 @@ fn parsed(text: &str) -> Option<i64> {
 fn fields_of_slot(slot: &Value) -> Map<String, Value> {
     let object = slot.as_object().expect("a slot");
     let named = object.iter().filter_map(|(key, value)| Some((key.strip_prefix("ecmsk.slot.")?, value)));
-    // An object is there once more as a text; bytes are those of a slot without a meaning.
+    // Left out: the text of an object, which its parts show as well, and the raw bytes of a slot without a meaning, which
+    // `dump` does not show.
     let kept = named.filter(|(name, _)| !name.ends_with("_tree") && !["object", "raw"].contains(name));
     kept.map(|(name, value)| (name.to_owned(), value.clone())).collect()
 }
@@ -94,7 +96,7 @@ fn fields_of_dump(slot: &Value) -> Map<String, Value> {
             ("raw" | "text", _) => {}
             ("slot", _) => fields.extend([("n".to_owned(), value.clone())]),
             ("id", _) => fields.extend([("cmd".to_owned(), value.clone())]),
-            // In a response it is a number, which has a name.
+            // In a response the mode is a number in the JSON of `dump`. The plugin shows its name.
             ("mode", Value::Number(code)) => {
                 let mode = code.as_u64().and_then(|code| Mode::from_code(code as u8));
                 let name = mode.map_or_else(|| code.to_string(), |mode| mode.name().to_owned());
@@ -107,7 +109,7 @@ fn fields_of_dump(slot: &Value) -> Map<String, Value> {
         }
     }
     fields.insert("cmd_code".to_owned(), slot["raw"]["id"].clone());
-    // `dump` says nothing else of a command that is malformed.
+    // For a malformed command the JSON of `dump` has the index only among the raw numbers. The plugin shows it as a field.
     if slot.get("malformed").is_some() && slot["role"] == "slave" {
         fields.insert("index".to_owned(), slot["raw"]["index"].clone());
     }

@@ -224,7 +224,7 @@ mod tests {
         let note_thread = note_thread.unwrap();
         notes.push(0);
         assert_eq!(heard.recv(), Ok(Note::Item(0)));
-        // The reader is stuck in its call for the first note.
+        // The thread that takes notes is blocked in the callback for the first note, so the next ones are queued.
         let all = 3 * KEPT_MAX as u64;
         (1..=all).for_each(|number| notes.push(number));
         drop(goes_on);

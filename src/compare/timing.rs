@@ -271,8 +271,8 @@ impl PairWindow {
         }
     }
 
-    /// Whether additional cycles of a run explain a difference between last answers: it is the position of an axis that
-    /// moves in both runs, or such an axis has statuswords with the same CiA 402 state.
+    /// Whether additional cycles of a run explain a difference between the last answers of a step. They do for an axis that
+    /// moves in both runs, if the difference is in its position, or in bits of its statusword outside the CiA 402 state.
     fn moves_at_end(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let Some(answers) = self.pairs.get(at).and_then(StepPair::answers_in_op) else { return false };
         let is_state = match what {

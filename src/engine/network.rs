@@ -351,8 +351,8 @@ impl Network {
     }
 
     pub(super) fn scanned(&mut self, found: u8) {
-        // If slaves have not reached PreOP at boot, the network counts as failed until they do, also during further
-        // scans.
+        // A scan without slaves is a failure, which the next scan with slaves ends. If slaves were found that have not reached
+        // PreOP (`found` is that of the scan before), the network counts as failed until they do, also after further scans.
         self.failed = found == 0 || self.failed && self.found > 0;
         self.found = found;
         self.scanned = found > 0;

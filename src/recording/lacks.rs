@@ -7,7 +7,7 @@ use std::fmt;
 pub struct Lost {
     /// The number of unreadable bytes.
     pub bytes: u64,
-    /// The number of frames in these bytes, as far as headers of blocks show it.
+    /// The number of frames in the unreadable bytes, at least: blocks whose headers are damaged, too, are not counted.
     pub packets: u64,
     /// The time in the file from which frames are lost, ns: that of the first lost frame if a header shows it,
     /// otherwise that of the last frame before. `None` if neither is known.

@@ -256,7 +256,7 @@ fn write_axes(f: &mut Formatter<'_>, group: u8, kinds: &[SlaveKind; 8], size: Sl
     Ok(())
 }
 
-/// A slave's number or a range of them: `5` or `6..8`.
+/// The first and the last slave of a range, both included, as text: `5`, or `6..8` for slaves 6 to 8.
 struct SlaveRange(usize, usize);
 
 impl Display for SlaveRange {

@@ -129,8 +129,9 @@ impl ManufacturerType {
         }
     }
 
-    /// The data type with this code in an object dictionary, for a value of `bytes` bytes. A type that the text format does
-    /// not name is an unsigned integer of the same length, or [`ManufacturerType::Any`].
+    /// The data type with this code in an object dictionary, for a value of `bytes` bytes. If the text format of objects has
+    /// no type with this code and length, the result is the unsigned integer of that length, or [`ManufacturerType::Any`] if
+    /// there is none (3, 5 to 7, or more than 8 bytes).
     pub fn of_code(code: DataTypeCode, bytes: usize) -> Self {
         let fits = |data: &Self| data.bytes().is_none_or(|len| usize::from(len) == bytes);
         let named = Self::ALL.into_iter().find(|data| data.code() == code && fits(data));

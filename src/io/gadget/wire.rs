@@ -90,7 +90,8 @@ mod tests {
         let two = [4, 1, 0xAA, 0xBB, 2, 5];
         let expected = [&[3, 0, 0, 0, 22, 0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0][..], &two].concat();
         assert_eq!(descriptors(&two), expected);
-        // The kernel refuses bytes that are no list of descriptors. The count ends there.
+        // Bytes that are no list of descriptors are passed on, and the kernel refuses them. The number of descriptors in the
+        // header counts only those before the first wrong byte.
         for wrong in [&[0, 1, 2][..], &[9, 4], &[1]] {
             assert_eq!(descriptors(wrong).len(), 16 + wrong.len());
         }

@@ -7,7 +7,8 @@ use std::time::Duration;
 use crate::link::{Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::{FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, SlotSize};
 
-/// How long a [`SpiBoard`] waits for the first report of a board. \[OURS]
+/// How long a [`SpiBoard`], which serves the board of a link as a slave on SPI, waits for the first report of that link when it
+/// starts. \[OURS]
 const FIRST_REPORT_WAIT_MAX: Duration = Duration::from_secs(1);
 
 /// How long an exchange outside OP waits for the answer to the previous frame: some cycles of the default length, and

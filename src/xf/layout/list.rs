@@ -64,7 +64,8 @@ impl FieldList {
         self
     }
 
-    /// Inserts a field at the beginning, whatever its position.
+    /// The list with the field `first` before all others. [`Self::with`] keeps fields in the order of their byte offsets; this
+    /// one does not.
     pub const fn after(self, first: Field) -> Self {
         let (mut list, mut n) = (Self::NONE.with(first), 0);
         while n < self.len {

@@ -1,6 +1,6 @@
-//! Draws over time how many frames wait in the board's FIFO, and for how many cycles the host pauses. A line in each
-//! diagram shows for comparison how many sets of outputs a chip buffers, and how many cycles these bridge, with the
-//! `ahead=` that is planned for the chip's link.
+//! Draws two diagrams over time: how many frames wait in the board's FIFO, and for how many cycles the host pauses. A line in
+//! the first one shows how many sets of outputs a chip would buffer; a line in the second one, for how many cycles these would
+//! last. Both are for the value of `ahead=` that `ecmsk migrate` proposes for the chip's link.
 
 use ecmsk::migrate::{Seen, Stretch};
 use ecmsk::sk::{CycleTime, FIFO_ENTRIES};

@@ -31,7 +31,7 @@ pub struct Survey {
     intervals_ns: Vec<i64>,
 }
 
-/// Most intervals between reports that are kept to determine the cycle time.
+/// The largest number of intervals between reports that are kept to determine the cycle time: the first ones in OP.
 const INTERVALS_KEPT: usize = 1000;
 
 impl Default for Survey {

@@ -114,8 +114,8 @@ fn waiting_reader(world: &FakeUsb, pipe: &Arc<Pipe>) -> thread::JoinHandle<Resul
     let state = || (pipe.shared.state.lock().thread_asleep, world.event_waits());
     for round in 0..400 {
         if round % 3 == 0 {
-            // Cancelling writes interrupts the thread that handles events. If that is the pipe's thread, which was
-            // there before the read, the reader handles events from then on.
+            // This test needs a reader that handles USB events. Until now the pipe's own thread may do it, since it started
+            // before the reader. Cancelling writes wakes the thread that handles events, and the reader may take its turn.
             pipe.cancel_writes();
         }
         let before = state();

@@ -5,8 +5,10 @@ use std::net::{Ipv4Addr, TcpListener};
 use std::path::Path;
 use std::process::Command;
 
-/// The pages with commands, and the number of commands that each has at least.
-const PAGES: [(&str, usize); 6] = [
+use support::console::{self, Shown};
+
+/// The pages, and the least number of their commands.
+const PAGES: [(&str, usize); 7] = [
     ("docs/TOOL.md", 20),
     ("docs/TOOL-NETWORK.md", 10),
     ("docs/TOOL-RECORDINGS.md", 5),
@@ -16,44 +18,14 @@ const PAGES: [(&str, usize); 6] = [
     ("README.md", 3),
 ];
 
-/// A command of a page, with the output that the page shows below it.
-#[derive(Debug, PartialEq, Eq)]
-struct Shown {
-    command: String,
-    output: String,
-}
-
-/// The commands of all `console` blocks: lines after `$ `, going on after `> `; what follows is their output.
-fn commands(page: &str) -> Vec<Shown> {
-    let mut shown: Vec<Shown> = Vec::new();
-    let mut inside = false;
-    for line in page.lines() {
-        match (inside, line) {
-            (false, "```console") => inside = true,
-            (true, "```") => inside = false,
-            (true, line) => match (line.strip_prefix("$ "), line.strip_prefix("> "), shown.last_mut()) {
-                (Some(command), ..) => shown.push(Shown { command: command.to_owned(), output: String::new() }),
-                (None, Some(more), Some(last)) => last.command += &format!("\n{more}"),
-                (None, None, Some(last)) => last.output += &format!("{line}\n"),
-                (None, _, None) => panic!("output before the first command: {line}"),
-            },
-            (false, _) => {}
-        }
-    }
-    shown
-}
-
 fn page(file: &str) -> Vec<Shown> {
     console::commands(&std::fs::read_to_string(support::root().join(file)).expect("the page"))
 }
 
-/// Runs the commands of a page in one shell, in an empty folder, and returns the output of each. `keys` are added to the page's
-/// simulated link, such as a virtual clock.
+/// Runs them in one shell, in an empty folder, and returns the output of each.
 fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     let folder = tempfile::tempdir().expect("a folder");
-    let script: String = shown.iter().map(|shown| format!("{}\necho '{MARK}'\n", shown.command)).collect();
-    let script = script.replace("sim:?slaves=drive*2,io", &format!("sim:?slaves=drive*2,io{keys}"));
-    // Another process of this machine may listen on the page's port 4711, so a free port replaces it.
+    // Another board may be served on this machine.
     let port = free_port().to_string();
     let changed = |command: &str| {
         let command = command.replace("sim:?slaves=drive*2,io", &format!("sim:?slaves=drive*2,io{keys}"));
@@ -62,17 +34,15 @@ fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     let tool = Path::new(env!("CARGO_BIN_EXE_ecmsk")).parent().expect("its folder");
     let path = format!("{}:{}", tool.display(), std::env::var("PATH").expect("it is set"));
     let mut bash = Command::new("bash");
-    bash.args(["-c", &format!("exec 2>&1\n{script}")]).current_dir(folder.path()).env("PATH", path);
-    let output = bash.env_remove("ECMSK_LOG").output().expect("bash starts");
-    let text = String::from_utf8(output.stdout).expect("UTF-8").replace(keys, "").replace(&port, "4711");
-    // Lines of progress are not compared, because their number depends on the speed of the machine.
-    let text: String = text.split_inclusive('\n').filter(|line| !line.starts_with("progress: ")).collect();
-    let mut said: Vec<String> = text.split(&format!("{MARK}\n")).map(str::to_owned).collect();
-    assert_eq!(said.pop().as_deref(), Some(""), "the shell ended early: {text}");
-    said
+    bash.current_dir(folder.path()).env("PATH", path).env_remove("ECMSK_LOG");
+    let said = console::run(&mut bash, shown.iter().map(|shown| changed(&shown.command)));
+    // The number of progress lines depends on the machine.
+    let without_progress =
+        |text: &str| -> String { text.split_inclusive('\n').filter(|line| !line.starts_with("progress: ")).collect() };
+    said.iter().map(|text| without_progress(&text.replace(keys, "").replace(&port, "4711"))).collect()
 }
 
-/// A TCP port that was free when this function asked the system for one.
+/// A port that was free a moment ago.
 fn free_port() -> u16 {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("there is one");
     listener.local_addr().expect("it has one").port()
@@ -90,8 +60,8 @@ fn every_command_of_the_pages_prints_what_they_show() {
     }
 }
 
-/// On the real clock each command of the pages that should succeed does so. If the machine is late for a chip, a command may
-/// report a missing answer: then the page is run again.
+/// On the real clock the commands that should succeed do. If the machine is late for a chip, a command may report a
+/// missing answer: then the page is run again.
 #[test]
 fn every_command_of_the_pages_succeeds_on_the_real_clock() {
     const TRIES: usize = 5;

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Config, EcmError, Guard, Scale, Snapshot, Stream, StreamStats};
-use ecmsk::sk::SlotSize;
+use ecmsk::sk::{SlotSize, StateByte};
 use serde_json::json;
 
 use super::profile::{PathPoint, Profile};
@@ -214,7 +214,9 @@ impl Args {
             let off = axis.off(&after);
             if off > NEAR_COUNTS {
                 let why = format!("axis {} is {off} counts off its target", axis.slave);
-                return Err(if internal_limit::is_limited(board, &after, axis.slave) {
+                return Err(if after.state().is_failed() {
+                    lost(board, after.state())
+                } else if internal_limit::is_limited(board, &after, axis.slave) {
                     refused(format!("{why}: {}", internal_limit::WHY), internal_limit::NEXT)
                 } else {
                     refused(why, "see its load, its limits and its tuning, or move slower")
@@ -309,6 +311,12 @@ fn note_positions(board: &Board, path: &Path) -> Result<(), BoardError> {
     Ok(())
 }
 
+/// The error for a board that has lost a slave during the motion. Reports do not show which one: the link may know it.
+fn lost(board: &Board, found: StateByte) -> BoardError {
+    let slave = board.link_stats().state_failure.and_then(|failure| failure.slave());
+    board.explain(EcmError::SlaveLost { slave, found })
+}
+
 fn no_path(why: String) -> BoardError {
     refused(why, "choose a speed and an acceleration nearer to each other")
 }
@@ -364,7 +372,12 @@ impl Run<'_> {
                 self.brake(stream, last)?;
                 return Ok(Ended::Arrived(time));
             }
-            if let Some((slave, at)) = self.held_axis(stream, &mut watched, last, time)? {
+            let now = stream.snapshot().map_err(|error| self.board.explain(error))?;
+            if now.state().is_failed() && !self.snapshot.state().is_failed() {
+                self.brake(stream, last)?;
+                return Err(lost(self.board, now.state()));
+            }
+            if let Some((slave, at)) = self.held_axis(&now, &mut watched, last, time) {
                 self.brake(stream, last)?;
                 return Err(refused(
                     format!("axis {slave} stands at {at}: {}", internal_limit::WHY),
@@ -374,9 +387,9 @@ impl Run<'_> {
             last = profile.at(time);
             let done = time >= profile.seconds();
             let stats =
-                self.step(stream, |axis| if done { axis.end } else { axis.at(last.length / self.path.length) })?;
+                self.step(stream, false, |axis| if done { axis.end } else { axis.at(last.length / self.path.length) })?;
             if done {
-                self.hold(stream, |axis| axis.end)?;
+                self.hold(stream, false, |axis| axis.end)?;
                 return Ok(Ended::Arrived(time));
             }
             // A long gap may become known over several steps, so the underruns of all steps are added up. Each step sends one
@@ -396,47 +409,49 @@ impl Run<'_> {
 
     /// The first axis that an internal limit of its drive has held back for too long, with its position; `None` if there is
     /// none.
-    fn held_axis(
-        &self,
-        stream: &Stream<'_>,
-        watched: &mut [Watched],
-        last: PathPoint,
-        time: f64,
-    ) -> Result<Option<(u8, i32)>, BoardError> {
-        let now = stream.snapshot().map_err(|error| self.board.explain(error))?;
+    fn held_axis(&self, now: &Snapshot, watched: &mut [Watched], last: PathPoint, time: f64) -> Option<(u8, i32)> {
         for (axis, watched) in self.path.axes.iter().zip(watched) {
             let target = axis.at(last.length / self.path.length);
-            if watched.held_for(self.board, &now, target, time) >= self.held_limit_s {
-                return Ok(Some((axis.slave, now.position(axis.slave).unwrap_or_default())));
+            if watched.held_for(self.board, now, target, time) >= self.held_limit_s {
+                return Some((axis.slave, now.position(axis.slave).unwrap_or_default()));
             }
         }
-        Ok(None)
+        None
     }
 
-    /// Brakes along the path, from its point `last` on.
+    /// Brakes along the path, from its point `last` on. A lost slave takes no targets, and the others are braked all the same.
     fn brake(&self, stream: &mut Stream<'_>, last: PathPoint) -> Result<(), BoardError> {
         let brake = Profile::to_rest(last, self.path.limits, BRAKE_LIMIT);
         let brake = brake.map_err(|why| refused(why, "the axes hold their last targets"))?;
         for frame in 1_u64.. {
             let time = frame as f64 * self.cycle;
             let along = brake.at(time).length / self.path.length;
-            self.step(stream, |axis| axis.at(along))?;
+            self.step(stream, true, |axis| axis.at(along))?;
             if time >= brake.seconds() {
-                return self.hold(stream, |axis| axis.at(along));
+                return self.hold(stream, true, |axis| axis.at(along));
             }
         }
         Ok(())
     }
 
     /// Repeats the last targets, so that the drives reach them.
-    fn hold(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
-        (0..HOLD_FRAMES).try_for_each(|_| self.step(stream, &at).map(drop))
+    fn hold(&self, stream: &mut Stream<'_>, brakes: bool, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
+        (0..HOLD_FRAMES).try_for_each(|_| self.step(stream, brakes, &at).map(drop))
     }
 
-    fn step(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<StreamStats, BoardError> {
+    /// Sends a target to each axis. `brakes`: lost slaves are left out; otherwise they are errors.
+    fn step(
+        &self,
+        stream: &mut Stream<'_>,
+        brakes: bool,
+        at: impl Fn(&AxisPath) -> i32,
+    ) -> Result<StreamStats, BoardError> {
         let explain = |error| self.board.explain(error);
         for axis in &self.path.axes {
-            self.aim(stream, axis.slave, at(axis)).map_err(explain)?;
+            match self.aim(stream, axis.slave, at(axis)) {
+                Err(EcmError::SlaveLost { .. }) if brakes => {}
+                aimed => aimed.map_err(explain)?,
+            }
         }
         stream.step().map_err(explain)
     }

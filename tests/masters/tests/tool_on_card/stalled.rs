@@ -23,7 +23,7 @@ mod needs_network_namespace {
         of.windows(2).map(|pair| pair[1] - pair[0])
     }
 
-    /// Stops the process of a move to `end` for 1.2 s, early in the motion. A slave leaves OP meanwhile. However that
+    /// Stops the process of a move to `end` for 1.2 s, some 250 ms after its axis was switched on. A slave leaves OP meanwhile. However that
     /// ends, no target and no axis goes beyond `end`, back, or faster than `speed`, in counts/s.
     fn stalled(end: i32, speed: i32) {
         let name = format!("tool_stalled_{end}");
@@ -35,7 +35,8 @@ mod needs_network_namespace {
         let line = ["move", &target, "--velocity", &velocity, "--yes", "--up", "--slaves", "drive*2", "--link", &link];
         let mut child = started(&mut tool(&line));
         let mut err = BufReader::new(child.stderr.take().expect("a pipe"));
-        until(&mut err, "progress: moving");
+        until(&mut err, "switched on: axis 1");
+        thread::sleep(Duration::from_millis(250));
         let pid = child.id().to_string();
         let signal = |name: &str| support::succeed(Command::new("kill").args([name, &pid]));
         signal("-STOP");

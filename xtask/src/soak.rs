@@ -1,7 +1,7 @@
 //! `cargo xtask soak`: runs randomised tests many more times than `cargo xtask test` does:
 //!
 //! - the random schedules of tests/invariants, on networks that answer within the cycle and on such as answer cycles later,
-//! with writers that end without closing their board; and its long simulated day
+//!   with writers that end without closing their board; and its long simulated day
 //! - random frames against every network of tests/engine, and against slaves in every state in tests/ethercat
 //! - networks whose slaves another master has left in any state, in tests/master
 //! - all tests of tests/engine on a bus that queues outputs

@@ -211,9 +211,8 @@ pub struct Inputs {
     pub held: SlaveSet,
     /// The slaves in `lost` that answer, but whose inputs were not renewed for too long ([`STALE_AFTER`]).
     pub stale: SlaveSet,
-    /// For each slave in `lost` that answers, the AL status code with which it left its state (slave n is `left_with[n
-    /// - 1]`). 0: the slave has not left its state, or the code is unknown; for the engine both are a loss without a
-    ///   reason.
+    /// For each slave in `lost` that answers, the AL status code with which it left its state; slave n is at index n - 1.
+    /// 0: the slave has not left its state, or the code is unknown; for the engine both are a loss without a reason.
     pub left_with: [u16; MAX_SLAVES],
     /// If this machine was late recently, and so sent no frames for some time, the length of that time, ns. 0: it was
     /// not late, or the bus does not know.

@@ -62,7 +62,7 @@ impl Course<'_> {
                 continue;
             };
             if braked.is_some() && self.mode == Mode::Csp {
-                let at = self.from_last(pair[1].positions[self.axis]).abs();
+                let at = self.distance(pair[1].positions[self.axis]).abs();
                 nearest = nearest.min(at);
                 assert!(at <= nearest + NOISE, "{}: it turns round, {at} counts from its last target", self.at);
             }
@@ -97,13 +97,13 @@ impl Course<'_> {
     }
 
     /// The distance of a position from the newest accepted target. Positions wrap around at 32 bits.
-    fn from_last(&self, position: i32) -> i64 {
+    fn distance(&self, position: i32) -> i64 {
         i64::from(position.wrapping_sub(self.last()))
     }
 
     fn check_position(&self, target: i32, braked: Option<i32>, pair: &[Cycle]) {
-        let [was, is] = [0, 1].map(|n| self.from_last(pair[n].positions[self.axis]));
-        let (target, slack) = (self.from_last(target), LAG_CYCLES * (is - was).abs() + NOISE);
+        let [was, is] = [0, 1].map(|n| self.distance(pair[n].positions[self.axis]));
+        let (target, slack) = (self.distance(target), LAG_CYCLES * (is - was).abs() + NOISE);
         let (low, high) = match is {
             is if is.abs() <= slack => (-slack, slack),
             is if is < 0 => (is - slack, 0),
@@ -114,7 +114,7 @@ impl Course<'_> {
             "{}: the brake's target is {target} counts from the last accepted one, the axis {is}, after {was}",
             self.at
         );
-        if let Some(braked) = braked.map(|braked| self.from_last(braked)) {
+        if let Some(braked) = braked.map(|braked| self.distance(braked)) {
             // A brake that has stalled begins again where the axis is, which lags behind its target.
             let comes_nearer = target.abs() <= braked.abs() + slack;
             assert!(comes_nearer, "{}: {target} after {braked} counts from the last accepted target", self.at);

@@ -74,7 +74,7 @@ fn moving_in<T: FieldType>(mode: i8, object: ObjectAddress, value: T) -> (ecmsk:
         for slave in 0..2 {
             let at = |sub| ObjectAddress::new(0x1600, sub);
             xf.sdo_write(slave, at(0), 0_u8).unwrap();
-            xf.sdo_write(slave, at(2), u32::from(object.index) << 16 | 8 * T::BYTES as u32).unwrap();
+            xf.sdo_write(slave, at(2), (u32::from(object.index) << 16) | (8 * T::BYTES as u32)).unwrap();
             xf.sdo_write(slave, at(0), 2_u8).unwrap();
         }
         safe_op_in(&mut xf, mode).unwrap()

@@ -187,7 +187,7 @@ impl TravelSpec {
     }
 }
 
-/// Writes each given option with a `:` before it, such as `:home@-500..500`, in the order of the table [`PARTS`].
+/// Writes each given option with a `:` before it, such as `:home@-500..500`, in the order of the table `PARTS`.
 impl fmt::Display for TravelSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         PARTS.iter().try_for_each(|part| match (part.write)(self) {

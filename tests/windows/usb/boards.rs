@@ -11,17 +11,11 @@ use support::served::{Board, Served, recorded, until};
 pub const BOARD: &str = "sim:?slaves=io";
 const SILENT: &str = "sim:?slaves=io&fault.drop.read=1";
 
-/// A board that is plugged in and visible to programs.
+/// A board that is plugged in and visible to the kernel. Wine shows it long before a program has started.
 #[track_caller]
 pub fn plugged(link: &str) -> Served {
-    plugged_in(&[link], &["--attach"])
-}
-
-/// Boards that are plugged in and visible to programs.
-#[track_caller]
-fn plugged_in(links: &[&str], options: &[&str]) -> Served {
-    let served = Served::start(links, options);
-    shows(links.len());
+    let served = Served::start(&[link], &["--attach"]);
+    in_kernel(1);
     served
 }
 
@@ -33,11 +27,17 @@ pub fn unplug(served: Served) {
 }
 
 /// Waits until the kernel and then Wine show this number of boards: Wine learns of a change later than the kernel, on a busy
-/// machine much later. Until then a program may open a board that is gone, or none.
+/// machine much later. Until then a program may open a board that is gone, or find one of two.
 #[track_caller]
 fn shows(boards: usize) {
-    until(&format!("the kernel shows {boards}"), || (Board::all().len() == boards).then_some(()));
+    in_kernel(boards);
     until(&format!("Wine shows {boards}"), || (listed() == boards).then_some(()));
+}
+
+/// Waits until the kernel shows this number of boards.
+#[track_caller]
+fn in_kernel(boards: usize) {
+    until(&format!("the kernel shows {boards}"), || (Board::all().len() == boards).then_some(()));
 }
 
 crate::for_each_width! {
@@ -138,7 +138,8 @@ crate::for_each_width! {
     /// WIN-40 Of two boards one has to be chosen, by its serial number or by its USB port, which the error names.
     #[test]
     fn one_of_two_boards_is_chosen(width: Width) {
-        let served = plugged_in(&["sim:?name=a", "sim:?name=b"], &["--attach", "--serial", "A", "--serial", "B"]);
+        let served = Served::start(&["sim:?name=a", "sim:?name=b"], &["--attach", "--serial", "A", "--serial", "B"]);
+        shows(2);
         passes(width, "board", "usb:", &["none", "there are 2", "serial A", "serial B", "usb:?path="]);
         passes(width, "board", "usb:?serial=C", &["none", "none with serial number C"]);
         passes(width, "board", "usb:?serial=B", &["moves", "5"]);
@@ -165,7 +166,8 @@ crate::for_each_width! {
     /// that it can be opened.
     #[test]
     fn the_tool_finds_a_board(width: Width) {
-        let served = plugged_in(&["sim:?slaves=drive*2"], &["--attach", "--serial", "A-7"]);
+        let served = Served::start(&["sim:?slaves=drive*2"], &["--attach", "--serial", "A-7"]);
+        in_kernel(1);
         let tool = |link: &str, arguments: &[&str]| -> Vec<Value> {
             let lines = Program::start(width, "ecmsk", link, arguments).all();
             lines.iter().map(|line| serde_json::from_str(line).expect("a JSON object a line")).collect()

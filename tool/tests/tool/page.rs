@@ -7,7 +7,7 @@ use std::process::Command;
 
 use support::console::{self, Shown};
 
-/// The pages, and the least number of their commands.
+/// The pages with commands, and the number of commands that each has at least.
 const PAGES: [(&str, usize); 7] = [
     ("docs/TOOL.md", 20),
     ("docs/TOOL-NETWORK.md", 10),
@@ -22,10 +22,11 @@ fn page(file: &str) -> Vec<Shown> {
     console::commands(&std::fs::read_to_string(support::root().join(file)).expect("the page"))
 }
 
-/// Runs them in one shell, in an empty folder, and returns the output of each.
+/// Runs the commands of a page in one shell, in an empty folder, and returns the output of each. `keys` are added to the page's
+/// simulated link, such as a virtual clock.
 fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     let folder = tempfile::tempdir().expect("a folder");
-    // Another board may be served on this machine.
+    // Another process of this machine may listen on the page's port 4711, so a free port replaces it.
     let port = free_port().to_string();
     let changed = |command: &str| {
         let command = command.replace("sim:?slaves=drive*2,io", &format!("sim:?slaves=drive*2,io{keys}"));
@@ -36,13 +37,13 @@ fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     let mut bash = Command::new("bash");
     bash.current_dir(folder.path()).env("PATH", path).env_remove("ECMSK_LOG");
     let said = console::run(&mut bash, shown.iter().map(|shown| changed(&shown.command)));
-    // The number of progress lines depends on the machine.
+    // Lines of progress are not compared, because their number depends on the speed of the machine.
     let without_progress =
         |text: &str| -> String { text.split_inclusive('\n').filter(|line| !line.starts_with("progress: ")).collect() };
     said.iter().map(|text| without_progress(&text.replace(keys, "").replace(&port, "4711"))).collect()
 }
 
-/// A port that was free a moment ago.
+/// A TCP port that was free when this function asked the system for one.
 fn free_port() -> u16 {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("there is one");
     listener.local_addr().expect("it has one").port()
@@ -60,8 +61,8 @@ fn every_command_of_the_pages_prints_what_they_show() {
     }
 }
 
-/// On the real clock the commands that should succeed do. If the machine is late for a chip, a command may report a
-/// missing answer: then the page is run again.
+/// On the real clock each command of the pages that should succeed does so. If the machine is late for a chip, a command may
+/// report a missing answer: then the page is run again.
 #[test]
 fn every_command_of_the_pages_succeeds_on_the_real_clock() {
     const TRIES: usize = 5;

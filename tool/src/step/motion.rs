@@ -191,7 +191,9 @@ impl Args {
         let depth = depth(config);
         // Commands that are still in the FIFO may move the axes, so their execution is awaited before the path is planned.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
-        let (seconds, underruns, path) = self.carry_out(board, depth, f64::from(config.cycle_us) * 1e-6)?;
+        let lost_before = board.ecm.snapshot()?.state().is_failed();
+        let cycle = f64::from(config.cycle_us) * 1e-6;
+        let (seconds, underruns, path) = self.carry_out(board, depth, cycle, lost_before)?;
         if underruns > 0 {
             board.reporter.note(format_args!("{underruns} cycles found no target in the board: the motion had gaps"));
         }
@@ -214,7 +216,7 @@ impl Args {
             let off = axis.off(&after);
             if off > NEAR_COUNTS {
                 let why = format!("axis {} is {off} counts off its target", axis.slave);
-                return Err(if after.state().is_failed() {
+                return Err(if after.state().is_failed() && !lost_before {
                     lost(board, after.state())
                 } else if internal_limit::is_limited(board, &after, axis.slave) {
                     refused(format!("{why}: {}", internal_limit::WHY), internal_limit::NEXT)
@@ -229,13 +231,19 @@ impl Args {
     /// Moves the axes along their path. After a gap longer than [`GAP_MAX`] (the FIFO was empty) they start again from
     /// rest. Returns the duration in seconds, the number of underruns, and the path of the last part, which ends at the
     /// targets.
-    fn carry_out(&self, board: &Board, depth: u16, cycle: f64) -> Result<(f64, u64, Path), BoardError> {
+    fn carry_out(
+        &self,
+        board: &Board,
+        depth: u16,
+        cycle: f64,
+        lost_before: bool,
+    ) -> Result<(f64, u64, Path), BoardError> {
         let (mut snapshot, mut path) = self.agreed_path(board)?;
         let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
         let (mut seconds, mut underruns) = (0.0, 0);
         loop {
             let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
-            let moved = Run { board, path: &path, snapshot: &snapshot, cycle, held_limit_s }.go(stream);
+            let moved = Run { board, path: &path, snapshot: &snapshot, lost_before, cycle, held_limit_s }.go(stream);
             board.reporter.clear();
             let (ended, stats) = match moved {
                 Ok(moved) => moved,
@@ -343,6 +351,8 @@ struct Run<'a> {
     board: &'a Board,
     path: &'a Path,
     snapshot: &'a Snapshot,
+    /// Whether the board had lost a slave before the move, which does not end the move then.
+    lost_before: bool,
     /// The cycle time in seconds.
     cycle: f64,
     /// How long an internal limit may hold an axis away from its target, in seconds.
@@ -373,7 +383,7 @@ impl Run<'_> {
                 return Ok(Ended::Arrived(time));
             }
             let now = stream.snapshot().map_err(|error| self.board.explain(error))?;
-            if now.state().is_failed() && !self.snapshot.state().is_failed() {
+            if now.state().is_failed() && !self.lost_before {
                 self.brake(stream, last)?;
                 return Err(lost(self.board, now.state()));
             }

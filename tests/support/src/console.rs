@@ -1,4 +1,4 @@
-//! The `console` blocks of pages: commands with what they print, and running them in one shell.
+//! The blocks of pages, and those in `console`: commands with what they print, and running them in one shell.
 
 use std::process::Command;
 
@@ -14,24 +14,23 @@ pub struct Shown {
     pub output: String,
 }
 
+/// The texts of a page's blocks in this language, without their fences.
+pub fn blocks<'a>(page: &'a str, language: &'a str) -> impl Iterator<Item = &'a str> {
+    page.split("\n```").filter_map(move |part| part.strip_prefix(language)?.strip_prefix('\n'))
+}
+
 /// The commands of all `console` blocks: lines after `$ `, going on after `> `; what follows is their output.
 ///
 /// # Panics
 /// A block begins with an output.
 pub fn commands(page: &str) -> Vec<Shown> {
     let mut shown: Vec<Shown> = Vec::new();
-    let mut inside = false;
-    for line in page.lines() {
-        match (inside, line) {
-            (false, "```console") => inside = true,
-            (true, "```") => inside = false,
-            (true, line) => match (line.strip_prefix("$ "), line.strip_prefix("> "), shown.last_mut()) {
-                (Some(command), ..) => shown.push(Shown { command: command.to_owned(), output: String::new() }),
-                (None, Some(more), Some(last)) => last.command += &format!("\n{more}"),
-                (None, None, Some(last)) => last.output += &format!("{line}\n"),
-                (None, _, None) => panic!("output before the first command: {line}"),
-            },
-            (false, _) => {}
+    for line in blocks(page, "console").flat_map(str::lines) {
+        match (line.strip_prefix("$ "), line.strip_prefix("> "), shown.last_mut()) {
+            (Some(command), ..) => shown.push(Shown { command: command.to_owned(), output: String::new() }),
+            (None, Some(more), Some(last)) => last.command += &format!("\n{more}"),
+            (None, None, Some(last)) => last.output += &format!("{line}\n"),
+            (None, _, None) => panic!("output before the first command: {line}"),
         }
     }
     shown

@@ -5,14 +5,14 @@ use std::fs;
 use std::process::Command;
 
 use ecmsk::link::uri::LinkUri;
+use support::console;
 
 use crate::common::{Ran, ecmsk};
 
 /// The text of the first block of that language which has this word.
-fn block<'a>(page: &'a str, language: &str, word: &str) -> &'a str {
-    let blocks = page.split("\n```").filter_map(|block| block.strip_prefix(language)?.strip_prefix('\n'));
-    let mut of_word = blocks.filter(|block| block.contains(word));
-    of_word.next().unwrap_or_else(|| panic!("no block `{language}` with {word}"))
+fn block<'a>(page: &'a str, language: &'a str, word: &str) -> &'a str {
+    let found = console::blocks(page, language).find(|block| block.contains(word));
+    found.unwrap_or_else(|| panic!("no block `{language}` with {word}"))
 }
 
 /// The tool takes the command line of the page, and the link and the card of its settings belong together. systemd accepts the

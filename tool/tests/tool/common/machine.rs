@@ -267,8 +267,8 @@ impl FakeMachine {
 /// The lines of the block of docs/TOOL-NETWORK.md that begins with `start`.
 pub fn page_block(start: &str) -> Vec<String> {
     let page = fs::read_to_string(support::root().join("docs/TOOL-NETWORK.md")).expect("the page");
-    let block = page.split("```text\n").find(|block| block.starts_with(start)).expect("the block");
-    block.lines().take_while(|line| *line != "```").map(str::to_owned).collect()
+    let block = support::console::blocks(&page, "text").find(|block| block.starts_with(start)).expect("the block");
+    block.lines().map(str::to_owned).collect()
 }
 
 /// A path to the open file of the tool, so that users who may not enter the target folder can execute it.

@@ -50,8 +50,8 @@ impl OpenBoard {
         self.end(|link| link.close());
     }
 
-    /// Closes the link at the end of a process that has not closed it: [`Link::vanish`], after which a server brings the
-    /// axes to a standstill.
+    /// Ends the link of a process that exits without CloseECMUSB or `ecmsk_close`, by [`Link::vanish`]: a server then brings
+    /// the axes to a standstill, which it does not do after [`Self::close`].
     #[cfg(unix)]
     pub fn vanish(&self) {
         self.end(|link| link.vanish());

@@ -9,7 +9,7 @@ pub static VENDOR_BOARD: VendorBoard = VendorBoard::new();
 /// The boards that `ecmsk_open` has opened, by handle.
 pub static HANDLES: Handles = Handles::new();
 
-/// Ends the use of all boards that this process has not closed, when the process ends ([`VendorBoard::vanish`]).
+/// Ends the links of all boards that are still open when the process exits ([`VendorBoard::vanish`]).
 #[cfg(unix)]
 pub fn vanish_all() {
     VENDOR_BOARD.vanish();

@@ -61,7 +61,7 @@ impl<'x> ChipWire<'x> {
         self.xf.link().now()
     }
 
-    /// Waits for this time, unless a frame that the master has not received yet has come back already.
+    /// Waits for this time. Returns at once if a frame has come back that the master still has to receive.
     ///
     /// # Errors
     /// The chip cannot be reached any more.

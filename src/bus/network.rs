@@ -107,13 +107,13 @@ pub trait Network {
     /// Reads an object by SDO.
     ///
     /// # Errors
-    /// [`BusError::Sdo`]: the slave has aborted the transfer, or has not answered in time.
+    /// [`BusError::Sdo`]: the slave aborted the transfer, or did not answer in time.
     fn upload(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, BusError>;
 
     /// Writes an object by SDO.
     ///
     /// # Errors
-    /// [`BusError::Sdo`]: the slave has aborted the transfer, or has not answered in time.
+    /// [`BusError::Sdo`]: the slave aborted the transfer, or did not answer in time.
     fn download(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), BusError>;
 
     /// The indices of all objects of a slave, from its SDO information service.
@@ -161,14 +161,14 @@ pub trait Network {
     /// Reads a file by FoE.
     ///
     /// # Errors
-    /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it has refused the transfer, or has not answered in
+    /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it refused the transfer, or did not answer in
     /// time.
     fn read_file(&mut self, slave: u8, name: &str, password: u32) -> Result<Vec<u8>, BusError>;
 
     /// Writes a file by FoE.
     ///
     /// # Errors
-    /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it has refused the transfer, or has not answered in
+    /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it refused the transfer, or did not answer in
     /// time. [`BusError::Runs`]: a chip runs the network in SafeOP or OP.
     fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError>;
 

@@ -78,7 +78,8 @@ impl Syntax {
                 .then(|| value.to_owned())
                 .filter(|value| !value.contains('\0')),
             Self::Slaves => return Ok(slaves::normal(&slaves::parse(value)?)),
-            Self::Pins(max) => pins(value, max).map(|_| value.to_owned()),
+            // Lines that are not named are not wired.
+            Self::Pins(max) => pins(value, max).map(|_| value.trim_end_matches(",-").to_owned()),
         };
         normal.ok_or_else(|| self.allowed())
     }

@@ -140,11 +140,12 @@ impl<L: ChipLink> Xf<L> {
         // All axes get the quick stop before the first one is waited for.
         self.request_state_of_all(progress, on, QuickStopActive);
         let moves = [Some(OperationEnabled), Some(QuickStopActive), Some(FaultReactionActive), None];
-        self.wait_all(progress, on, |found| !moves.contains(&found));
+        self.wait_all(progress, on, "standstill", |found| !moves.contains(&found));
         // An axis that does not come to rest is switched off too: no torque is safer than torque without control.
         self.request_state_of_all(progress, on, SwitchOnDisabled);
         // A fault is not reset: a drive in Fault has no torque, and its cause stays readable.
-        let off = self.wait_all(progress, on, |found| matches!(found, Some(SwitchOnDisabled | Fault)));
+        let wanted = SwitchOnDisabled.name();
+        let off = self.wait_all(progress, on, wanted, |found| matches!(found, Some(SwitchOnDisabled | Fault)));
         off.iter().for_each(|motor| self.on.remove(motor));
     }
 
@@ -157,11 +158,12 @@ impl<L: ChipLink> Xf<L> {
     }
 
     /// Waits until `is_there` accepts the state of each of these axes, with one common time limit; returns the axes
-    /// accepted.
+    /// accepted. `wanted` is the name of such a state, for the error.
     fn wait_all(
         &mut self,
         progress: &mut StopProgress,
         motors: Motors,
+        wanted: &'static str,
         is_there: impl Fn(Option<DriveState>) -> bool,
     ) -> Motors {
         let begin = self.link.now();
@@ -178,7 +180,6 @@ impl<L: ChipLink> Xf<L> {
                     Ok(_) if waited < STANDSTILL_LIMIT => {}
                     Ok(found) => {
                         let found = found.map_or("no state", DriveState::name);
-                        let wanted = DriveState::SwitchOnDisabled.name();
                         progress.note(Err(XfError::AxisStuck { motor: motor.get(), found, wanted, waited }));
                         waiting.remove(motor);
                     }

@@ -124,7 +124,7 @@ fn axes_that_do_not_come_to_rest() {
     }
     let begin = super::Wires::now(&chip);
     let error = xf.close().unwrap_err();
-    assert!(matches!(error, XfError::AxisStuck { .. }), "{error}");
+    assert!(matches!(error, XfError::AxisStuck { wanted: "standstill", .. }), "{error}");
     let waited = super::Wires::now(&chip) - begin;
     assert!((3 * S..5 * S).contains(&waited), "{waited}");
     chip.alone(S);

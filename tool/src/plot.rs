@@ -47,7 +47,7 @@ use ecmsk::sk::{CommandId, SlotSize};
 use super::board::AxisWord;
 use super::error::CliError;
 use super::filter::{Command, Times, nanoseconds, parse_seconds};
-use super::recording::{self, Framed, Frames, InTime};
+use super::recording::{self, Framed, Frames};
 use super::stderr::say;
 use super::{machine_option, output, slot_size};
 use beside::Other;
@@ -61,6 +61,9 @@ use survey::Survey;
 
 /// The most axes in a plot: there is a distinct colour for each.
 pub const MAX_AXES: usize = 8;
+/// How long before `--from` a recording in blocks is read, ns. \[OURS] This is more than the entries of a full FIFO take: the
+/// target that is executed first in the range was sent up to 160 cycles before.
+const READ_BEFORE_NS: i64 = 2_000_000_000;
 /// The number of pixel columns to which a line is thinned: the width of a diagram.
 pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
 
@@ -195,7 +198,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let other = other.and_then(|other| other.cut(times));
     let window = first.window()?;
     let First { survey, asked, chosen, device, frames, damage, .. } = first;
-    let reading = Frames::open(&args.file, args.slot_size, device)?.quiet();
+    let reading = args.open(device)?.quiet();
     let panels = args.panels(reading, &asked, &chosen, &survey, window, other.as_ref())?;
     // The time axis ends with the longer one of both recordings.
     let shown = other.map_or(window, |other| window.with(other.window()));
@@ -243,8 +246,15 @@ fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>)
     check()?;
     let mut survey = Survey::default();
     let device = recording::board(&args.file, args.device)?;
-    let mut recording = Frames::open(&args.file, args.slot_size, device)?;
-    let Walked { frames, damage, jumps } = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
+    let mut recording = args.open(device)?;
+    let mut walked = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
+    if survey.op().is_none() && recording.part_of().is_some() {
+        // The error names the time in OP, which is in another part of the recording.
+        recording = Frames::open(&args.file, args.slot_size, device)?.quiet();
+        walked = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
+    }
+    let Walked { frames, damage, jumps } = walked;
+    let frames = recording.part_of().unwrap_or(frames);
     recording.note_opened();
     recording.note_missing();
     if let Some(jumps) = jumps {
@@ -272,7 +282,7 @@ struct Walked {
 
 /// Calls `show` with every frame of the recording up to `until_ns`, sorted by time.
 fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
-    let mut order = InTime::default();
+    let mut order = recording.in_time();
     let mut walked = Walked { frames: 0, damage: None, jumps: None };
     for framed in recording {
         match framed {
@@ -299,6 +309,16 @@ impl Args {
     /// The path of the picture: that of `-o`, otherwise the recording's with the extension `.svg`.
     fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| self.file.with_extension("svg"))
+    }
+
+    /// Opens the recording: the part for the range of `--from` and `--to`, if either is given.
+    fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read>>, RecordError> {
+        if self.from.is_none() && self.to.is_none() {
+            return Frames::open(&self.file, self.slot_size, device);
+        }
+        let from_ns = self.from.map_or(0, |s| nanoseconds(s).saturating_sub(READ_BEFORE_NS));
+        let to_ns = self.to.map_or(i64::MAX, |s| Window::of_times(0, nanoseconds(s)).read_until_ns());
+        Frames::open_part(&self.file, self.slot_size, device, (from_ns, to_ns))
     }
 
     fn asked(&self) -> Result<Asked, CliError> {

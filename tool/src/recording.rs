@@ -8,7 +8,9 @@ use std::rc::Rc;
 
 use ecmsk::engine::Firmware;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::recording::{Address, AddressError, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, board_in};
+use ecmsk::recording::{
+    Address, AddressError, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, WindowOf, board_in,
+};
 use ecmsk::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use ecmsk::sk::{FRAME_LEN, SlotSize};
 
@@ -70,9 +72,33 @@ pub struct Frames<R> {
     opened_before_ns: Option<i64>,
     number: u64,
     noted: bool,
+    /// The number of frames in the whole recording, if only a part of it is read.
+    part_of: Option<u64>,
 }
 
 impl Frames<Box<dyn Read>> {
+    /// Opens a file as [`Self::open`] does, for the range from `from_ns` to `to_ns` since its first frame. Of a recording in
+    /// blocks (`.ecmrec`) only the blocks are read that this range needs, other files are read from the beginning.
+    ///
+    /// # Errors
+    /// [`RecordError`] if the file cannot be read or is not a recording.
+    pub fn open_part(
+        file: &Path,
+        size: Option<SlotSize>,
+        device: Option<Address>,
+        (from_ns, to_ns): (i64, i64),
+    ) -> Result<Self, RecordError> {
+        let name = file.display().to_string();
+        let part = WindowOf::open(file, from_ns, to_ns);
+        match part.map_err(|error| RecordError::Io { name: name.clone(), message: error.to_string() })? {
+            Some(part) => {
+                let part_of = Some(part.frames());
+                Ok(Self { part_of, ..Self::new(Box::new(part) as Box<dyn Read>, &name, size, device)? })
+            }
+            None => Self::open(file, size, device),
+        }
+    }
+
     /// Opens a file; `-` is standard input. `size` is the slot size that the user has given. With `device`, only the frames of
     /// this device in a capture are read.
     ///
@@ -119,9 +145,20 @@ impl<R: Read> Frames<R> {
             opened_before_ns: None,
             number: 0,
             noted: size.is_some(),
+            part_of: None,
         };
         frames.look_ahead();
         Ok(frames)
+    }
+
+    /// The number of frames in the whole recording, if only a part of it is read.
+    pub const fn part_of(&self) -> Option<u64> {
+        self.part_of
+    }
+
+    /// What sorts these frames by time. In a part of a recording, long times between two frames are no jumps of the clock.
+    pub fn in_time(&self) -> InTime {
+        InTime { has_gaps: self.part_of.is_some(), ..InTime::default() }
     }
 
     /// For a second reading of the same file: the note that the slot size is an assumption is not printed again.
@@ -229,6 +266,8 @@ impl<R: Read> Iterator for Frames<R> {
 /// Sorts frames by time, and corrects the times after a jump of the clock.
 #[derive(Default)]
 pub struct InTime {
+    /// Whether frames are left out, so that a long time between two frames is no jump of the clock.
+    has_gaps: bool,
     timeline: Timeline<Framed>,
     order: InOrder<Framed>,
 }
@@ -237,6 +276,9 @@ impl InTime {
     /// Adds the next frame of the file. Once so many frames are buffered that no earlier one can follow (1,024), returns
     /// the earliest of them.
     pub fn push(&mut self, framed: Framed) -> Option<Framed> {
+        if self.has_gaps {
+            return self.order.push(framed.time_ns, framed);
+        }
         let placed = self.timeline.push(framed.recorded.at_ns, framed)?;
         self.sort(placed)
     }

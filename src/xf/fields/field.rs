@@ -189,7 +189,11 @@ impl Field {
             return Ok(number as u32);
         }
         let found = u32::try_from(number).unwrap_or(u32::MAX);
-        Err(Malformed { field: self.name, found, allowed: crate::xf::Allowed::Between(0, most) })
+        let allowed = match self.kind {
+            FieldKind::Signed => crate::xf::Allowed::Only("-2147483648 to 2147483647"),
+            _ => crate::xf::Allowed::Between(0, most),
+        };
+        Err(Malformed { field: self.name, found, allowed })
     }
 }
 

@@ -36,7 +36,8 @@ static HANDLE start(unsigned char *buffer)
  * could release after its end. */
 static bool waits(HANDLE thread)
 {
-    static const char *const calls[] = {"NtDelayExecution", "NtWaitForAlertByThreadId", "NtWaitForKeyedEvent",
+    static const char *const calls[] = {"NtDelayExecution", "NtRemoveIoCompletion", "NtRemoveIoCompletionEx",
+                                        "NtWaitForAlertByThreadId", "NtWaitForKeyedEvent",
                                         "NtWaitForMultipleObjects", "NtWaitForSingleObject"};
     enum { STUB_BYTES = 48 };
     CONTEXT context;

@@ -98,6 +98,17 @@ crate::for_each_width! {
         unplug(served);
     }
 
+    /// LIB-70 A thread is ended by TerminateThread in a read: all other calls go on, with a board that makes reports and with
+    /// one that makes none.
+    #[test]
+    fn a_thread_that_is_terminated(width: Width) {
+        for (board, says) in [(BOARD, "reports"), (SILENT, "silent")] {
+            let served = plugged(board);
+            passes(width, "terminated", "usb:", &[says]);
+            unplug(served);
+        }
+    }
+
     /// LIB-36, LIB-54 A read with a limit returns false after it; the link goes on.
     #[test]
     fn a_read_with_a_limit_ends(width: Width) {

@@ -18,7 +18,6 @@ use super::states::{self, State};
 use super::{Args, First, PlotError, Room, Window, file, first, walk};
 use crate::error::CliError;
 use crate::output;
-use crate::recording::Frames;
 use crate::stderr::say;
 use crate::web::assembly::{Page, page};
 use crate::web::channels::{Channels, Quantity};
@@ -149,7 +148,7 @@ fn read(
     let size = first.survey.size();
     let mut events = Events::new(size, Kinds::new(None));
     let (mut sampler, mut channels) = (Sampler::new(false), Channels::default());
-    let mut frames = Frames::open(&args.file, args.slot_size, first.device)?.quiet();
+    let mut frames = args.open(first.device)?.quiet();
     walk(&mut frames, window.read_until_ns(), |framed| {
         series.frame(framed);
         if first.survey.board().is_some_and(|board| board != framed.board()) {

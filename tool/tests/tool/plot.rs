@@ -8,7 +8,7 @@ use crate::common::plots::{Recorded, near, two_axes};
 use crate::common::recordings::make_capture;
 use crate::common::run;
 use crate::common::svg::{ALARM, COLOURS, FIFO, Plot};
-use ecmsk::sk::{FifoAction, MasterCommand, MasterState, SlaveKind, SlotSize};
+use ecmsk::sk::{MasterState, SlaveKind, SlotSize};
 
 /// Positions are drawn at their reports, targets at the cycle in which the board executed them, eight cycles after they
 /// were sent; the legend says so.
@@ -212,16 +212,26 @@ fn labels_neither_overlap_nor_leave_the_picture() {
 }
 
 /// The plot is right also with 16-byte slots and with firmware 1.5, whose full count rises by the number of 4-byte words of a
-/// lost frame.
+/// lost frame: a frame that finds the FIFO full is lost, and its target is not drawn.
 #[test]
 fn slots_of_16_bytes_and_a_wide_full_count_give_the_same_plot() {
     let mut board = FakeBoard::new(SlotSize::Bytes16, 2);
+    board.full_step = 128;
     for i in 0..100 {
         board.send(&[100 * i, -100 * i]);
         board.cycle();
     }
+    for i in 0..161 {
+        board.send(&[10_000 + i, -50_000 * (i / 160)]);
+    }
+    for _ in 0..170 {
+        board.cycle();
+    }
     let plot = Recorded::of_link(&board, "sim:?slot=16&fw=1.5").plot(&[]);
-    near(plot.panel("Axis 2").at(COLOURS[1], false, board.seconds()), board.positions[1].into(), 10_000.0);
+    let panel = plot.panel("Axis 2");
+    near(panel.at(COLOURS[1], false, board.seconds()), board.positions[1].into(), 10_000.0);
+    let lowest = panel.samples(COLOURS[1], true).into_iter().map(|(_, target)| target).fold(0.0, f64::min);
+    near(lowest, -9_900.0, 20_000.0);
 }
 
 /// A report that was read late belongs to the moment when it was made: the plot is the same.
@@ -380,15 +390,27 @@ fn a_truncated_recording_is_plotted_as_far_as_it_goes() {
     recorded.try_plot(&[]).expect_failure(1, &["ends in the middle of the block"], "before copying its file");
 }
 
-/// A SET_FIFO that sets the threshold, whose byte 2 is an argument, does not keep the run from being plotted.
+/// A SET_FIFO that sets the threshold clears nothing: the targets that wait before it are executed, and drawn so.
 #[test]
-fn a_fifo_clear_is_found_whatever_else_the_frame_holds() {
+fn a_threshold_clears_no_targets() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
-    board.master(&MasterCommand::SetFifo(FifoAction::Threshold(120)));
-    for _ in 0..10 {
-        board.cycle();
+    for i in 1..=40 {
+        if i == 21 {
+            board.threshold(120);
+        }
+        board.send(&[250 * i]);
     }
-    assert_eq!(Recorded::new(&board).plot(&[]).panel_names().len(), 3);
+    let cycles: Vec<(f64, i32)> = (0..41)
+        .map(|_| {
+            board.cycle();
+            (board.seconds(), board.targets[0])
+        })
+        .collect();
+    let plot = Recorded::new(&board).plot(&[]);
+    // In the middle of each cycle, behind the step to its target.
+    for (seconds, target) in &cycles[1..40] {
+        near(plot.panel("Axis 1").at(COLOURS[0], true, seconds + 0.0005), (*target).into(), 10_000.0);
+    }
 }
 
 /// An axis that the network does not have is an error, and the text names the present axes, whether they were moved or

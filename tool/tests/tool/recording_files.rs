@@ -51,6 +51,24 @@ fn every_verb_reads_both_formats_alike() {
     assert!(pictures[0] == pictures[1], "another picture");
 }
 
+/// With `--from` and `--to`, `plot` reads only the blocks of that range: damage elsewhere is not noticed. A range without
+/// OP names the time in OP of the whole recording.
+#[test]
+fn a_plot_of_a_range_reads_only_its_blocks() {
+    let whole = Program::default().record();
+    let blocks = exported(&whole, "ecmrec");
+    let mut bytes = fs::read(&blocks).expect("a file");
+    let at = bytes.len() * 2 / 3;
+    bytes[at..at + 16].fill(0xFF);
+    fs::write(&blocks, bytes).expect("a file");
+    let plot = |options: &[&str]| run(["plot", text(&blocks), "--axes", "1,2"].iter().chain(options));
+    plot(&["--from", "0.5", "--to", "0.55"]).expect_quiet();
+    let all = plot(&[]);
+    assert!(all.err.contains("damaged"), "{all:?}");
+    let nothing = plot(&["--from", "0", "--to", "0"]);
+    assert!(nothing.err.contains("asked for 0 s to 0 s"), "{nothing:?}");
+}
+
 /// `recording export` writes a table with a row for each report in OP, with the values of its slaves.
 #[test]
 fn a_table_has_the_reports() {

@@ -22,8 +22,9 @@ use crate::stage;
 
 /// The group of tests of Windows programs on boards on USB, which runs in a guest system.
 const TESTS: &str = "windows_usb";
-/// The C programs that these tests run: one for these tests, one that runs on any link, and a bench.
-const PROGRAMS: [&str; 3] = ["tests/windows/usb/board.c", "tests/c/reset.c", "benches/windows/usb.c"];
+/// The C programs that these tests run: one for these tests, two that run on any link, and a bench.
+const PROGRAMS: [&str; 4] =
+    ["tests/windows/usb/board.c", "tests/windows/programs/terminated.c", "tests/c/reset.c", "benches/windows/usb.c"];
 /// The arguments of the test program that select the bench.
 const BENCH: [&str; 3] = ["speed::", "--ignored", "--nocapture"];
 /// Test filters that split the tests into two halves of about equal time: 64-bit programs take longer.

@@ -6,9 +6,11 @@
 //!   back
 //! - `ring.rs`: two cards
 //! - `gone.rs`: cards that are pulled
+//! - `ends.rs`: programs that end in the middle of a motion
 //! - `programs.rs`: example programs, unchanged
 #![cfg(target_os = "linux")]
 
+mod ends;
 mod gone;
 mod kinds;
 mod programs;

@@ -26,6 +26,8 @@ pub struct FakeBoard {
     now_ns: u64,
     free: u16,
     full: u16,
+    /// By how much the full count rises for a lost frame: 1, with firmware 1.5 the number of its 4-byte words.
+    pub full_step: u16,
     waiting: VecDeque<Vec<i32>>,
     /// The target of each axis that was executed last, in counts.
     pub targets: Vec<i32>,
@@ -87,6 +89,7 @@ impl FakeBoard {
             now_ns,
             free: 160,
             full: 0,
+            full_step: 1,
             waiting: VecDeque::new(),
             targets: zeros.clone(),
             positions: zeros,
@@ -121,6 +124,12 @@ impl FakeBoard {
         self.free = 159;
     }
 
+    /// The host sends SET_FIFO 2 (threshold). Its frame is an entry of the FIFO, which changes no target.
+    pub fn threshold(&mut self, free: u32) {
+        self.master(&MasterCommand::SetFifo(FifoAction::Threshold(free)));
+        self.waiting.push_back(self.waiting.back().unwrap_or(&self.targets).clone());
+    }
+
     /// The host sends a command in slot 0.
     pub fn master(&mut self, command: &MasterCommand) {
         let mut frame = Frame::new();
@@ -149,7 +158,7 @@ impl FakeBoard {
         self.now_ns += CALL;
         self.script.command(self.now_ns, frame);
         if self.waiting.len() == 160 {
-            self.full += 1;
+            self.full += self.full_step;
         } else {
             self.waiting.push_back(targets.to_vec());
         }

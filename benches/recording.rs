@@ -1,0 +1,111 @@
+//! Recordings in blocks (`.ecmrec`) against pcapng, of axes that move through the native API on a virtual clock.
+//!
+//! `record_bytes_2`, `record_bytes_40`: the bytes of a stream of 2 and of 40 axes, as a part of those of pcapng.
+//!
+//! `record_cycle`: a cycle of 40 axes that is recorded in blocks, against one that is recorded as pcapng. On a virtual clock
+//! the program waits for the recorder, so that its thread counts too.
+//!
+//! `window_of_a_day`: 20 s out of a file of an hour, against all of a file of those 20 s.
+
+mod common;
+
+use std::fs;
+use std::hint::black_box;
+use std::path::Path;
+
+use ecmsk::ecm::{Config, Ecm, Stream};
+use ecmsk::link::record::RecordingCopy;
+use ecmsk::link::{self, Share};
+use ecmsk::recording::{Lacks, RecordMeta, Recorded, Recording, WindowOf};
+use ecmsk::sk::MasterState;
+
+const CYCLES: u32 = 10_000;
+/// Frames that the program is ahead of the board.
+const DEPTH: u16 = 16;
+const S: i64 = 1_000_000_000;
+/// How often the stream is repeated for the long file: an hour of cycles of 1 ms.
+const REPEATS: u64 = 3600 * 1000 / CYCLES as u64;
+
+fn main() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (axes, name) in [(2, "record_bytes_2"), (40, "record_bytes_40")] {
+        let bytes = ["pcapng", "ecmrec"].map(|ending| {
+            let file = folder.path().join(format!("{axes}.{ending}"));
+            let ecm = in_op(axes, &file);
+            let mut program = Program::new(&ecm, axes);
+            (0..CYCLES).for_each(|_| program.step());
+            drop(program);
+            drop(ecm);
+            fs::metadata(&file).expect("it was recorded").len() as f64
+        });
+        common::limited(name, bytes[1] / bytes[0], "of pcapng", 1.0 / 25.0);
+    }
+    let [pcapng, blocks] = ["cycle.pcapng", "cycle.ecmrec"].map(|name| in_op(40, &folder.path().join(name)));
+    let (mut baseline, mut ours) = (Program::new(&pcapng, 40), Program::new(&blocks, 40));
+    common::pair("record_cycle", 1.05, || ours.step(), || baseline.step());
+    window_of_a_day(folder.path());
+}
+
+/// A recorded board in OP with all axes on.
+fn in_op(axes: u8, file: &Path) -> Ecm {
+    let link = format!("sim:?slaves=drive*{axes}&clock=virtual&record={}", file.display());
+    let ecm = Ecm::over(link::open(&link, Share::ByName).expect("a board"), Default::default()).expect("it talks");
+    ecm.configure(&Config::drives(axes.into())).expect("drives");
+    ecm.set_state(MasterState::Op).expect("OP");
+    ecm.servo_on(&(1..=axes).collect::<Vec<_>>()).expect("on");
+    ecm
+}
+
+/// A program whose axes go to and fro, each by another way in another time.
+struct Program<'a> {
+    stream: Stream<'a>,
+    axes: u8,
+    n: u32,
+}
+
+impl<'a> Program<'a> {
+    fn new(ecm: &'a Ecm, axes: u8) -> Self {
+        Self { stream: ecm.stream(DEPTH).expect("a stream"), axes, n: 0 }
+    }
+
+    fn step(&mut self) {
+        let seconds = f64::from(self.n) / 1000.0;
+        for axis in 1..=self.axes {
+            let (length, speed) = (20_000.0 * (1.0 + 0.1 * f64::from(axis)), 0.2 + 0.02 * f64::from(axis));
+            let target = length * (1.0 - (std::f64::consts::TAU * speed * seconds).cos());
+            self.stream.csp(axis, target as i32).expect("the guard lets it pass");
+        }
+        black_box(self.stream.step().expect("a board that runs"));
+        self.n += 1;
+    }
+}
+
+fn window_of_a_day(folder: &Path) {
+    let mut stream = Recording::open(&folder.join("40.ecmrec")).expect("a recording");
+    let frames: Vec<Recorded> = stream.by_ref().map(|frame| frame.expect("whole")).collect();
+    let meta = stream.meta().expect("its metadata").clone();
+    let (long, short) = (folder.join("long.ecmrec"), folder.join("short.ecmrec"));
+    repeat(&frames, &meta, REPEATS, &long);
+    repeat(&frames, &meta, 2, &short);
+    let from = 1800 * S;
+    let ours = || {
+        let window = WindowOf::open(&long, from, from + 20 * S).expect("it is there").expect("a part of it");
+        black_box(Recording::new(window, "long").expect("a recording").count());
+    };
+    common::pair("window_of_a_day", 1.5, ours, || {
+        black_box(Recording::open(&short).expect("a recording").count());
+    });
+}
+
+/// Writes the frames so often, one time behind the other.
+fn repeat(frames: &[Recorded], meta: &RecordMeta, times: u64, file: &Path) {
+    let mut copy = RecordingCopy::begin(file, meta).expect("a file");
+    let length = frames.last().map_or(0, |last| last.at_ns) - frames[0].at_ns + S as u64 / 1000;
+    for time in 0..times {
+        for frame in frames {
+            let at_ns = frame.at_ns + time * length;
+            copy.add(Recorded { at_ns, ..frame.clone() }).expect("room on the disk");
+        }
+    }
+    copy.end(&Lacks::default()).expect("room on the disk");
+}

@@ -19,7 +19,7 @@ use crate::wheel;
 /// The workspace of the fuzz targets, which has dependencies of its own.
 const FUZZ: &str = "fuzz/Cargo.toml";
 
-/// The parts of `cargo xtask tidy`, which `cargo xtask test --all` runs as well.
+/// The parts of `cargo xtask tidy`. `cargo xtask test --all` runs those that do not need cargo-deny as well.
 pub const PARTS: [Part; 5] = [
     part("spelling", &[PYTHON, PIP, TYPOS], |site| spelling(site.project)),
     part("licences and sources of dependencies", &[needs::CARGO_DENY], |site| dependencies(site.project)),

@@ -1,4 +1,4 @@
-//! Runs several commands, two at a time, each with its own log file.
+//! Runs several commands, three at a time, each with its own log file.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -10,8 +10,8 @@ use std::time::Instant;
 use crate::command;
 use crate::error::Error;
 
-/// The number of commands that run at the same time.
-const LANES: usize = 2;
+/// The number of commands that run at the same time. They wait for the clock most of the time.
+const LANES: usize = 3;
 
 /// A command, and the name that is shown for it.
 pub struct Named {

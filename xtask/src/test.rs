@@ -97,7 +97,7 @@ pub const PARTS: &[Part] = &[
     part("rules and features", &[], rules),
     part("tests of units and groups", &[], groups::units_and_groups),
     part("examples in the documentation", &[], groups::documentation),
-    part("tests on the machine's clock, two groups at a time", &[], groups::real_clock),
+    part("tests on the machine's clock, three groups at a time", &[], groups::real_clock),
 ];
 
 /// The parts that `--all` runs besides [`PARTS`].

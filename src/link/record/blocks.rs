@@ -164,9 +164,10 @@ impl<E: Entry> BlockWriter<E> {
         }
     }
 
-    /// Replaces the pieces by a block. `held_back` of the newest entries become the first piece of the next block. After an
-    /// error all entries are still there, and the pieces in the file may be damaged.
-    fn write_block(&mut self, held_back: usize) -> io::Result<()> {
+    /// Replaces the pieces by a block. `held_back` of the newest entries become the first piece of the next block. Fails
+    /// if there is no room for so many bytes more, `room`. After an error all entries are still there, and the pieces in
+    /// the file may be damaged.
+    fn write_block(&mut self, held_back: usize, room: usize) -> io::Result<()> {
         let count = self.entries.len().saturating_sub(held_back);
         if count == 0 {
             return Ok(());
@@ -192,7 +193,14 @@ impl<E: Entry> BlockWriter<E> {
         if has_rest {
             self.add_piece(count, true);
         }
-        if let Err(error) = self.sink.put(self.pieces_bytes, &self.pack.out) {
+        let end = self.pack.out.len();
+        self.pack.out.resize(end + room, 0);
+        let mut put = self.sink.put(self.pieces_bytes, &self.pack.out);
+        self.pack.out.truncate(end);
+        if room > 0 && put.is_ok() {
+            put = self.sink.truncate_by(room as u64);
+        }
+        if let Err(error) = put {
             self.number -= 1;
             self.index.pop();
             return Err(error);
@@ -278,20 +286,21 @@ impl<E: Entry> BlockWriter<E> {
     }
 
     /// Stops the recording after an error. On a full disk a block of all entries may still fit, since it is shorter
-    /// than the pieces that it replaces. Otherwise the entries that are not in the file yet are dropped, and a block of
-    /// the others is tried. If that fails too, the pieces are removed.
+    /// than the pieces that it replaces. Otherwise the entries that are not in the file yet are dropped, if others are,
+    /// and a block is tried with fewer and fewer entries: it has to leave room for the end of the recording. If not even
+    /// one entry fits, the pieces are removed.
     fn fail(&mut self, error: &io::Error) {
-        let mut written = self.write_block(0);
-        if written.is_err() {
-            self.loss.add((self.entries.len() - self.in_pieces) as u64);
-            self.entries.truncate(self.in_pieces);
-            written = self.write_block(0);
-        }
-        if written.is_err() {
-            self.loss.add(self.entries.len() as u64);
-            self.entries.clear();
-            let _ = self.sink.truncate_by(std::mem::take(&mut self.pieces_bytes));
-            (self.in_pieces, self.pieces) = (0, 0);
+        let fewer = |entries: usize| entries - entries.div_ceil(64);
+        let mut kept = if self.in_pieces > 0 { self.in_pieces } else { fewer(self.entries.len()) };
+        while self.write_block(0, SECTION_END_BYTES_MAX).is_err() {
+            self.loss.add((self.entries.len() - kept) as u64);
+            self.entries.truncate(kept);
+            if kept == 0 {
+                let _ = self.sink.truncate_by(std::mem::take(&mut self.pieces_bytes));
+                (self.in_pieces, self.pieces) = (0, 0);
+                break;
+            }
+            kept = fewer(kept);
         }
         self.loss.fail(error);
     }
@@ -306,7 +315,7 @@ impl<E: Entry> Writer<E> for BlockWriter<E> {
         self.last_ns = self.last_ns.max(entry.at_ns());
         self.entries.push(entry);
         if self.entries.len() >= BLOCK + self.held_back()
-            && let Err(error) = self.write_block(self.held_back())
+            && let Err(error) = self.write_block(self.held_back(), 0)
         {
             self.fail(&error);
         }
@@ -319,7 +328,7 @@ impl<E: Entry> Writer<E> for BlockWriter<E> {
     }
 
     fn end(&mut self) {
-        if let Err(error) = self.write_block(0) {
+        if let Err(error) = self.write_block(0, SECTION_END_BYTES_MAX) {
             self.fail(&error);
         }
         if let Err(error) = self.write_end(true) {
@@ -335,4 +344,73 @@ impl<E: Entry> Writer<E> for BlockWriter<E> {
 
 fn packet<E: Entry>(entry: &E) -> Packet<'_> {
     Packet { at_ns: entry.at_ns(), dir: entry.dir(), bytes: entry.bytes() }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::path::Path;
+    use std::process::Command;
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::link::record::file;
+    use crate::link::record::writer::FrameEntry;
+    use crate::link::{Dir, Stamp};
+    use crate::recording::Recording;
+    use crate::sk::Frame;
+
+    const TEST: &str = "link::record::blocks::tests::a_disk_that_is_full_keeps_what_was_in_pieces";
+    const PATH: &str = "ECMSK_TEST_FULL_BLOCKS";
+    /// The entries of a piece, which nearly fills the disk, and those that come later.
+    const IN_PIECES: u64 = 500;
+    const LATER: u64 = 1000;
+
+    /// Records frames that cannot be compressed, for which the disk has no room. The recording begins with the path, twice.
+    fn record(path: &Path) {
+        let file = Sink::File(file::open(path).unwrap());
+        let loss = Loss::new("a file".to_owned(), Arc::default());
+        let meta = RecordMeta::begun(path.display().to_string().repeat(2), None, true, Stamp(0));
+        let mut writer = BlockWriter::begin(loss, file, &meta).unwrap();
+        let mut random = 1_u64;
+        for number in 0..IN_PIECES + LATER {
+            let mut frame = Frame::new();
+            for byte in frame.bytes_mut() {
+                random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                *byte = (random >> 56) as u8;
+            }
+            writer.push(FrameEntry { at_ns: number * 1000, dir: Dir::Write, frame });
+            if number == IN_PIECES - 1 {
+                writer.flush();
+            }
+        }
+        writer.end();
+    }
+
+    /// If a block finds no room, the entries stay in the file that were there in pieces.
+    #[test]
+    fn a_disk_that_is_full_keeps_what_was_in_pieces() {
+        if let Some(path) = std::env::var_os(PATH) {
+            return record(path.as_ref());
+        }
+        let folder = tempfile::tempdir().unwrap();
+        // Limits of the file in units of 512 bytes. At 562 the piece fits, and the end of the recording behind it or not, by
+        // the length of the name.
+        for (limit, name) in
+            [240, 561, 562, 563].into_iter().flat_map(|limit| (1..240).step_by(30).map(move |name| (limit, name)))
+        {
+            let path = folder.path().join(format!("{limit}{}.ecmrec", "x".repeat(name)));
+            let limited = "trap '' XFSZ; ulimit -f \"$1\"; exec \"$0\" --exact --nocapture \"$2\"";
+            let mut child = Command::new("sh");
+            child.args(["-c", limited]).arg(std::env::current_exe().unwrap());
+            let child = child.args([&limit.to_string(), TEST]).env(PATH, &path).output().unwrap();
+            assert!(child.status.success(), "{}", String::from_utf8_lossy(&child.stderr));
+            let mut recording = Recording::open(&path).unwrap();
+            let found = recording.by_ref().map(|frame| frame.expect("damage is no error")).count() as u64;
+            let lacks = recording.lacks();
+            assert_eq!((lacks.not_ended, lacks.damage.count), (0, 0), "{limit}: {lacks}");
+            assert_eq!(found + lacks.missing, IN_PIECES + LATER, "{limit}: {lacks}");
+            let fits = IN_PIECES.min(limit * 512 / 600) * 63 / 64;
+            assert!(found >= fits, "{limit}, {name}: {found} of {fits}, {lacks}");
+        }
+    }
 }

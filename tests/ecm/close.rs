@@ -172,7 +172,7 @@ fn a_silent_board_with_a_long_cycle_is_given_up_after_three_cycles() {
     let file = script("close-slow", "at 60s silent\n");
     let config = Config { cycle_us: 512_000, ..Config::drives(2) };
     let (tap, ecm) = Tap::enabled(&format!("slaves=drive*2&script={file}"), &config);
-    let mut stream = ecm.stream(4).unwrap();
+    let mut stream = ecm.stream(1).unwrap();
     let mut n = 0;
     while stream.csp(1, n * 50).and_then(|()| stream.step().map(|_| ())).is_ok() {
         n += 1;

@@ -196,7 +196,9 @@ fn a_server_that_stalls() {
             let stalling = Stalling { chip, dice: Dice(seed), left: Arc::clone(&stalls) };
             Ok((Box::new(stalling) as Box<dyn ChipLink>, config))
         };
-        let server = Server::start(open, Options { listen: any_port(), ..Options::default() }).expect("it is served");
+        let tell = Arc::new(|line: &str| println!("{line}"));
+        let server =
+            Server::start(open, Options { listen: any_port(), tell, ..Options::default() }).expect("it is served");
         let xf = moving(server.listen());
         left.store(1 + seed, Ordering::Relaxed);
         xf.link().client.hang_up();

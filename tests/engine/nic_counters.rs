@@ -2,7 +2,8 @@
 //! become stale. And its axes when it is switched off.
 
 use ecmsk::cia402::{Controlword, Mode};
-use ecmsk::engine::{EngineConfig, EventKind, StateFailure};
+use ecmsk::coe::SdoSize;
+use ecmsk::engine::{EngineConfig, EventKind, HomingPhase, StateFailure};
 use ecmsk::ethercat::{Command, SlaveSet};
 use ecmsk::fieldbus::nic::{ChainWires, NicBus};
 use ecmsk::fieldbus::sim::SimHandle;
@@ -11,6 +12,7 @@ use ecmsk::master::Settings;
 use ecmsk::sk::{CycleTime, DcShift, DriveSync, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
 use ecmsk::slave::Slave;
 
+use crate::homer::{Homer, Script};
 use crate::host::Host;
 use crate::probe::drives;
 use crate::puppet::{ENABLED, Puppet, SWITCHED_ON};
@@ -348,6 +350,30 @@ fn stale_inputs_that_come_again() {
     assert!(puppets[1].targets().iter().all(|target| *target == 4321), "{:?}", puppets[1].targets());
     host.csp(2, 4400).cycles(5);
     assert_eq!((host.drive(2).position, host.drive(1).statusword.0), (4400, ENABLED));
+}
+
+/// The inputs of a drive that is homing do not arrive for a while, and the last ones still show the result of an earlier
+/// homing. That result does not count as answered in these cycles: homing goes on, and ends by the drive's own result.
+#[test]
+fn old_inputs_end_no_homing() {
+    /// The drive shows the old result for so many cycles after bit 4 has reached it: fewer than a result has to stay.
+    const DEAF: u32 = 6;
+    let homers = [Homer::new(), Homer::new()];
+    let (mut host, lies, _) = in_op(homers.iter().map(|homer| Box::new(homer.clone()) as Box<dyn Slave>).collect());
+    host.servo_on(1).servo_on(2);
+    let phase = |host: &Host| host.board.engine().homing_phase(1);
+    assert_eq!(host.write_object(1, 0x6060, 0, SdoSize::One, 6), Ok(6));
+    homers[0].script(Script { deaf: DEAF, takes: 60, home: 700, ..Script::default() });
+    host.cycles(30).slave(1, SlaveCommand::GoHome).drained().cycles(4);
+    assert_eq!((phase(&host), homers[0].state().shows.statusword.0), (HomingPhase::Homing, 0x1637));
+    mute(&lies, 1, 2);
+    host.cycles(STALE_CYCLES - 1);
+    assert_eq!((phase(&host), homers[0].begun()), (HomingPhase::Homing, 1), "it has begun meanwhile");
+    lies.end();
+    host.cycles(20);
+    assert_eq!((phase(&host), host.counters().inputs_stale), (HomingPhase::Homing, 0));
+    host.until("its own result", |host| phase(host) == HomingPhase::Idle);
+    assert_eq!(homers[0].position(), 700);
 }
 
 /// In a network of 40 drives the search for a slave that is lost ends before the inputs of the others, which share its

@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use ecmsk::engine::{Board, EngineConfig, Stepped, Stop};
+use ecmsk::engine::{EngineConfig, Stepped, Stop};
 use ecmsk::ethercat::{CableEnd, SlaveSet};
 use ecmsk::fieldbus::nic::{CardPair, ChainWires, NicBus, NicWires, Ring};
 use ecmsk::fieldbus::sim::SimHandle;
 use ecmsk::fieldbus::{CardsGone, Ns};
 use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
-use ecmsk::sk::{Frame, Motion, SlaveCommand};
+use ecmsk::sk::{Frame, MasterState, Motion, SlaveCommand, StateByte};
 
 use crate::host::Host;
 use crate::probe::drives;
@@ -52,15 +52,15 @@ impl NicWires for Pulled {
 }
 
 /// Each call ends at once when the card is gone: a read without a limit, a write, a call that lets time pass, and the
-/// check whether the board is open. Closing takes no time then.
+/// check whether the board is open. Closing takes no time then, though axes are enabled.
 #[test]
 fn every_call_ends_at_once() {
     let is_gone = Arc::new(AtomicBool::new(false));
     let wires = ChainWires::new(drives(2), Default::default()).expect("they have an EEPROM");
     let bus = NicBus::new(Pulled { wires, is_gone: Arc::clone(&is_gone) }, Settings::default());
-    let mut board = Board::new(EngineConfig::default(), Box::new(bus));
-    assert!(board.boot(60_000_000_000));
-    let stepped = Stepped::new(board, 125_000, 32);
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(2).servo_on(1).servo_on(2);
+    let stepped = Stepped::new(host.board, 125_000, 32);
     let (frame, mut report) = (Frame::new(), Frame::new());
     for _ in 0..100 {
         stepped.write(&frame).expect("it is open");
@@ -73,6 +73,7 @@ fn every_call_ends_at_once() {
     assert_eq!(stepped.pass(1_000_000), Err(Stop::BusGone));
     assert_eq!(stepped.check(), Err(Stop::BusGone));
     let mut board = stepped.close().expect("the board");
+    assert_eq!(board.engine().state(), StateByte::reached(MasterState::Op));
     let (began, cycles) = (board.now(), board.cycles());
     board.switch_off();
     assert_eq!((board.now(), board.cycles()), (began, cycles));

@@ -2,8 +2,9 @@
 //! process is killed there. Whatever fails: no axis moves without a living writer, no frame is lost uncounted, every
 //! run ends, and a run that has lost something does not end with exit status 0.
 //!
-//! A part of all failures is tested here, chosen by a seed, and all of them by `cargo xtask soak`. To repeat one:
-//! `ECMSK_BLOW=CALL.ERROR`, as named by the test's message.
+//! A part of all failures is tested here, chosen by a seed. `cargo xtask soak` makes up to 10,000 for each test, or as many
+//! as `--schedules` says; a test prints how many calls there are. To repeat one: `ECMSK_BLOW=CALL.ERROR`, as named by the
+//! test's message.
 //!
 //! - `verbs.rs`: `ecmsk move`, in this process and on a served board, recorded or not
 //! - `programs.rs`: a C program on the library, by itself and below `ecmsk exec`

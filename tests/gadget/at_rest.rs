@@ -19,6 +19,14 @@ struct Shown {
     written: Stamp,
     /// The newest positions of both axes, and since when each has been there.
     axes: [(i32, Stamp); 2],
+    /// The longest wait of a call.
+    longest: Duration,
+}
+
+impl Shown {
+    fn waits(&mut self, wait: Wait) {
+        self.longest = self.longest.max(wait.limit().unwrap_or(Duration::MAX));
+    }
 }
 
 /// A board on a virtual clock, whose time stands still while `is_held`: no late thread of this machine counts.
@@ -38,12 +46,14 @@ impl Link for Board {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        self.shown.lock().waits(wait);
         let at = self.link.write(frame, wait)?;
         self.shown.lock().written = at;
         Ok(at)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        self.shown.lock().waits(wait);
         if self.is_held.load(Ordering::Acquire) {
             std::thread::sleep(Duration::from_millis(1));
             return Err(LinkError::Timeout { dir: Dir::Read, waited: Duration::from_millis(1), what: "it is held" });
@@ -101,6 +111,8 @@ fn time_to_rest(name: &str, frames: i32) -> [Duration; 2] {
     // It takes the next one when the board has this one.
     until("the last one is with the board", || board.takes());
     let gone = seen.shown.lock().written;
+    let longest = seen.shown.lock().longest;
+    assert!(longest <= Duration::from_millis(50), "docs/SAFETY.md: within 50 ms if no report comes, {longest:?}");
     board.detach();
     seen.is_held.store(false, Ordering::Release);
     until_told(&board, "axes stand still after the host is gone");

@@ -1,11 +1,11 @@
 //! A process that stalls at any moment, for up to 5 s: stopped, swapped out, on a suspended machine. It may be the program that
 //! moves axes, or the server of its board, which stops the axes of a program that was silent for 2 s. It may be the board's
-//! runner, also while the board is closed and switches its axes off. Whatever the program does, and in whatever phase of its
+//! runner, also while the board is closed and switches its axes off. (Simulated slaves stand still with their runner.) Whatever the program does, and in whatever phase of its
 //! brake another stall comes:
 //!
 //! - an axis in CSP gets the program's targets, in their order, and no others: no brake goes beyond the last one, or back;
 //! - the velocities and torques of a brake have the sign of the last one, and decrease;
-//! - the brake of a server, or of a board that is closed, does the same;
+//! - the brake of a server, or of a board that is closed, does the same (`serve gadget` brakes by the code of `serve tcp`);
 //! - in the end all axes stand, by their shafts, and a velocity is 0;
 //! - a board that answers every cycle is never reported as silent, however long the program did not read.
 //!
@@ -55,6 +55,8 @@ struct Done {
     server_stalls: u64,
     /// Boards that were switched off.
     switched_off: u64,
+    /// Stalls of runners at a network card, and over a chip.
+    runners: [u64; 2],
 }
 
 impl AddAssign for Done {
@@ -67,6 +69,7 @@ impl AddAssign for Done {
         self.missed += other.missed;
         self.server_stalls += other.server_stalls;
         self.switched_off += other.switched_off;
+        self.runners.iter_mut().zip(other.runners).for_each(|(all, one)| *all += one);
     }
 }
 
@@ -211,6 +214,7 @@ fn schedule(seed: u64, is_served: bool) -> Done {
         missed: missed.into(),
         server_stalls: server_stood(),
         switched_off: switches_off.into(),
+        runners: [runner.stood() - runner.stood_over_chip(), runner.stood_over_chip()],
     }
 }
 
@@ -281,7 +285,7 @@ fn check(axis: &Led, accepted: &[SlaveCommand], braked: &[SlaveCommand], missed:
 fn a_process_that_stands_still() {
     let (schedules, all) = run_all("a_process_that_stands_still", SCHEDULES, |seed| schedule(seed, false));
     if schedules >= SCHEDULES {
-        let Done { stalls, in_brakes, moving, positions, velocities, switched_off, .. } = all;
+        let Done { stalls, in_brakes, moving, positions, velocities, switched_off, runners, .. } = all;
         for (what, n, of) in [
             ("stalls", stalls, 1),
             ("stalls in brakes", in_brakes, 10),
@@ -289,6 +293,8 @@ fn a_process_that_stands_still() {
             ("positions", positions, 2),
             ("velocities", velocities, 4),
             ("switched off", switched_off, 8),
+            ("stalls of runners at a card", runners[0], 8),
+            ("stalls of runners over a chip", runners[1], 8),
         ] {
             assert!(n >= schedules / of, "{what}: only {n} of {schedules}");
         }

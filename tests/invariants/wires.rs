@@ -1,6 +1,6 @@
 //! Random programs on a board at the end of a network card, over slave controllers and the software master, with random
-//! faults: frames that are lost, late or doubled on their way out or back, or come back in another order, frames of
-//! other protocols and of another master, a card that is down, a late runner, and faults of slaves and cable. The seed
+//! faults: frames that are lost, late or doubled on their way out or back, or come back in another order or with wrong
+//! working counters, frames of other protocols and of another master, a card that is down, a late runner, and faults of slaves and cable. The seed
 //! chooses whether a runner waits for the time of each cycle, the number of drives and the cycle. `followed` has the
 //! invariants.
 //!

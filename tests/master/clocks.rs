@@ -6,6 +6,7 @@ use ecmsk::master::{Pace, Upstream};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings, HOP_NS};
 
+use super::predecessor::write;
 use super::rig::{CYCLE, MS, Rig, SECOND, US, slave};
 
 fn clock(local_time_ns: u64, drift_ppb: i32) -> EscSettings {
@@ -22,7 +23,7 @@ fn register<const N: usize>(rig: &Rig, slave: usize, address: u16) -> [u8; N] {
 }
 
 /// The delay that each slave was given.
-fn delays(rig: &Rig) -> Vec<Ns> {
+pub fn delays(rig: &Rig) -> Vec<Ns> {
     let delay = |n| u32::from_le_bytes(register(rig, n, registers::SYSTEM_TIME_DELAY)).into();
     (0..rig.net.chain.len()).map(delay).collect()
 }
@@ -130,11 +131,13 @@ fn sync0_comes_to_all_slaves_at_once() {
     assert_eq!(register::<1>(&rig, 0, registers::SYNC_ACTIVATION), [0]);
 }
 
-/// MASTER-6.4 A clock that has missed the frame that sets it would take minutes to converge: it is set anew.
+/// MASTER-6.4, MASTER-2.8 A clock that has missed the frame that sets it would take minutes to converge: it is set anew,
+/// also if another master has left a filter with which the difference of a clock is shown much later.
 #[test]
 fn a_clock_that_is_far_away_is_set_anew() {
     let kinds = ["drive", "drive", "drive"];
     let mut rig = Rig::line(&kinds);
+    write(&mut rig, registers::TIME_DIFFERENCE_FILTER, &[15]);
     rig.scan();
     let offset = u64::from_le_bytes(register(&rig, 1, registers::SYSTEM_TIME_OFFSET)) + 50 * MS;
     let mut frame = [0; FRAME_LEN_MIN];

@@ -10,6 +10,7 @@ use ecmsk::slave::esc::{Chain, EscSettings, Predecessor};
 use support::dice::Dice;
 use support::schedules::run_all;
 
+use super::clocks::delays;
 use super::rig::{CYCLE, MS, Rig, SECOND, STEP, US, device, kinds, process_data, slave};
 use super::watchdog::killed;
 
@@ -21,8 +22,8 @@ const WATCHDOG: Ns = 100 * MS;
 const MOVES: i32 = 40;
 const COUNTS: i32 = 5;
 
-/// Slaves of these kinds in a line or with branches, some with a slow EEPROM, which another master has left.
-fn left(kinds: &[&str], dice: &mut Dice, seed: u64) -> Rig {
+/// Slaves of these kinds in a line or with branches, some with a slow EEPROM.
+fn network(kinds: &[&str], dice: &mut Dice) -> Rig {
     let mut chain = Chain::default();
     let has_branch = dice.one_in(2);
     for (n, kind) in kinds.iter().enumerate() {
@@ -43,7 +44,12 @@ fn left(kinds: &[&str], dice: &mut Dice, seed: u64) -> Rig {
             }
         }
     }
-    let mut rig = Rig::of(chain);
+    Rig::of(chain)
+}
+
+/// Such slaves, which another master has left.
+fn left(kinds: &[&str], dice: &mut Dice, seed: u64) -> Rig {
+    let mut rig = network(kinds, dice);
     rig.net.now = SECOND;
     rig.net.chain.advance(rig.net.now);
     rig.net.chain.leave(&mut Predecessor::seeded(seed), rig.net.now);
@@ -129,6 +135,21 @@ fn what_another_master_has_left_does_not_matter() {
     });
 }
 
+/// MASTER-2.8, MASTER-6.1 Whatever another master has left, propagation delays and the ports by which frames enter are
+/// measured as in slaves that have just been switched on: receive times are those of the measuring frame, too, if they
+/// were left in the mode of slaves that frames enter by another port (0x0936).
+#[test]
+fn delays_are_measured_whatever_another_master_has_left() {
+    for seed in 0..20 {
+        let kinds = kinds(1 + seed as usize % 5);
+        let [mut rig, mut clean] = [left(&kinds, &mut Dice(seed), seed), network(&kinds, &mut Dice(seed))];
+        assert_eq!((rig.scan(), clean.scan()), (kinds.len(), kinds.len()));
+        assert_eq!(delays(&rig), delays(&clean), "seed {seed}");
+        let ports = |rig: &Rig| rig.master.slaves().iter().map(|slave| slave.entry_port).collect::<Vec<_>>();
+        assert_eq!(ports(&rig), ports(&clean), "seed {seed}");
+    }
+}
+
 /// MASTER-2.8 A command for its EEPROM that another master has begun is not mistaken for the master's own: the slave's
 /// identity is right.
 #[test]
@@ -180,7 +201,7 @@ fn no_first_request_is_taken_for_a_repeat() {
 }
 
 /// Another master writes registers of all slaves.
-fn write(rig: &mut Rig, ado: u16, data: &[u8]) {
+pub fn write(rig: &mut Rig, ado: u16, data: &[u8]) {
     let mut buffer = [0; 60];
     let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams([0x20; 6])).expect("room");
     frame.push(DatagramHeader::register(Command::Bwr, 0, 0, ado), data).expect("room");

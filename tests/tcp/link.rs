@@ -2,13 +2,13 @@
 #![cfg(unix)]
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
 use ecmsk::ecm::{Close, Config, Ecm, Options};
 use ecmsk::engine::Counters;
-use ecmsk::link::{self, Dir, Link, LinkError, ReadMeta, Share, Wait};
+use ecmsk::link::{self, Dir, Layer, Link, LinkError, LinkStats, ReadMeta, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
 use support::tcp::{LIMIT, Puppet, SIZE, connect, frame, options, own, refused, serve, serve_link, until, uri};
 
@@ -363,4 +363,37 @@ fn a_clients_calls_allocate_nothing() {
         let counted = allocation_counter::measure(|| (0..200).for_each(|_| exchange()));
         assert_eq!(counted.count_total, 0, "{clock}: {counted:?}");
     }
+}
+
+/// A board that counts so many slaves with stale inputs.
+struct Stale {
+    inner: Arc<dyn Link>,
+    slaves: AtomicU64,
+}
+
+impl Layer for Stale {
+    fn inner(&self) -> &dyn Link {
+        self.inner.as_ref()
+    }
+
+    fn stats(&self) -> LinkStats {
+        let mut stats = self.inner.stats();
+        if let Some(board) = &mut stats.board {
+            board.inputs_stale = self.slaves.load(Ordering::Relaxed);
+            board.inputs_held = 10 * board.inputs_stale;
+        }
+        stats
+    }
+}
+
+/// Cycles with held inputs and slaves with stale inputs are counted for each client, from its connection on.
+#[test]
+fn stale_inputs_are_counted() {
+    let inner = link::open(&own("sim:?slaves=drive&clock=virtual"), Share::ByName).unwrap();
+    let board = Arc::new(Stale { inner, slaves: AtomicU64::new(2) });
+    let server = serve_link(Arc::clone(&board) as Arc<dyn Link>, options().0);
+    let client = connect(&server, "");
+    board.slaves.store(5, Ordering::Relaxed);
+    let counted = client.stats().board.expect("the board's counters");
+    assert_eq!((counted.inputs_held, counted.inputs_stale), (30, 3));
 }

@@ -16,7 +16,7 @@ use ecmsk::sk::{
     SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 use support::tcp::proxy::Cable;
-use support::tcp::{LIMIT, SIZE, Told, connect, connect_next, options, own, serve_with, until, uri};
+use support::tcp::{LIMIT, SIZE, Told, connect, connect_next, options, own, serve_with, time_behind, until, uri};
 
 /// The keep-alive time of a link that names none.
 const KEEPALIVE: Duration = Duration::from_millis(500);
@@ -262,6 +262,12 @@ fn readers_see_the_ramp() {
 /// own link is lost then, and the result of a pending write is reported as unknown.
 #[test]
 fn a_pulled_cable() {
+    // A machine may be late, but not in each of so many tries.
+    assert!((0..5).any(|_| pulled() < 5 * KEEPALIVE), "docs/SAFETY.md: four keep-alive times");
+}
+
+/// Unplugs a writer's cable. Returns for how long the server had no word of it, by its own clock.
+fn pulled() -> Duration {
     let (server, told) = served("real", OnVanish::Ramp);
     let Wired { link, cable } = prepared(&server, &told);
     drive(link.as_ref(), 200);
@@ -270,12 +276,14 @@ fn a_pulled_cable() {
     let ended = link.write(&Frame::new(), Wait::For(LIMIT)).unwrap_err();
     assert!(matches!(ended, LinkError::Unsure { .. }), "{ended:?}");
     assert!(matches!(link.check(), Err(LinkError::Lost { .. })));
-    told.wait("no word for");
+    let silent = time_behind(&told.wait("no word for"), "no word for");
     // The newest word may have been a keep-alive time older. A late machine takes longer, but no server is hasty.
     assert!(pulled.elapsed() >= 3 * KEEPALIVE, "docs/SAFETY.md: four keep-alive times, {:?}", pulled.elapsed());
     told.wait("stand still");
     let (first, later) = after(&server);
     assert!((later[1].0 - first[1].0).abs() < 20, "the velocity has ended: {first:?} {later:?}");
+    assert!(silent >= 4 * KEEPALIVE, "docs/SAFETY.md: four keep-alive times, {silent:?}");
+    silent
 }
 
 /// TCP-9 A homing that its writer has begun is aborted.
@@ -323,7 +331,7 @@ fn a_server_that_is_stopped() {
     ecm.adopt(&config()).unwrap();
     let first = ecm.next_cycle(LIMIT).unwrap();
     let took = first.meta.at.0 - began.0;
-    assert!(took <= 2_030_000_000, "docs/SAFETY.md: 2 s and some cycles, {took} ns");
+    assert!(took <= 2_008_000_000, "docs/SAFETY.md: 2 s and 8 cycles, {took} ns");
     let later = (0..100).map(|_| ecm.next_cycle(LIMIT).unwrap()).last().unwrap();
     for slave in [1, 2] {
         assert!((later.position(slave).unwrap() - first.position(slave).unwrap()).abs() < 20);

@@ -1,13 +1,20 @@
 //! Axes whose host has vanished.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use ecmsk::cia402::DriveState;
 use ecmsk::coe::ObjectAddress;
-use ecmsk::port::xf::{Listen, OnVanish, Options};
+use ecmsk::ethercat::Ns;
+use ecmsk::link::chip::{self, ChipError, ChipInfo, ChipLink};
+use ecmsk::port::xf::{Listen, OnVanish, Options, Server};
+use ecmsk::xf::host::Wires;
 use ecmsk::xf::request::{FifoEnable, Reconfig, Slaves};
 use ecmsk::xf::{CommandHeader, EtherCatState};
 use ecmsk::xf_api::{NetworkConfig, Xf};
+
+use support::dice::Dice;
 
 use crate::client::{CLOSE, Remote, any_port, serve, serve_with};
 
@@ -133,6 +140,73 @@ fn a_server_that_is_stopped() {
     assert_eq!((kind, status), (5, 5));
     let said = log.lines();
     assert!(said.iter().any(|line| line.contains("3 slaves that were in OP are in SafeOP")), "{said:?}");
+}
+
+/// A chip whose server stalls for up to 5 s before some exchanges, while chip and slaves go on.
+struct Stalling {
+    chip: Box<dyn ChipLink>,
+    dice: Dice,
+    /// The number of stalls to come.
+    left: Arc<AtomicU64>,
+}
+
+impl Wires for Stalling {
+    type Error = ChipError;
+
+    fn now(&self) -> Ns {
+        self.chip.now()
+    }
+
+    fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
+        if self.left.load(Ordering::Relaxed) > 0 && self.dice.one_in(4) {
+            self.left.fetch_sub(1, Ordering::Relaxed);
+            let until = self.chip.now() + self.dice.below(5_000_000_000);
+            self.chip.wait_until(until)?;
+        }
+        self.chip.exchange(to_chip, from_chip)
+    }
+
+    fn wait_until(&mut self, time: Ns) -> Result<(), ChipError> {
+        self.chip.wait_until(time)
+    }
+
+    fn wait_ready(&mut self, until: Ns) -> Result<bool, ChipError> {
+        self.chip.wait_ready(until)
+    }
+}
+
+impl ChipLink for Stalling {
+    fn info(&self) -> ChipInfo {
+        self.chip.info()
+    }
+
+    fn int1(&mut self) -> Result<Option<bool>, ChipError> {
+        self.chip.int1()
+    }
+}
+
+/// XF-14.8 A server that stalls while it stops the axes stops them all the same.
+#[test]
+fn a_server_that_stalls() {
+    for seed in 0..4 {
+        let left = Arc::<AtomicU64>::default();
+        let stalls = Arc::clone(&left);
+        let open = move || {
+            let (chip, config) = chip::open(URI)?;
+            let stalling = Stalling { chip, dice: Dice(seed), left: Arc::clone(&stalls) };
+            Ok((Box::new(stalling) as Box<dyn ChipLink>, config))
+        };
+        let tell = Arc::new(|line: &str| println!("{line}"));
+        let server =
+            Server::start(open, Options { listen: any_port(), tell, ..Options::default() }).expect("it is served");
+        let xf = moving(server.listen());
+        left.store(1 + seed, Ordering::Relaxed);
+        xf.link().client.hang_up();
+        drop(xf);
+        let (state, drives) = found(server.listen());
+        assert_eq!((state, &drives[..]), (STOPPED.0, &STOPPED.1[..]), "seed {seed}");
+        assert_eq!(left.load(Ordering::Relaxed), 0, "seed {seed}");
+    }
 }
 
 /// XF-14.9 A host that has sent nothing has moved nothing: the chip gets no byte after it, and so is still in its state

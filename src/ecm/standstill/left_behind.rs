@@ -64,10 +64,9 @@ impl Stop<'_, '_> {
         Ok(true)
     }
 
-    /// Waits for the next report.
+    /// Waits for the next report. A board is silent if it has made none since the stop began.
     fn next_report(&mut self) -> Result<(), EcmError> {
-        let exchange = &self.ecm.exchange;
-        let began = exchange.now();
+        let (exchange, began) = (&self.ecm.exchange, self.began);
         while !exchange.read(self.session, self.deadline)? {
             exchange.check_silence(self.session, began, "a standstill")?;
             if exchange.now() >= self.deadline {

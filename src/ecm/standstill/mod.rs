@@ -132,7 +132,6 @@ impl<'a, 's> Stop<'a, 's> {
         if !self.session.in_op() || self.session.network.count == 0 {
             return Ok(());
         }
-        self.began = self.ecm.exchange.now();
         self.discard_unwanted()?;
         self.end_homing()?;
         loop {

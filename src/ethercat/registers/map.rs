@@ -137,6 +137,7 @@ map! {
     SPEED_COUNTER_DIFFERENCE = 0x0932, 2, Read, "speed counter difference";
     TIME_DIFFERENCE_FILTER = 0x0934, 1, Write, "system time difference filter depth";
     SPEED_FILTER = 0x0935, 1, Write, "speed counter filter depth";
+    /// Bit 0, reverse mode: a write to [`RECEIVE_TIMES`] latches at ports 1 to 3 the times of the frame before it.
     RECEIVE_TIME_LATCH_MODE = 0x0936, 1, Write, "receive time latch mode";
     CYCLIC_UNIT_CONTROL = 0x0980, 1, Write, "cyclic unit control";
     /// Which SYNC pulses the slave's clock generates, see [`SyncActivation`](super::SyncActivation).

@@ -16,6 +16,10 @@ use crate::xf_api::{Xf, XfError};
 /// How long the change to SafeOP may take. \[OURS]
 const STATE_TIME_MAX: Duration = Duration::from_secs(5);
 
+/// How often stopping is tried. If this process stalls meanwhile, a time limit of the driver may have passed although the
+/// chip answers. \[OURS]
+const TRIES: usize = 3;
+
 /// The result of stopping the axes of a vanished host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stopped {
@@ -28,6 +32,17 @@ pub(super) enum Stopped {
 /// Switches the FIFO off, empties it, and brings slaves in OP to SafeOP. Afterwards the chip uses fixed check words, as
 /// after power-on. Fails if the chip does not answer, or a slave stays in OP.
 pub(super) fn bring_to_safe_op(link: &mut dyn ChipLink, config: HostConfig) -> Result<Stopped, XfError> {
+    let mut stopped = try_to_stop(link, config);
+    for _ in 1..TRIES {
+        if stopped.is_ok() {
+            break;
+        }
+        stopped = try_to_stop(link, config);
+    }
+    stopped
+}
+
+fn try_to_stop(link: &mut dyn ChipLink, config: HostConfig) -> Result<Stopped, XfError> {
     let busy_ns = STATE_TIME_MAX.as_nanos() as u64;
     let timeouts = Timeouts { busy_ns, ..config.timeouts };
     // The chip's data size n is not changed (`wanted_size: None`), because the next host expects the size that it has

@@ -41,6 +41,8 @@ pub(super) struct ControllerEvents {
 pub struct Controller {
     /// The arrival time of the newest frame, ns of simulated time.
     pub(super) arrival: Ns,
+    /// The arrival time of the frame before that one.
+    arrival_before: Ns,
     pub(super) watchdog: Watchdog,
     clock: Clock,
     pub(super) events: ControllerEvents,
@@ -98,6 +100,7 @@ impl Controller {
             event_mask: 0,
             protection: Protection::default(),
             arrival: now,
+            arrival_before: now,
             returns: [None; PORTS - 1],
             links: [false; PORTS],
             opened: [true; PORTS],
@@ -198,7 +201,7 @@ impl Controller {
     /// is disabled again.
     #[inline]
     pub(super) fn begin_frame(&mut self, arrival: Ns) {
-        self.arrival = arrival;
+        self.arrival_before = std::mem::replace(&mut self.arrival, arrival);
         self.protection.begin_frame();
     }
 

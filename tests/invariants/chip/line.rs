@@ -36,7 +36,12 @@ pub struct Trouble {
     pub reset: bool,
     /// The faults so far.
     pub faults: BTreeMap<Fault, u64>,
+    /// A host that stalls before any exchange, and for how long; `None`: it does not.
+    pub stalls: Option<Stalls>,
 }
+
+/// Says before each exchange for how long the host stalls.
+pub type Stalls = Box<dyn FnMut() -> Option<Ns> + Send>;
 
 impl Ends for Arc<Mutex<Trouble>> {
     fn fault(&mut self, what: u64, cycle_us: u32, dice: &mut Dice) {
@@ -107,7 +112,8 @@ impl Wires for Line {
         let mut trouble = self.trouble();
         let rarely = trouble.rarely;
         let dead_ns = std::mem::take(&mut trouble.dead_ns);
-        let late_ns = std::mem::take(&mut trouble.late_ns);
+        let stalled = trouble.stalls.as_mut().and_then(|stalls| stalls());
+        let late_ns = std::mem::take(&mut trouble.late_ns).max(stalled.unwrap_or(0));
         let [mended, reset] = [std::mem::take(&mut trouble.mended), std::mem::take(&mut trouble.reset)];
         drop(trouble);
         let before = self.now;

@@ -55,6 +55,11 @@ impl fmt::Debug for Bounds {
 }
 
 impl Bounds {
+    /// Whether it jumps by itself.
+    pub const fn jumps(&self) -> bool {
+        self.jumps
+    }
+
     /// All targets, velocities and torques.
     pub fn accepted(&self) -> &Accepted {
         &self.accepted

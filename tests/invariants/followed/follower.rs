@@ -82,7 +82,8 @@ impl Inside {
         use DriveState::{OperationEnabled, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
         let state = self.shows.statusword.state().expect("a state");
         let word = match (state, out.controlword) {
-            (_, Controlword::DISABLE_VOLTAGE) => DISABLED,
+            // A quick stop ends within the cycle, and follows no target.
+            (_, Controlword::DISABLE_VOLTAGE) | (OperationEnabled, Controlword::QUICK_STOP) => DISABLED,
             (SwitchOnDisabled | SwitchedOn | OperationEnabled, Controlword::SHUTDOWN) => READY,
             (ReadyToSwitchOn | OperationEnabled, Controlword::SWITCH_ON) => SWITCHED_ON,
             (SwitchedOn, Controlword::ENABLE_OPERATION) => ENABLED,

@@ -65,8 +65,8 @@ impl Slave for Noting {
     }
 }
 
-/// The runner of a board on a network card, which may stall before any cycle, or of a board over a chip, which stalls before
-/// an exchange that a test chooses; unused on another bus.
+/// The runner of a board on a network card, which may stall before any cycle, or of a board over a chip, which may stall before
+/// any exchange. It is unused on simulated slaves: they are a part of the runner's process, and stand still with it.
 #[derive(Clone)]
 pub struct Runner(Arc<Mutex<RunnerInside>>);
 
@@ -104,6 +104,12 @@ impl Runner {
 
     pub fn stood(&self) -> u64 {
         self.inside().stood
+    }
+
+    /// The same for a board over a chip.
+    pub fn stood_over_chip(&self) -> u64 {
+        let inside = self.inside();
+        if inside.chip.is_some() { inside.stood } else { 0 }
     }
 
     fn stands(&self) -> Option<Ns> {
@@ -219,7 +225,9 @@ pub fn net(seed: u64, count: usize, dice: &mut Dice) -> Net {
             let how = How::random(seed);
             let network = SimHandle::default();
             let (bus, trouble) = how.bus(seed, slaves, network.clone());
-            let runner = Runner::new(of_runner, Some(trouble));
+            let runner = Runner::new(of_runner, Some(Arc::clone(&trouble)));
+            let stalling = runner.clone();
+            trouble.lock().expect("no panic").stalls = Some(Box::new(move || stalling.stands()));
             Net { bus, network, told, cycle_us: how.cycle_us, runner }
         }
     }

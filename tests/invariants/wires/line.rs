@@ -10,6 +10,7 @@ use ecmsk::fieldbus::nic::{ChainWires, NicWires};
 use ecmsk::master::{FrameBuffer, Wire, WireDown};
 use ecmsk::sk::Frame;
 use support::dice::Dice;
+use support::lying_wire::{Answer, Lies};
 
 use crate::followed::Ends;
 
@@ -18,6 +19,8 @@ const MS: Ns = 1_000_000;
 /// The greatest delay of an answer's copy: after 256 frames its index has another owner, and the copy could not be
 /// distinguished from that one's answer.
 const COPY_LATE_NS: Ns = 5 * MS;
+/// The most successive frames with a wrong working counter: more than a slave's inputs may stay away.
+const LYING_MAX: u64 = 60;
 /// So many successive calls without elapsed time count as a hang.
 const STANDSTILL: u32 = 10_000;
 
@@ -37,6 +40,8 @@ enum Fault {
     Stranger,
     /// A frame of another protocol, or no frame at all.
     Garbage,
+    /// In some frames the working counter of process data is wrong, and the inputs beside it are none.
+    Lying,
     /// The card is down.
     Down,
     /// The runner is late.
@@ -61,6 +66,8 @@ struct Inside {
     /// Frames on their way out, in their order.
     outward: VecDeque<Arriving>,
     homeward: Vec<Arriving>,
+    /// The number of frames that are still to come back with a wrong working counter.
+    lying: u64,
     calls: u32,
 }
 
@@ -144,6 +151,7 @@ impl Line {
             faults: BTreeMap::new(),
             outward: VecDeque::new(),
             homeward: Vec::new(),
+            lying: 0,
             calls: 0,
         };
         Self { inside: Arc::new(Mutex::new(inside)), is_real_time }
@@ -183,7 +191,7 @@ impl Wire for Line {
     }
 
     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
-        use Fault::{DoubledBack, Garbage, LateBack, LostBack, Stranger};
+        use Fault::{DoubledBack, Garbage, LateBack, LostBack, Lying, Stranger};
         let mut inside = self.inside();
         let now = inside.wires.now();
         if let Some(n) = inside.homeward.iter().position(|one| one.at <= now) {
@@ -196,8 +204,18 @@ impl Wire for Line {
             if now < inside.down_until {
                 continue;
             }
-            match inside.fault(&[LostBack, DoubledBack, LateBack, Stranger, Garbage]) {
+            if inside.lying > 0 {
+                inside.lying -= 1;
+                lie(&mut buffer[..len], &mut inside.dice);
+                return Some(len);
+            }
+            match inside.fault(&[LostBack, DoubledBack, LateBack, Stranger, Garbage, Lying]) {
                 None => return Some(len),
+                Some(Lying) => {
+                    inside.lying = inside.dice.below(LYING_MAX);
+                    lie(&mut buffer[..len], &mut inside.dice);
+                    return Some(len);
+                }
                 Some(LostBack) => {}
                 Some(DoubledBack) => {
                     let at = if inside.dice.one_in(2) { now } else { now + inside.dice.below(COPY_LATE_NS) };
@@ -221,6 +239,21 @@ impl Wire for Line {
             }
         }
     }
+}
+
+/// Makes working counters of process data 0 or too high, and inputs others than those of the slaves. No such counter is the
+/// expected one, whichever slaves are missing.
+fn lie(frame: &mut [u8], dice: &mut Dice) {
+    let (is_too_high, byte) = (dice.one_in(2), dice.roll() as u8);
+    let lies = Lies::default();
+    lies.tell(move |answer: &mut Answer<'_>| {
+        if answer.command == Command::Lrw {
+            answer.data.fill(byte);
+            answer.count = if is_too_high { 100 } else { answer.counter.wrapping_neg() };
+        }
+    });
+    let sent = frame.to_vec();
+    lies.change(&sent, frame);
 }
 
 /// A frame of another master, with an index that this master may use, too.
@@ -280,7 +313,7 @@ impl Ends for LineEnds {
 
     fn mend(&mut self) {
         let mut inside = self.line.inside();
-        (inside.rarely, inside.down_until, inside.late_ns) = (None, 0, 0);
+        (inside.rarely, inside.down_until, inside.late_ns, inside.lying) = (None, 0, 0, 0);
     }
 
     fn faults(&self) -> u64 {

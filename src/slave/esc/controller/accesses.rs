@@ -19,6 +19,9 @@ const EEPROM_COMMANDS: std::ops::Range<usize> = registers::SII_CONTROL as usize.
 /// the network to it have no effect.
 const SYNC_OWNED_BY_DEVICE: u8 = 1 << 0;
 
+/// Bit 0 of [`RECEIVE_TIME_LATCH_MODE`](registers::RECEIVE_TIME_LATCH_MODE): reverse mode.
+const LATCH_REVERSE: u8 = 1 << 0;
+
 /// Length in bytes of the registers with the latch times of all edges.
 const LATCH_TIMES_LEN: usize = 16 * LATCHES;
 
@@ -332,13 +335,17 @@ impl Controller {
         self.memory.set_u64(registers::SYNC0_START, now.wrapping_add_signed(ahead.into()));
     }
 
+    /// Latches the receive times of the newest frame. In reverse mode the ports 1 to 3 show those of the frame before it:
+    /// that mode is for slaves which frames enter by one of these ports.
     fn latch_receive_times(&mut self) {
         let arrival = self.clock.local();
+        let is_reverse = self.memory.u8(registers::RECEIVE_TIME_LATCH_MODE) & LATCH_REVERSE != 0;
+        let passed = if is_reverse { self.arrival_before } else { self.arrival };
         self.memory.set_u64(registers::RECEIVE_TIME_UNIT, arrival);
         self.memory.set_u32(registers::RECEIVE_TIMES, arrival as u32);
         for (port, returns_ns) in (1..).zip(self.returns) {
             if let Some(returns_ns) = returns_ns {
-                let local = self.clock.local_at(self.arrival + returns_ns);
+                let local = self.clock.local_at(passed + returns_ns);
                 self.memory.set_u32(registers::receive_time(port), local as u32);
             }
         }

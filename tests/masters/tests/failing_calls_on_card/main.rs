@@ -1,6 +1,6 @@
 //! The Nth system call of `ecmsk move` on a network card fails, with each error that it may give, or the process is killed
 //! there: the run ends, it ends with status 0 only at its target, and afterwards the axis stands. The test makes a share
-//! of all failures, `cargo xtask soak` all of them.
+//! of all failures, `cargo xtask soak` a larger one.
 #![cfg(all(target_os = "linux", target_arch = "x86_64"))]
 
 mod needs_network_namespace {
@@ -80,7 +80,8 @@ mod needs_network_namespace {
 
     #[test]
     fn a_move_on_a_card() {
-        failing_calls::strike("cargo test -p masters --test failing_calls", "a_move_on_a_card", SHARE, |blow| {
+        let again = "cargo test -p masters --test failing_calls_on_card";
+        failing_calls::strike(again, "a_move_on_a_card", SHARE, |blow| {
             let rig = Rig::new("drive", "failing_calls");
             let run = Run::judge(moves(blow), |struck| {
                 let said = &struck.ended.stdout;

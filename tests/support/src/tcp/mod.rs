@@ -51,6 +51,18 @@ fn until_told<T>(what: impl Fn() -> String, mut look: impl FnMut() -> Option<T>)
     }
 }
 
+/// The time that a message names behind these words, as `1.23s` or `500ms`.
+///
+/// # Panics
+/// If there is none.
+pub fn time_behind(message: &str, words: &str) -> Duration {
+    let (_, rest) = message.split_once(words).expect(words);
+    let rest = rest.trim_start();
+    let digits = rest.find(|c: char| !c.is_ascii_digit() && c != '.').expect("a unit");
+    let unit = if rest[digits..].starts_with("ms") { 0.001 } else { 1.0 };
+    Duration::from_secs_f64(rest[..digits].parse::<f64>().expect("a number") * unit)
+}
+
 /// Options of a server on any free port, and its messages.
 pub fn options() -> (ServeOptions, Told) {
     let told = Told::default();

@@ -194,14 +194,15 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let other = args.beside.as_deref().map(|file| Other::read(file, args.slot_size, op)).transpose()?;
     let other = other.and_then(|other| other.cut(times));
     let window = first.window()?;
-    let First { survey, asked, chosen, device, frames, damage, .. } = first;
+    let First { survey, asked, chosen, device, frames, is_whole, damage, .. } = first;
     let reading = Frames::open(&args.file, args.slot_size, device)?.quiet();
     let panels = args.panels(reading, &asked, &chosen, &survey, window, other.as_ref())?;
     // The time axis ends with the longer one of both recordings.
     let shown = other.map_or(window, |other| window.with(other.window()));
     let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
     let file = args.file.display();
-    let about = format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0));
+    let first = if is_whole { "" } else { "first " };
+    let about = format!("{stretch} s of {file}, {first}{} frames", style::number(frames as f64, 0));
     let title = args.title.clone().or_else(|| survey.link()).unwrap_or_else(|| file.to_string());
     let caption = chart::Caption { title, about, range: shown.range(), axis: "time (s)" };
     Ok((Sheet { panels, caption }, damage))
@@ -218,7 +219,9 @@ struct First {
     op: Window,
     /// The times of the options `--from` and `--to`.
     times: Times,
+    /// The number of frames that were read, and whether these are all.
     frames: u64,
+    is_whole: bool,
     damage: Option<RecordError>,
 }
 
@@ -244,7 +247,16 @@ fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>)
     let mut survey = Survey::default();
     let device = recording::board(&args.file, args.device)?;
     let mut recording = Frames::open(&args.file, args.slot_size, device)?;
-    let Walked { frames, damage, jumps } = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
+    let times = Times { from: args.from, to: args.to };
+    let until_ns = args.to.map_or(i64::MAX, |s| Window::of_times(0, nanoseconds(s)).read_until_ns());
+    let mut walked = walk(&mut recording, until_ns, |framed| survey.frame(framed))?;
+    if !walked.is_whole && survey.op().is_none_or(|op| op.cut(times).is_none()) {
+        // Nothing can be drawn, and the error names the time in OP, which the rest of the recording has.
+        survey = Survey::default();
+        recording = Frames::open(&args.file, args.slot_size, device)?.quiet();
+        walked = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
+    }
+    let Walked { frames, is_whole, damage, jumps } = walked;
     recording.note_opened();
     recording.note_missing();
     if let Some(jumps) = jumps {
@@ -255,14 +267,15 @@ fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>)
         return Err(damage.map_or(no_op.into(), CliError::from));
     };
     let chosen = asked.choose(&survey, room)?;
-    let times = Times { from: args.from, to: args.to };
-    Ok(First { survey, asked, chosen, device, op, times, frames, damage })
+    Ok(First { survey, asked, chosen, device, op, times, frames, is_whole, damage })
 }
 
 /// The result of reading a recording.
 struct Walked {
     /// The number of frames that were read.
     frames: u64,
+    /// Whether the recording was read to its end, and not only up to the time that is needed.
+    is_whole: bool,
     /// Why the recording ends early. A program that was killed leaves such a recording; the frames before its end are
     /// valid.
     damage: Option<RecordError>,
@@ -273,7 +286,7 @@ struct Walked {
 /// Calls `show` with every frame of the recording up to `until_ns`, sorted by time.
 fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
     let mut order = InTime::default();
-    let mut walked = Walked { frames: 0, damage: None, jumps: None };
+    let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
     for framed in recording {
         match framed {
             Ok(framed) => {
@@ -291,6 +304,7 @@ fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(
     while let Some(framed) = order.pop() {
         show(&framed);
     }
+    walked.is_whole = true;
     walked.jumps = order.jumps();
     Ok(walked)
 }
@@ -457,8 +471,8 @@ mod tests {
         args: Args,
     }
 
-    /// To draw a part of a long recording, the whole recording is read once to survey it, and then only up to the end of that
-    /// part.
+    /// To draw a part of a long recording, it is read twice up to the end of that part, and no further: the rest may be
+    /// damaged. Only if nothing can be drawn it is read to its end, for an error that names all of the time in OP.
     #[test]
     fn a_part_of_a_recording_is_read_once_more_up_to_its_end() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -470,18 +484,37 @@ mod tests {
             client.read();
         }
         client.link.close();
-        let frames_read = |from: &str, to: &str| {
+        let plot = |from: &str, to: &str| {
             let file = file.to_str().expect("UTF-8");
             let picture = folder.path().join("part.svg");
             let words = ["plot", file, "--from", from, "--to", to, "-o", picture.to_str().expect("UTF-8")];
             recording::FRAMES_READ.set(0);
-            sheet(&Command::parse_from(words).args).expect("a plot");
-            recording::FRAMES_READ.get()
+            let plotted = sheet(&Command::parse_from(words).args);
+            (recording::FRAMES_READ.get(), plotted)
         };
-        let (early, late) = (frames_read("1", "2"), frames_read("18", "19"));
-        let all = late / 2;
-        assert!(all > 19_000 && early > all, "{early} and {late}");
-        // The second reading may continue up to a second after the part, and the sorting by time reads some frames ahead.
-        assert!(early - all < all * 3 / 20 + 1100 + all / 40, "{early} of {all}");
+        let all = {
+            let mut recording = Frames::open(&file, None, None).expect("a recording");
+            walk(&mut recording, i64::MAX, |_| {}).expect("frames").frames
+        };
+        assert!(all > 20_000, "{all}");
+        // Each reading may continue up to a second after the part, and the sorting by time reads some frames ahead.
+        let most = |seconds: u64| 2 * (all * (seconds + 1) / 20 + 1100 + all / 40);
+        for (from, to, seconds) in [("1", "2", 2), ("7.5", "8", 8)] {
+            let (read, plotted) = plot(from, to);
+            let (sheet, damage) = plotted.expect("a plot");
+            assert!(read < most(seconds) && read > all * seconds / 10, "{from} to {to}: {read} of {all}");
+            assert!(damage.is_none() && sheet.caption.about.contains(", first "), "{}", sheet.caption.about);
+        }
+        let error = plot("0", "0.0001").1.err().expect("nothing is in OP").to_string();
+        let whole = plot("0", "30").1.expect("all of it").0.caption;
+        assert!(!whole.about.contains("first"), "{}", whole.about);
+        let end: f64 = whole.about.split(' ').nth(2).and_then(|end| end.parse().ok()).expect("a time");
+        assert!(error.contains(&format!(" to {end:.3} s;")), "{error}: {}", whole.about);
+
+        // What is behind the end of the part is not read.
+        let bytes = std::fs::read(&file).expect("the recording");
+        std::fs::write(&file, &bytes[..bytes.len() / 2 + 7]).expect("half of it");
+        assert!(plot("1", "2").1.expect("a plot").1.is_none());
+        assert!(plot("1", "12").1.expect("a plot").1.is_some());
     }
 }

@@ -282,7 +282,7 @@ impl Peer {
                 data[2..4].copy_from_slice(&assign.to_le_bytes());
                 for (n, (pdo, entries)) in pdos.iter().enumerate() {
                     data[4 + 2 * n..][..2].copy_from_slice(&pdo.to_le_bytes());
-                    data[10 + n] = entries.len() as u8;
+                    data[10 + 2 * n] = entries.len() as u8;
                     for (place, entry) in data[16 + 32 * n..].chunks_exact_mut(4).zip(*entries) {
                         place.copy_from_slice(&entry.to_le_bytes());
                     }

@@ -148,7 +148,7 @@
 //! | feature | default | what it adds |
 //! | --- | --- | --- |
 //! | `std` | yes | everything but [`sk`], [`xf`] and [`ethercat`], which need no operating system and no allocator |
-//! | `sim` | yes | simulated slaves and the link `sim:` |
+//! | `sim` | yes | simulated slaves, and the links `sim:` and `xf-sim:` |
 //! | `tcp` | yes | the link `tcp:` to a board that another program serves |
 //! | `usb` | | the links `usb:` and `xf-usb:`. They need libusb on Linux, which is loaded when the link is opened; on Windows `usb:` needs nothing, and there is no `xf-usb:` |
 //! | `spi` | | the links `spi:` and `xf-spi:`, over spidev and GPIO lines (Linux) |

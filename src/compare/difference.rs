@@ -5,7 +5,7 @@ use std::fmt::{self, Display, Formatter};
 use super::Side;
 use super::counts::seconds;
 use super::steps::Step;
-use crate::ethercat::cia402::Statusword;
+use crate::ethercat::cia402::{Statusword, error_name};
 use crate::sk::dump::{CommandDump, SlotLine};
 use crate::sk::{SdoCommand, SdoResponse, StateByte};
 
@@ -178,13 +178,13 @@ impl Display for Deviation {
             Self::Result { results: [a, b] } => write!(f, "result {a} (0x{a:X}) in A, {b} (0x{b:X}) in B"),
             Self::Fault { slave, side, error_code: 0 } => write!(f, "slave {slave} had a fault in {side}"),
             Self::Fault { slave, side, error_code } => {
-                write!(f, "slave {slave} had a fault in {side}, error code 0x{error_code:04X}")
+                write!(f, "slave {slave} had a fault in {side}, error code {}", ErrorCodeText(*error_code))
             }
             Self::Statusword { slave, words: [a, b] } => {
                 write!(f, "slave {slave} statusword {} in A, {} in B", StatuswordText(*a), StatuswordText(*b))
             }
             Self::ErrorCode { slave, codes: [a, b] } => {
-                write!(f, "slave {slave} error code 0x{a:04X} in A, 0x{b:04X} in B")
+                write!(f, "slave {slave} error code {} in A, {} in B", ErrorCodeText(*a), ErrorCodeText(*b))
             }
             Self::Position { slave, axis, counts: [a, b] } => {
                 let apart = a.abs_diff(*b);
@@ -214,6 +214,16 @@ impl Display for StatuswordText {
             Some(state) => write!(f, "0x{:04X} ({state})", self.0.0),
             None => write!(f, "0x{:04X}", self.0.0),
         }
+    }
+}
+
+/// The error code of a drive, object 0x603F, with its meaning; 0 is none.
+struct ErrorCodeText(u16);
+
+impl Display for ErrorCodeText {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "0x{:04X}", self.0)?;
+        if self.0 == 0 { Ok(()) } else { write!(f, " ({})", error_name(self.0)) }
     }
 }
 

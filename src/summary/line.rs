@@ -43,12 +43,15 @@ pub enum Line {
 }
 
 /// An alarm of a drive: a fault in its statusword.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Alarm {
     /// The slave, from 1.
     pub slave: u8,
     /// The error code, object 0x603F; 0 if the slave shows none.
     pub code: u16,
+    /// When the alarm began, ns: since the board was opened for a program that runs, since the first frame for a recording.
+    /// `None` if a library of another version does not say so.
+    pub at_ns: Option<i64>,
 }
 
 /// A change of the AL state of the network that failed.
@@ -71,7 +74,10 @@ impl fmt::Display for Line {
                 write!(f, "said {id} {}", &text[..text.floor_char_boundary(TEXT_MAX)])
             }
             Self::Repeated { id, times } => write!(f, "again {id} {times}"),
-            Self::Alarm(Alarm { slave, code }) => write!(f, "alarm {slave} {code}"),
+            Self::Alarm(Alarm { slave, code, at_ns }) => {
+                write!(f, "alarm {slave} {code}")?;
+                at_ns.map_or(Ok(()), |at_ns| write!(f, " {at_ns}"))
+            }
             Self::StateFailed(StateFailed { state, declared }) => write!(f, "state {state} {}", u8::from(*declared)),
             Self::Count { board, name, value } => write!(f, "count {board} {name} {value}"),
             Self::Dropped(lines) => write!(f, "dropped {lines}"),
@@ -90,7 +96,11 @@ impl Line {
                 Self::Message { id: id.parse().ok()?, text: text.to_owned() }
             }
             "again" => Self::Repeated { id: words.next()?.parse().ok()?, times: words.next()?.parse().ok()? },
-            "alarm" => Self::Alarm(Alarm { slave: words.next()?.parse().ok()?, code: words.next()?.parse().ok()? }),
+            "alarm" => Self::Alarm(Alarm {
+                slave: words.next()?.parse().ok()?,
+                code: words.next()?.parse().ok()?,
+                at_ns: words.next().map(str::parse).transpose().ok()?,
+            }),
             "state" => {
                 Self::StateFailed(StateFailed { state: words.next()?.parse().ok()?, declared: words.next()? == "1" })
             }
@@ -107,6 +117,9 @@ impl Line {
 
 impl fmt::Display for Alarm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(at_ns) = self.at_ns {
+            write!(f, "at {:.3} s: ", at_ns as f64 / 1e9)?;
+        }
         write!(f, "slave {} has an alarm", self.slave)?;
         match self.code {
             0 => f.write_str(", and shows no error code"),
@@ -167,7 +180,8 @@ mod tests {
         for line in [
             Line::Message { id: 7, text: "a text: of 3 words".to_owned() },
             Line::Repeated { id: 7, times: 3000 },
-            Line::Alarm(Alarm { slave: 40, code: 0x7500 }),
+            Line::Alarm(Alarm { slave: 40, code: 0x7500, at_ns: Some(1_501_000_000) }),
+            Line::Alarm(Alarm { slave: 40, code: 0x7500, at_ns: None }),
             Line::StateFailed(StateFailed { state: 0x12, declared: true }),
             Line::Count { board: 1, name: "rejected.wrong_state".to_owned(), value: u64::MAX },
             Line::Dropped(5),
@@ -176,7 +190,7 @@ mod tests {
         }
         let long = Line::Message { id: 0, text: "\u{20AC}\n\x1b[2J".repeat(1000) }.to_string();
         assert!(long.len() <= TEXT_MAX + 10 && !long.chars().any(char::is_control), "{long}");
-        for none in ["", "said", "said x y", "alarm 300 0", "count 0 full", "new 1 2"] {
+        for none in ["", "said", "said x y", "alarm 300 0", "alarm 3 0 soon", "count 0 full", "new 1 2"] {
             assert_eq!(Line::parse(none), None, "{none}");
         }
     }

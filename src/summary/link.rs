@@ -15,6 +15,8 @@ use crate::sk::Frame;
 pub struct WatchLink {
     inner: Arc<dyn Link>,
     summary_writer: &'static SummaryWriter,
+    /// When the link was opened, ns on its clock. Times of events count from it, as those of the log and of scripts.
+    opened_ns: i64,
     watch: Mutex<FrameWatch>,
     /// The board's counters when the link was opened. They are subtracted from later values, because a served board has counted
     /// for earlier programs too.
@@ -25,9 +27,15 @@ pub struct WatchLink {
 impl WatchLink {
     /// A watching link around `inner`, which was just opened.
     pub fn new(inner: Arc<dyn Link>, summary_writer: &'static SummaryWriter) -> Self {
-        let size = inner.info().slot.unwrap_or_default();
+        let (size, opened_ns) = (inner.info().slot.unwrap_or_default(), inner.info().opened_at.nanoseconds());
         let before = inner.stats().board.unwrap_or_default();
-        Self { inner, summary_writer, watch: Mutex::new(FrameWatch::new(size)), before, closed: AtomicBool::new(false) }
+        let watch = Mutex::new(FrameWatch::new(size));
+        Self { inner, summary_writer, opened_ns, watch, before, closed: AtomicBool::new(false) }
+    }
+
+    /// The time since the link was opened, ns.
+    fn since_opened(&self, at: Stamp) -> i64 {
+        at.nanoseconds().saturating_sub(self.opened_ns)
     }
 
     fn tell_end(&self) {
@@ -72,13 +80,13 @@ impl Layer for WatchLink {
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.inner.write(frame, wait)?;
-        self.watch().command(at.nanoseconds(), frame);
+        self.watch().command(self.since_opened(at), frame);
         Ok(at)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         let meta = self.inner.read(out, wait)?;
-        self.watch().report(meta.at.nanoseconds(), out, &mut |event| {
+        self.watch().report(self.since_opened(meta.at), out, &mut |event| {
             self.summary_writer.queue_line(match event {
                 FrameEvent::Alarm(alarm) => Line::Alarm(alarm),
                 FrameEvent::StateFailed(failed) => Line::StateFailed(failed),

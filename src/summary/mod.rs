@@ -51,7 +51,8 @@ const RECORD_DROPPED: &str = "record_dropped";
 /// What went wrong in a run, and how often.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
-    alarms: BTreeMap<Alarm, u64>,
+    /// The alarms by slave and error code: the first one, and how often it began.
+    alarms: BTreeMap<(u8, u16), (Alarm, u64)>,
     failed: BTreeMap<StateFailed, u64>,
     counts: BTreeMap<String, u64>,
     /// Messages of the log: the text of the first one of each kind, and the number of messages of the kind.
@@ -64,7 +65,7 @@ impl Summary {
     /// Adds an event that was found in a frame of the run.
     pub fn add_event(&mut self, event: FrameEvent) {
         match event {
-            FrameEvent::Alarm(alarm) => *self.alarms.entry(alarm).or_default() += 1,
+            FrameEvent::Alarm(alarm) => self.alarms.entry((alarm.slave, alarm.code)).or_insert((alarm, 0)).1 += 1,
             FrameEvent::StateFailed(failed) => *self.failed.entry(failed).or_default() += 1,
         }
     }
@@ -133,9 +134,9 @@ impl Summary {
         self.counts.iter().filter(|(_, value)| **value > 0).map(|(name, value)| (name.as_str(), *value))
     }
 
-    /// The alarms, with the number of times each began.
+    /// The alarms as they first began, with the number of times each began.
     pub fn alarms(&self) -> impl Iterator<Item = (Alarm, u64)> {
-        self.alarms.iter().map(|(alarm, times)| (*alarm, *times))
+        self.alarms.values().copied()
     }
 
     /// The changes of state that failed, with the number of times each failed.
@@ -196,7 +197,7 @@ impl Summary {
             }
         }
         let failed = self.failed.iter().map(|(failed, count)| (failed.to_string(), *count));
-        let alarms = self.alarms.iter().map(|(alarm, count)| (alarm.to_string(), *count));
+        let alarms = self.alarms().map(|(alarm, count)| (alarm.to_string(), count));
         let messages = self.messages.iter().filter(|(text, _)| !is_counted(text)).cloned();
         let others = failed.chain(alarms).chain(messages).filter(|(_, count)| !told || *count > 1);
         lines.extend(others.map(|(text, count)| format!("{text}{}", times(count))));

@@ -175,17 +175,17 @@ impl FrameWatch {
                 None if CommandId::from_code(slot.id).is_for_axes() => drive.error_code,
                 None => continue,
             };
-            self.alarm(slave, is_fault(drive.statusword).then_some(code), on_event);
+            self.alarm(at_ns, slave, is_fault(drive.statusword).then_some(code), on_event);
         }
     }
 
-    fn alarm(&mut self, slave: usize, now: Option<u16>, on_event: &mut dyn FnMut(FrameEvent)) {
+    fn alarm(&mut self, at_ns: i64, slave: usize, now: Option<u16>, on_event: &mut dyn FnMut(FrameEvent)) {
         let before = std::mem::replace(&mut self.alarms[slave - 1], now);
         // A drive may report the fault one cycle before its error code. This gives two events.
         if let Some(code) = now
             && before.is_none_or(|before| before != code && code != 0)
         {
-            on_event(FrameEvent::Alarm(Alarm { slave: slave as u8, code }));
+            on_event(FrameEvent::Alarm(Alarm { slave: slave as u8, code, at_ns: Some(at_ns) }));
         }
     }
 }

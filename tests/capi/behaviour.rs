@@ -93,6 +93,16 @@ mod needs_cxx {
         passes("close_during_read", "sim:?slaves=drive&clock=real", &[]);
     }
 
+    /// LIB-64 Two threads that read one board: both get reports, each report goes to exactly one of them, and none is lost.
+    #[test]
+    fn two_threads_share_the_reports() {
+        let [on_virtual, on_real] = CLOCKS;
+        for _ in 0..5 {
+            passes("two_readers", on_virtual, &["exact"]);
+        }
+        passes("two_readers", on_real, &[]);
+    }
+
     /// SK-4.34, LIB-49 SW_RESET drops the connection: calls are false until Open, and Close is not needed. LIB-43 On the virtual
     /// clock a loop that opens again ends.
     #[test]

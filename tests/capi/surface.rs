@@ -1,9 +1,12 @@
-//! The binary interface stays as in `surface.txt`: exports, and the declarations of `include/ecmsk.h`, with sizes and
-//! offsets as a C compiler sees them. The header is what cbindgen makes of the sources (`capi/tests/ecmsk_header.rs`).
+//! The binary interface keeps what it had: exports, and the declarations of `include/ecmsk.h`, with sizes and offsets as a
+//! C compiler sees them. The header is what cbindgen makes of the sources (`capi/tests/ecmsk_header.rs`).
+//!
+//! `surface/VERSION.txt` has the facts of each version. That of the present version grows; those of others are as they were
+//! released, and are never written again. `cargo xtask semver` compares them with the tags of the releases.
 #![cfg(target_os = "linux")]
 
 mod needs_cxx {
-    use std::collections::BTreeSet;
+    use std::collections::{BTreeMap, BTreeSet};
     use std::fmt::Write as _;
     use std::{env, fs};
 
@@ -153,6 +156,28 @@ mod needs_cxx {
         text
     }
 
+    /// The version that is being made.
+    const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+    /// The facts of all versions, by the name of the version.
+    fn all_kept() -> BTreeMap<String, String> {
+        let folder = root().join("tests/capi/surface");
+        let files = fs::read_dir(&folder).expect("tests/capi/surface").map(|entry| entry.expect("an entry").path());
+        let kept: BTreeMap<String, String> = files
+            .map(|file| {
+                let version = file.file_stem().expect("a name").to_string_lossy().into_owned();
+                (version, fs::read_to_string(&file).expect("facts"))
+            })
+            .collect();
+        assert!(!kept.is_empty(), "no version has facts: take the files of {} back from git", folder.display());
+        kept
+    }
+
+    /// The first version of which the facts `now` lack something, or have something else.
+    fn broken<'a>(kept: &'a BTreeMap<String, String>, now: &str) -> Option<&'a str> {
+        kept.iter().find(|(_, facts)| !has_only_additions(facts, now)).map(|(version, _)| &**version)
+    }
+
     /// Whether `now` has all lines of `kept`, in their order. A structure may have grown.
     fn has_only_additions(kept: &str, now: &str) -> bool {
         let mut now = now.lines();
@@ -169,33 +194,52 @@ mod needs_cxx {
         Some((structure, size.parse().ok()?))
     }
 
-    /// The surface of the C library is that of `surface.txt`. `ECMSK_BLESS` writes additions, and refuses every other
-    /// change: a program that was compiled before would break.
+    /// The surface of the C library has all that each version had, and nothing that the facts of the present one lack.
+    /// `ECMSK_BLESS` writes additions to these alone, and refuses every other change: a program that was compiled before
+    /// would break.
     #[test]
     fn the_surface_stays() {
-        let path = root().join("tests/capi/surface.txt");
-        let kept = fs::read_to_string(&path).unwrap_or_default();
-        let now = facts();
-        assert!(
-            has_only_additions(&kept, &now),
-            "programs that were compiled against the last release break; take the change back, or give the library a new SONAME\n\
-             --- kept\n{kept}\n--- now\n{now}"
-        );
+        let (kept, now) = (all_kept(), facts());
+        if let Some(version) = broken(&kept, &now) {
+            panic!(
+                "programs that were compiled against {version} break; take the change back, or give the library a new \
+                 SONAME\n--- {version}\n{}\n--- now\n{now}",
+                kept[version]
+            );
+        }
         if env::var_os("ECMSK_BLESS").is_some() {
-            fs::write(&path, &now).expect("tests/capi/surface.txt can be written");
+            let path = root().join("tests/capi/surface").join(VERSION).with_added_extension("txt");
+            fs::write(&path, &now).expect("the facts can be written");
             return;
         }
         assert!(
-            kept == now,
-            "there is something new; if it is right run `ECMSK_BLESS=1 cargo test --test capi surface`\n--- now\n{now}"
+            kept.get(VERSION) == Some(&now),
+            "there is something new since {VERSION}; if it is right run `ECMSK_BLESS=1 cargo test --test capi surface`\n\
+             --- now\n{now}"
         );
+    }
+
+    /// What a released version had stays, whatever the facts of later versions say.
+    #[test]
+    fn a_release_binds_later_versions() {
+        let facts = |lines: &str| lines.replace(' ', "\n") + "\n";
+        let kept = |versions: &[(&str, &str)]| -> BTreeMap<String, String> {
+            versions.iter().map(|(version, lines)| ((*version).to_owned(), facts(lines))).collect()
+        };
+        let released = kept(&[("0.1.0", "open close read")]);
+        assert_eq!(broken(&released, &facts("open close read write")), None);
+        assert_eq!(broken(&released, &facts("open read write")), Some("0.1.0"));
+        let next = kept(&[("0.1.0", "open close read"), ("0.2.0", "open read write")]);
+        assert_eq!(broken(&next, &facts("open read write")), Some("0.1.0"));
+        assert_eq!(broken(&next, &facts("open close read")), Some("0.2.0"));
+        assert_eq!(broken(&next, &facts("open close read write")), None);
     }
 
     /// No line of the facts may change or disappear, and none may come between members; additions at an end are
     /// allowed.
     #[test]
     fn what_breaks_programs_is_no_addition() {
-        let kept = fs::read_to_string(root().join("tests/capi/surface.txt")).expect("the facts");
+        let kept = all_kept().remove(VERSION).expect("the facts of the present version");
         let lines: Vec<&str> = kept.lines().collect();
         assert!(lines.len() > 80, "{}", lines.len());
         for at in 0..lines.len() {

@@ -4,7 +4,7 @@
 //!
 //! - `config.rs`: which link is opened when a program names none
 //! - `uri.rs`, `travel.rs`: the URI, its keys, and the travel of simulated axes
-//! - `in_build.rs`: the schemes that a build opens
+//! - `in_build.rs`: the schemes that a build opens, and the tables of features
 //! - `chip_usb.rs`: `xf-usb:`
 //! - `rate.rs`: `rate=`
 //! - `fault.rs`: `fault.*`

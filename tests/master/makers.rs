@@ -319,7 +319,7 @@ mod wrong_answers {
     use ecmsk::slave::esc::Chain;
     use support::blob::{BLOB, Blob, bytes};
 
-    use super::super::rig::{MS, Rig, SECOND};
+    use super::super::rig::{Faults, MS, Rig, SECOND};
     use super::change_answer;
 
     fn blob(len: usize) -> Rig {
@@ -396,6 +396,43 @@ mod wrong_answers {
         assert_eq!(rig.wait(id), Err(MailboxError::TimeUp.into()));
         let id = rig.master.download(1, BLOB, SdoScope::Entry, &[7], SECOND);
         assert_eq!(rig.wait(id), Ok(()));
+    }
+
+    /// MASTER-5.10 A wrong counter in the header of an answer makes it no wrong answer: values are read and written in the same time
+    /// as with right counters, whether they jump, go back, stand still or are not used. Frames may be lost meanwhile.
+    #[test]
+    fn wrong_counters_of_answers() {
+        type Count = fn(u8) -> u8;
+        let transfers = |rig: &mut Rig| {
+            assert_eq!(rig.upload(1, BLOB.index, 0), Ok(bytes(1000)));
+            assert_eq!(rig.download(1, BLOB.index, 0, &bytes(1000)), Ok(()));
+        };
+        let with = |count: Count| {
+            let mut rig = blob(1000);
+            change_answer(&mut rig, move |message| {
+                message[5] = message[5] & 0x0F | count(message[5] >> 4 & 7) << 4;
+                true
+            });
+            rig
+        };
+        let duration = |count: Count| {
+            let mut rig = with(count);
+            let begin = rig.net.now;
+            (0..5).for_each(|_| transfers(&mut rig));
+            rig.net.now - begin
+        };
+        let right = duration(|count| count);
+        let wrong: [Count; 4] = [|count| count * 3 % 7 + 1, |count| 8 - count, |_| 5, |_| 0];
+        for count in wrong {
+            assert_eq!(duration(count), right);
+            for seed in 0..10 {
+                let mut rig = with(count);
+                transfers(&mut rig);
+                rig.net.faults = Faults { lost_out: 60, lost_back: 60, ..Faults::all(seed, 0) };
+                (0..10).for_each(|_| transfers(&mut rig));
+                assert!(rig.master.counters().lost > 10, "{seed}");
+            }
+        }
     }
 
     /// MASTER-5.10 SDO information with fragments that do not count down ends at once.

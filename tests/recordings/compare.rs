@@ -268,6 +268,8 @@ fn a_fault_on_the_way() {
     };
     let (none, fault) = (run(&[]), run(&[(0x0218, 0), (0x0218, 0x7500)]));
     let expected = |side| Some((2, vec![Deviation::Fault { slave: 1, side, error_code: 0x7500 }]));
+    let text = Deviation::Fault { slave: 1, side: Side::B, error_code: 0x7500 }.to_string();
+    assert_eq!(text, "slave 1 had a fault in B, error code 0x7500 (communication)");
     assert_eq!(what(&none, &fault, &CompareOptions::default()), expected(Side::B));
     assert_eq!(what(&fault, &none, &CompareOptions::default()), expected(Side::A));
     assert_eq!(what(&fault, &run(&[(0x0218, 0x7500)]), &CompareOptions::default()), None, "the code may come later");

@@ -231,6 +231,8 @@ fn a_chip_that_was_reset_starts_again() {
 
 /// XF-16.12 XF-11.74 The reset line is low for 100 ms when the link is opened, closed, or both; the chip starts as
 /// after power-on, also in the middle of a packet.
+///
+/// Row: reset.
 #[test]
 fn the_reset_line() {
     for (at_open, at_close) in [(false, false), (true, false), (false, true), (true, true)] {

@@ -17,7 +17,8 @@
 //! - `pair.rs`, `pair/`: the driver and the model together, every function of them, with the feature `sim`
 //! - `schedules.rs`, `schedules/`: the same two with random faults, by seeds, with the feature `sim`
 //! - `chip.rs`, `chip/`: the model of the chip, with the feature `sim`; `network.rs`: its network
-//! - `drivers.rs`: hosts in the spirit of others' drivers against it, which share no line with this project's
+//! - `drivers.rs`, `drivers/`: hosts in the spirit of others' drivers against it, which share no line with this project's,
+//!   and the list of what is known of those drivers, with its tests
 
 mod answers;
 #[cfg(feature = "sim")]

@@ -58,6 +58,8 @@ fn lines() {
 
 /// XF-14.14 XF-11.74 A host resets the chip in the middle of a packet: it starts as after power-on, with the first byte
 /// of a packet and fixed check words. A link without the line reports that.
+///
+/// Row: reset.
 #[test]
 fn the_chip_is_reset() {
     let (server, _) = serve(OLD);

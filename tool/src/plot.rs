@@ -197,14 +197,15 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let other = args.beside.as_deref().map(|file| Other::read(file, args.slot_size, op)).transpose()?;
     let other = other.and_then(|other| other.cut(times));
     let window = first.window()?;
-    let First { survey, asked, chosen, device, frames, damage, .. } = first;
+    let First { survey, asked, chosen, device, frames, is_whole, damage, .. } = first;
     let reading = args.open(device)?.quiet();
     let panels = args.panels(reading, &asked, &chosen, &survey, window, other.as_ref())?;
     // The time axis ends with the longer one of both recordings.
     let shown = other.map_or(window, |other| window.with(other.window()));
     let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
     let file = args.file.display();
-    let about = format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0));
+    let first = if is_whole { "" } else { "first " };
+    let about = format!("{stretch} s of {file}, {first}{} frames", style::number(frames as f64, 0));
     let title = args.title.clone().or_else(|| survey.link()).unwrap_or_else(|| file.to_string());
     let caption = chart::Caption { title, about, range: shown.range(), axis: "time (s)" };
     Ok((Sheet { panels, caption }, damage))
@@ -221,7 +222,9 @@ struct First {
     op: Window,
     /// The times of the options `--from` and `--to`.
     times: Times,
+    /// The number of frames that were read, and whether these are all.
     frames: u64,
+    is_whole: bool,
     damage: Option<RecordError>,
 }
 
@@ -247,14 +250,18 @@ fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>)
     let mut survey = Survey::default();
     let device = recording::board(&args.file, args.device)?;
     let mut recording = args.open(device)?;
-    let mut walked = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
-    if survey.op().is_none() && recording.part_of().is_some() {
-        // The error names the time in OP, which is in another part of the recording.
+    let times = Times { from: args.from, to: args.to };
+    let until_ns = args.to.map_or(i64::MAX, |s| Window::of_times(0, nanoseconds(s)).read_until_ns());
+    let mut walked = walk(&mut recording, until_ns, |framed| survey.frame(framed))?;
+    let is_part = !walked.is_whole || recording.part_of().is_some();
+    if is_part && survey.op().is_none_or(|op| op.cut(times).is_none()) {
+        // Nothing can be drawn, and the error names the time in OP, which the rest of the recording has.
+        survey = Survey::default();
         recording = Frames::open(&args.file, args.slot_size, device)?.quiet();
         walked = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
     }
-    let Walked { frames, damage, jumps } = walked;
-    let frames = recording.part_of().unwrap_or(frames);
+    let Walked { frames, is_whole, damage, jumps } = walked;
+    let (frames, is_whole) = recording.part_of().map_or((frames, is_whole), |frames| (frames, true));
     recording.note_opened();
     recording.note_missing();
     if let Some(jumps) = jumps {
@@ -265,14 +272,15 @@ fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>)
         return Err(damage.map_or(no_op.into(), CliError::from));
     };
     let chosen = asked.choose(&survey, room)?;
-    let times = Times { from: args.from, to: args.to };
-    Ok(First { survey, asked, chosen, device, op, times, frames, damage })
+    Ok(First { survey, asked, chosen, device, op, times, frames, is_whole, damage })
 }
 
 /// The result of reading a recording.
 struct Walked {
     /// The number of frames that were read.
     frames: u64,
+    /// Whether the recording was read to its end, and not only up to the time that is needed.
+    is_whole: bool,
     /// Why the recording ends early. A program that was killed leaves such a recording; the frames before its end are
     /// valid.
     damage: Option<RecordError>,
@@ -283,7 +291,7 @@ struct Walked {
 /// Calls `show` with every frame of the recording up to `until_ns`, sorted by time.
 fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
     let mut order = recording.in_time();
-    let mut walked = Walked { frames: 0, damage: None, jumps: None };
+    let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
     for framed in recording {
         match framed {
             Ok(framed) => {
@@ -301,6 +309,7 @@ fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(
     while let Some(framed) = order.pop() {
         show(&framed);
     }
+    walked.is_whole = true;
     walked.jumps = order.jumps();
     Ok(walked)
 }
@@ -465,43 +474,4 @@ pub fn seconds(ns: i64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use clap::Parser;
-    use support::script_client::Client;
-
-    use super::*;
-
-    #[derive(Parser)]
-    struct Command {
-        #[command(flatten)]
-        args: Args,
-    }
-
-    /// To draw a part of a long recording, the whole recording is read once to survey it, and then only up to the end of that
-    /// part.
-    #[test]
-    fn a_part_of_a_recording_is_read_once_more_up_to_its_end() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let file = folder.path().join("long.pcapng");
-        let options = format!("clock=virtual&record={}", file.display());
-        let mut client = Client::with("drive", "plot_part", &options, "");
-        client.op();
-        for _ in 0..20_000 {
-            client.read();
-        }
-        client.link.close();
-        let frames_read = |from: &str, to: &str| {
-            let file = file.to_str().expect("UTF-8");
-            let picture = folder.path().join("part.svg");
-            let words = ["plot", file, "--from", from, "--to", to, "-o", picture.to_str().expect("UTF-8")];
-            recording::FRAMES_READ.set(0);
-            sheet(&Command::parse_from(words).args).expect("a plot");
-            recording::FRAMES_READ.get()
-        };
-        let (early, late) = (frames_read("1", "2"), frames_read("18", "19"));
-        let all = late / 2;
-        assert!(all > 19_000 && early > all, "{early} and {late}");
-        // The second reading may continue up to a second after the part, and the sorting by time reads some frames ahead.
-        assert!(early - all < all * 3 / 20 + 1100 + all / 40, "{early} of {all}");
-    }
-}
+mod tests;

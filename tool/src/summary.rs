@@ -153,7 +153,9 @@ pub fn json(summary: &Summary, machine: Option<&MachineFile>) -> Value {
         .alarms()
         .map(|(alarm, times)| {
             let meaning = alarm_words(machine, alarm.slave, alarm.code);
-            object!({"slave": alarm.slave, "error_code": alarm.code, "meaning": meaning, "times": times})
+            // Three decimals, as in the text.
+            let at_s = alarm.at_ns.map(|at_ns| (at_ns as f64 / 1e6).round() / 1e3);
+            object!({"slave": alarm.slave, "error_code": alarm.code, "meaning": meaning, "times": times, "at_s": at_s})
         })
         .collect();
     let states: Vec<_> = summary

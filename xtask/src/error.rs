@@ -75,6 +75,11 @@ pub enum Error {
         env!("CARGO_PKG_VERSION")
     )]
     NoRelease,
+    #[error(
+        "{file} is no longer as {tag} was released; take it back by `git checkout {tag} -- {file}`. What is new belongs to \
+         the next version: raise the one in Cargo.toml"
+    )]
+    Surface { file: String, tag: String },
     #[error("no test has {names} in its name")]
     NoTest { names: String },
     #[error("no bench printed a figure; is the name right? They are the files of benches/")]

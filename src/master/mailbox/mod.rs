@@ -303,7 +303,7 @@ impl Mailbox {
             match ticket.answer(&mut self.bytes).await {
                 Ok(counter) => {
                     self.is_repeated = repeats > 0;
-                    return Ok(counter == 1 && (self.is_new() || repeats == 0));
+                    return Ok(counter == 1 && self.is_new());
                 }
                 Err(_) if repeats == 3 => return Err(MailboxError::NoAnswer),
                 // If the frame was lost on its way back, the slave counts the message as read, and its mailbox is
@@ -338,12 +338,22 @@ impl Mailbox {
         }
     }
 
-    /// Whether the counter of the message differs from that of the last one: a repeat may bring the last one again. Without
-    /// a repeat the result is not used, since some slaves count wrongly.
+    /// Whether the message is not the last one again, which a repeat may bring.
+    ///
+    /// \[OURS] The counter decides this and nothing else, and only for a slave that counts: some have always the same
+    /// counter, or others than the standard says, which no master refuses. Whether a message answers the request its
+    /// content shows.
     fn is_new(&self) -> bool {
-        let Ok(message) = MailboxMessage::decode(&self.bytes) else { return false };
+        let Ok(message) = MailboxMessage::decode(&self.bytes) else { return !self.is_repeated };
         let counter = message.header.counter;
-        self.state(|state| !counter.repeats(std::mem::replace(&mut state.received, counter)))
+        self.state(|state| {
+            let last = std::mem::replace(&mut state.received, counter);
+            if !self.is_repeated {
+                state.is_counting = last != MailboxCounter::NONE && !counter.repeats(last);
+                return true;
+            }
+            !(state.is_counting && counter.repeats(last))
+        })
     }
 
     /// Whether the message belongs to the protocol and is no emergency. An emergency becomes an event.

@@ -9,6 +9,8 @@ pub(in crate::master) struct MailboxState {
     pub(in crate::master) counter: MailboxCounter,
     /// The counter of the newest message of the slave.
     pub(in crate::master) received: MailboxCounter,
+    /// Whether the slave's last two messages had different counters, so that an equal one means the same message again.
+    pub(in crate::master) is_counting: bool,
     /// The repeat request bit of the sync manager, as written last.
     pub(in crate::master) repeat: bool,
     /// Whether a sequence is using the mailbox.
@@ -24,7 +26,7 @@ impl MailboxState {
     /// Called when the slave enters PreOP: it has forgotten all messages.
     pub(in crate::master) const fn begin(&mut self) {
         (self.counter, self.received, self.repeat) = (MailboxCounter::NONE, MailboxCounter::NONE, false);
-        self.owes = false;
+        (self.owes, self.is_counting) = (false, false);
     }
 
     /// Whether a sequence is using the mailbox.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::io::{self, Read, Write};
-use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -38,7 +38,7 @@ pub enum Listen {
 
 /// A text that is not a valid address to listen on.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is neither ADDR:PORT, e.g. 127.0.0.1:4712, nor unix:PATH (not on Windows)")]
+#[error("{0}")]
 pub struct ListenError(String);
 
 impl FromStr for Listen {
@@ -51,7 +51,14 @@ impl FromStr for Listen {
         {
             return Ok(Self::Unix(path.into()));
         }
-        text.parse().map(Self::Tcp).map_err(|_| ListenError(text.to_owned()))
+        text.parse().map(Self::Tcp).map_err(|_| {
+            ListenError(match text.parse::<IpAddr>() {
+                Ok(address) => format!("the port is missing: write {}", SocketAddr::new(address, DEFAULT_PORT)),
+                Err(_) => format!(
+                    "`{text}` is neither ADDR:PORT, e.g. 127.0.0.1:{DEFAULT_PORT}, nor unix:PATH (not on Windows)"
+                ),
+            })
+        })
     }
 }
 

@@ -57,7 +57,8 @@ impl Helper {
     /// motors in the request is ignored.
     ///
     /// With `defaults` an axis that is not configured is configured, with controlword and statusword at the beginning of
-    /// the slave's PDOs (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit").
+    /// the slave's PDOs (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit"). A mode that is mapped behind
+    /// them is the host's: no command tells the helper where one is.
     pub fn set_control(&mut self, request: &HelperControlSet, defaults: bool) -> bool {
         let (motor, control, slave) = (request.motor, request.control, request.slave);
         if defaults && self.axes[usize::from(motor.get())].is_none() {

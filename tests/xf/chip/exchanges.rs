@@ -91,6 +91,8 @@ fn damaged_packets_are_counted() {
 
 /// XF-11.73 An error is cleared only when an answer to a command has shown it: a client that clears all errors in every
 /// packet sees a failed transfer exactly once.
+///
+/// Row: error bits of 0x09.
 #[test]
 fn errors_are_shown_before_they_are_cleared() {
     let mut host = Host::in_state(EtherCatState::PreOp);

@@ -13,6 +13,8 @@ use super::process::{pdo, with_fifo_on};
 
 /// XF-12.15 A chip that sends zeros for a while, as in the log of a machine with six axes whose cycle was too short: the driver
 /// waits, in its start and later, and each command runs once.
+///
+/// Row: zeros.
 #[test]
 fn a_chip_that_answers_zeros() {
     for zeros in [1, 5, 40, 400] {

@@ -47,6 +47,8 @@ fn chips_of_all_kinds_are_started() {
 
 /// XF-12.17 Whatever a CRC-32 covers in each direction, the host finds it: commands of any length are taken and no answer is
 /// damaged from then on.
+///
+/// Row: CRC-32 covers.
 #[test]
 fn what_a_crc_covers_is_found_for_each_direction() {
     for commands in CrcCoverage::EVERY {
@@ -76,6 +78,8 @@ fn what_a_crc_covers_is_found_for_each_direction() {
 
 /// XF-12.17 A chip with an unknown CRC-32 is set to the fixed word, and the host reports that, whether it is the CRC of
 /// its answers or of the packets that it takes.
+///
+/// Row: CRC-32 covers.
 #[test]
 fn a_crc_that_covers_nothing_known_is_given_up() {
     for strange in [[true, false], [false, true], [true, true]] {

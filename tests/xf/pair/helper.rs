@@ -115,6 +115,8 @@ fn fault_resets() {
 
 /// XF-11.72 Firmware before 0x22 takes its defaults where 402_CTL_SET comes without 402_CONFIG_SET, as the vendor's
 /// driver 0.1 sends it: both words are first in the slave's PDOs. Then the drive is controlled.
+///
+/// Row: 402_CTL_SET without 402_CONFIG_SET.
 #[test]
 fn defaults_of_old_firmware() {
     let mut pair = Pair::running_with(Profile::OLD, HostConfig::DEFAULT, vec![drive(), drive()]);
@@ -142,6 +144,8 @@ pub fn control_byte() {
 }
 
 /// XF-13.1 XF-11.45 [OURS] Commands for a motor that 402_CONFIG_SET has not set end with the chip's refusal.
+///
+/// Row: 402_CTL_SET without 402_CONFIG_SET.
 #[test]
 fn motors_that_are_not_configured() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);

@@ -257,6 +257,8 @@ fn layout_in_other_states() {
 /// XF-13.1 XF-11.33 PDO_WC_GET (XF EN 421): slaves with inputs, with outputs, and the working counter, which is inputs
 /// plus 2 * outputs with LRW; ENABLE_LRW 0 (XF EN 1635) has LRD and LWR, which the chip counts in the same way (XF EN
 /// 434).
+///
+/// Row: WKC of LRD + LWR.
 #[test]
 pub fn working_counter() {
     use WorkingCounterItem::{Counter, Inputs, Outputs};
@@ -274,6 +276,8 @@ pub fn working_counter() {
 }
 
 /// XF-11.33 ECAT_INIT_OP chooses between them with newer firmware; older firmware ignores its bit.
+///
+/// Row: WKC of LRD + LWR.
 #[test]
 fn lrw_of_the_initialisation() {
     for (profile, uses_lrw) in [(Profile::NEW, false), (Profile::OLD, true)] {

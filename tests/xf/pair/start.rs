@@ -30,6 +30,8 @@ fn the_driver_starts_the_model() {
 
 /// XF-12.17 XF-2.3 The driver starts a model whose CRC-32 covers anything in either direction; commands and process data of any length
 /// pass then, and the right coverage is found.
+///
+/// Row: CRC by direction.
 #[test]
 fn a_crc_of_any_coverage() {
     for commands in CrcCoverage::EVERY {

@@ -15,7 +15,7 @@ use std::thread;
 use std::time::Duration;
 
 use ecmsk::notes::WAIT_SLICE;
-use ecmsk::summary::{Line, Summary, is_sum};
+use ecmsk::summary::{Alarm, Line, Summary, is_sum};
 
 use crate::stderr::say;
 use crate::summary::json;
@@ -130,9 +130,10 @@ impl Follower {
 
     fn take(&mut self, process: u32, line: Line) {
         match &line {
-            Line::Message { text, .. } if !is_sum(text) => self.tell(text.clone()),
-            Line::Alarm(alarm) => self.tell(alarm.to_string()),
-            Line::StateFailed(failed) => self.tell(failed.to_string()),
+            Line::Message { text, .. } if !is_sum(text) => self.tell(text.clone(), text),
+            // An alarm that comes again at another time is not printed again.
+            Line::Alarm(alarm) => self.tell(Alarm { at_ns: None, ..*alarm }.to_string(), &alarm.to_string()),
+            Line::StateFailed(failed) => self.tell(failed.to_string(), &failed.to_string()),
             _ => {}
         }
         match line {
@@ -143,11 +144,11 @@ impl Follower {
         }
     }
 
-    /// Prints a reason for a failed call, if reasons are printed ([`ReportMode::Words`]) and this one was not printed before.
-    fn tell(&mut self, text: String) {
-        if self.mode == ReportMode::Words && !self.said.contains(&text) {
+    /// Prints a reason for a failed call, if reasons are printed ([`ReportMode::Words`]) and none with this `key` was printed
+    /// before.
+    fn tell(&mut self, key: String, text: &str) {
+        if self.mode == ReportMode::Words && self.said.insert(key) {
             say("warning", &text);
-            self.said.insert(text);
         }
     }
 

@@ -78,6 +78,21 @@ fn a_port_that_is_missing_is_named() {
         listen("0.0.0.0").expect_misuse(&[&format!("the port is missing: write 0.0.0.0:{port}")]);
         listen("localhost").expect_misuse(&[&format!("e.g. 127.0.0.1:{port}, or 0.0.0.0:{port}")]);
     }
+    let listen = |at| run(["serve", "xf", "--link", "xf-sim:?slaves=io", "--listen", at]);
+    for (at, whole) in [("0.0.0.0", "0.0.0.0:4712"), ("::1", "[::1]:4712")] {
+        listen(at).expect_misuse(&[&format!("the port is missing: write {whole}")]);
+    }
+    for at in ["localhost", "unix:", "0.0.0.0:", "4712"] {
+        listen(at).expect_misuse(&[at, "neither ADDR:PORT, e.g. 127.0.0.1:4712, nor unix:PATH"]);
+    }
+}
+
+/// The help of `info` says in which state a board is that nobody has brought up, and how it comes to OP.
+#[test]
+fn the_help_of_info_names_preop() {
+    let help = run(["info", "--help"]).out.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(help.contains("brought to SafeOP or OP is in PreOP"), "{help}");
+    assert!(help.contains("--up brings the network to OP first"), "{help}");
 }
 
 /// If the recording of `monitor` is missing, the error says so and not that standard output is no terminal. The help of the

@@ -63,7 +63,7 @@ fn the_output_names_both_files_the_commands_before_and_the_difference() {
         " s in A, ",
         " s in B: slave 2 statusword 0x1",
         "(Operation enabled) in A, 0x",
-        "0x7500 in B",
+        "error code 0x0000 in A, 0x7500 (communication) in B",
     ] {
         assert!(first.contains(words), "`{words}` is missing in: {first}");
     }

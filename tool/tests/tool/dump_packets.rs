@@ -68,6 +68,8 @@ fn packets_are_shown_in_words() {
 
 /// XF-15.7 A driver that transfers single bytes while it searches the packet size gives only a few lines: its bytes are joined,
 /// and the packets in them are shown. The same holds for a packet that is transferred in parts.
+///
+/// Row: 1 byte per exchange.
 #[test]
 fn pieces_are_joined() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -16,8 +16,9 @@ fn what_the_library_tells_is_said_once() {
         "nonsense",
         "7 said 1 30 more rejected as wrong_state since 1 us; look at the first ones",
         "7 again 0 5",
-        "7 alarm 2 29952",
-        "7 alarm 2 29952",
+        "7 alarm 2 29952 1501000000",
+        "7 alarm 2 29952 3002000000",
+        "7 alarm 3 29952",
         "7 count 0 rejected.wrong_state 10",
         "7 count 0 rejected.wrong_state 30",
         "7 count 1 rejected.wrong_state 1",
@@ -29,9 +30,10 @@ fn what_the_library_tells_is_said_once() {
     assert_eq!((ran.code, ran.out.as_str()), (Some(6), ""));
     let expected = [
         "warning: no board at usb:",
-        "warning: slave 2 has an alarm, 0x7500: communication",
+        "warning: at 1.501 s: slave 2 has an alarm, 0x7500: communication",
+        "warning: slave 3 has an alarm, 0x7500: communication",
         "summary: 33 command(s) were rejected and not executed: 31 wrong_state, 2 no_slave",
-        "summary: slave 2 has an alarm, 0x7500: communication (2 times)",
+        "summary: at 1.501 s: slave 2 has an alarm, 0x7500: communication (2 times)",
         "summary: no board at usb: (5 times)",
     ];
     assert_eq!(ran.err.lines().collect::<Vec<_>>(), expected);
@@ -40,7 +42,9 @@ fn what_the_library_tells_is_said_once() {
     let json = place.run(&["--json"], &script);
     let told: serde_json::Value = serde_json::from_str(&json.err).expect("one object");
     assert_eq!(told["counts"]["rejected.wrong_state"], 31);
-    assert_eq!((&told["alarms"][0]["error_code"], &told["alarms"][0]["times"]), (&0x7500.into(), &2.into()));
+    let alarm = &told["alarms"][0];
+    assert_eq!((&alarm["error_code"], &alarm["times"], &alarm["at_s"]), (&0x7500.into(), &2.into(), &1.501.into()));
+    assert_eq!(told["alarms"][1]["at_s"], serde_json::Value::Null, "a library that does not say when");
     assert_eq!((&told["said"][0]["text"], &told["said"][0]["times"]), (&"no board at usb:".into(), &5.into()));
 }
 
@@ -201,9 +205,10 @@ mod needs_cxx {
         let link = format!("{TWO}&script={}", script.display());
         let (ran, file) = recorded(folder.path(), &link, &["2", "400", "gap"]);
         assert_eq!(ran.code, Some(0));
+        // The script lets them begin at 800 ms and 850 ms, and the next report shows them.
         let alarms = [
-            "slave 1 has an alarm, 0x7500: communication",
-            "slave 2 has an alarm, 0x2310: continuous overcurrent at the output",
+            "at 0.801 s: slave 1 has an alarm, 0x7500: communication",
+            "at 0.851 s: slave 2 has an alarm, 0x2310: continuous overcurrent at the output",
         ];
         alarms.iter().for_each(|alarm| has(&ran, &[&format!("warning: {alarm}")]));
         // Warnings have the times of the script, which count from the opening of the board. `dump` shows the alarm at the same
@@ -220,6 +225,7 @@ mod needs_cxx {
         let json: serde_json::Value = serde_json::from_str(&json).expect("one object");
         assert_eq!(json["counts"], serde_json::json!({"gaps": 1}));
         assert_eq!(json["alarms"][1]["error_code"], 0x2310);
+        assert_eq!(json["alarms"][1]["at_s"], 0.851);
 
         let (_, file) = recorded(folder.path(), TWO, &["2", "500", "flood"]);
         let text = run(["summary", file.to_str().expect("UTF-8")]).expect_quiet();

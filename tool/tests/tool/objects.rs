@@ -344,3 +344,37 @@ fn very_many_attributes_are_read() {
     let ran = run(["objects", "from-esi", &twice]);
     assert!(ran.code == Some(1) && ran.err.contains("line 4: the attribute a7 stands twice"), "{}", ran.err);
 }
+
+mod needs_valgrind {
+    use std::process::Command;
+
+    use super::{ESI, text};
+    use crate::common::ecmsk;
+
+    /// The instructions of `objects from-esi` for a file with that many attributes in an element, as valgrind counts them: however
+    /// busy the machine is, their number is the same.
+    fn instructions(attributes: usize) -> u64 {
+        let many: String = (0..attributes).map(|n| format!(" a{n}=\"{n}\"")).collect();
+        let esi = ESI.replace("<Type ProductCode=\"#x00001234\"", &format!("<Type{many} ProductCode=\"#x00001234\""));
+        let file = text(&format!("attributes_{attributes}.xml"), &esi);
+        let tool = ecmsk(["objects", "from-esi", &file, "--device", "0x1234"]);
+        let mut command = Command::new("valgrind");
+        command.args(["--tool=cachegrind", "--cache-sim=no", "--cachegrind-out-file=/dev/null"]);
+        command.arg(tool.get_program()).args(tool.get_args());
+        let ran = command.output().expect("valgrind; `apt-get install valgrind`, or skip the modules needs_valgrind");
+        let told = String::from_utf8_lossy(&ran.stderr);
+        assert!(ran.status.success(), "{told}");
+        let refs = told.lines().find(|line| line.contains(" refs:")).unwrap_or_else(|| panic!("no count in {told}"));
+        let count = refs.rsplit_once(' ').expect("a number").1.replace(',', "");
+        count.parse().unwrap_or_else(|error| panic!("{refs}: {error}"))
+    }
+
+    /// An element of an ESI file is read in a time that grows as the number of its attributes: four times as many take about
+    /// four times as many instructions, and not sixteen times as many.
+    #[test]
+    fn each_attribute_costs_the_same() {
+        let [none, some, many] = [0, 20_000, 80_000].map(instructions);
+        let (some, many) = (some - none, many - none);
+        assert!(many < 5 * some, "{some} for 20,000 attributes, {many} for 80,000");
+    }
+}

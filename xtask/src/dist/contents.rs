@@ -29,7 +29,7 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
         let to = unpacked.join(machine.debian()).join(&package);
         fs::create_dir_all(&to).map_err(Error::file("make", &to))?;
         let top = unpack(&file, &to)?;
-        problems.extend(differences(&package, machine, &files(&top)?));
+        problems.extend(differences(&package, machine, made, &files(&top)?));
         problems.extend(paths_of_this_machine(project, &top)?);
         problems.extend(times_of_linking(&top)?);
     }
@@ -47,6 +47,10 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
 fn packages(release: &Release, made: &Made) -> Vec<(String, Machine, PathBuf)> {
     let zip = made.folder.join(format!("ecmsk-{}-windows.zip", release.version));
     let mut found = vec![("windows.zip".to_owned(), Machine::Amd64, zip)];
+    for id in ["Ecmsk", "NEXTWUSB.Compat"] {
+        let package = made.folder.join(format!("{id}.{}.nupkg", release.version));
+        found.push((format!("{id}.nupkg"), Machine::Amd64, package));
+    }
     for ForLinux { machine, tar, debs, .. } in &made.linux {
         found.push(("linux.tar.gz".to_owned(), *machine, made.folder.join(tar)));
         for deb in debs {
@@ -64,15 +68,19 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
         command::output(Command::new("dpkg-deb").arg("--extract").arg(file).arg(to))?;
         return Ok(to.to_owned());
     }
-    let mut unpack = match kind == "zip" {
+    let is_zip = kind == "zip" || kind == "nupkg";
+    let mut unpack = match is_zip {
         true => Command::new(UNZIP.program),
         false => Command::new("tar"),
     };
-    match kind == "zip" {
+    match is_zip {
         true => unpack.arg("-q").arg(file).arg("-d").arg(to),
         false => unpack.arg("--extract").arg("--file").arg(file).arg("--directory").arg(to),
     };
     command::output(&mut unpack)?;
+    if kind == "nupkg" {
+        return Ok(to.to_owned());
+    }
     let mut inside = fs::read_dir(to).map_err(Error::file("list", to))?.flatten().map(|entry| entry.path());
     match (inside.next(), inside.next()) {
         (Some(top), None) => Ok(top),
@@ -80,9 +88,14 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
     }
 }
 
-fn differences(package: &str, machine: Machine, found: &[PathBuf]) -> Vec<String> {
+fn differences(package: &str, machine: Machine, made: &Made, found: &[PathBuf]) -> Vec<String> {
     let of_it = |line: &'static str| line.strip_prefix(package)?.strip_prefix(' ');
-    let listed: Vec<String> = LIST.lines().filter_map(of_it).map(|path| path.replace('@', machine.gnu())).collect();
+    // A NuGet package has the libraries of the machines for which packages were made.
+    let is_made = |machine: Machine| made.linux.iter().any(|packages| packages.machine == machine);
+    let missing: Vec<&str> = Machine::ALL.into_iter().filter(|of| !is_made(*of)).filter_map(Machine::rid).collect();
+    let is_there = |path: &&str| !missing.iter().any(|rid| path.starts_with(&format!("runtimes/{rid}/")));
+    let listed = LIST.lines().filter_map(of_it).filter(is_there);
+    let listed: Vec<String> = listed.map(|path| path.replace('@', machine.gnu())).collect();
     let fits = |pattern: &str, path: &str| match pattern.split_once('*') {
         Some((begin, _)) => path.strip_prefix(begin).is_some_and(|rest| !rest.contains('/')),
         None => path == pattern,

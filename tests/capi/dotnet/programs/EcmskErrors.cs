@@ -1,7 +1,6 @@
 // The package Ecmsk: what goes wrong. Its argument is the link. It prints the messages that a test compares.
 using System;
 using System.Threading;
-using System.Threading.Tasks;
 using Ecmsk;
 
 static class EcmskErrors
@@ -14,7 +13,7 @@ static class EcmskErrors
         Environment.Exit(1);
     }
 
-    // Runs a call that must fail; prints the kind and the message.
+    // Runs a call that must fail; prints its kind and message.
     static T Fails<T>(Action call) where T : Exception
     {
         try
@@ -23,8 +22,9 @@ static class EcmskErrors
         }
         catch (T error)
         {
+            // The runtime's own exceptions have other words in each runtime.
             var known = error as EcmskException;
-            Console.WriteLine("{0}: {1}", known == null ? error.GetType().Name : known.Kind.ToString(), error.Message.Split('\n')[0].Trim());
+            Console.WriteLine(known == null ? error.GetType().Name : known.Kind + ": " + error.Message);
             return error;
         }
         That(false, "it fails with " + typeof(T).Name);
@@ -39,6 +39,8 @@ static class EcmskErrors
     static int Main(string[] arguments)
     {
         string link = arguments[0];
+        if (arguments.Length > 1)
+            return Waits(link);
         Fails<ArgumentNullException>(() => Board.Open(null));
         Fails<ArgumentException>(() => Board.Open("sim:\0"));
         Is(ErrorKind.Argument, () => Board.Open("simm:"));
@@ -137,6 +139,37 @@ static class EcmskErrors
                 lies.Read();
             That(lies.GetStats().BadCrc > 5 && lies.GetStats().ReadFaults.Corrupted > 5, "reports are discarded");
         }
+        Console.WriteLine("ok");
+        return 0;
+    }
+
+    // A read that waits is ended by the disposal of the board.
+    static int Waits(string link)
+    {
+        Board board = Board.Open(link, new BoardOptions { ReadLimit = TimeSpan.FromSeconds(30) });
+        board.SetState(MasterState.PreOp);
+        board.Configure(new[] { Slave.Drive(), Slave.Drive() }, 64000);
+        Exception end = null;
+        var began = new ManualResetEvent(false);
+        var reader = new Thread(() =>
+        {
+            try
+            {
+                began.Set();
+                for (;;)
+                    board.Read(Timeout.InfiniteTimeSpan);
+            }
+            catch (Exception error)
+            {
+                end = error;
+            }
+        });
+        reader.Start();
+        began.WaitOne();
+        board.Dispose();
+        reader.Join();
+        var closed = end as EcmskException;
+        That(end is ObjectDisposedException || closed != null && closed.Kind == ErrorKind.Closed, "by the disposal: " + end);
         Console.WriteLine("ok");
         return 0;
     }

@@ -6,8 +6,8 @@ use std::path::Path;
 use crate::fixture::{DLL, Folder, Width, given, lines};
 use crate::vb;
 use support::dotnet::{
-    ASSEMBLIES, EXAMPLES, Pair, REAL, VENDOR_ASSEMBLIES, VIRTUAL, WITH_IO, against_ecmsk, beside, compiled, example, sources,
-    test_program, told_moves, told_types, vendor_program,
+    ASSEMBLIES, EXAMPLES, Pair, REAL, VENDOR_ASSEMBLIES, VIRTUAL, WITH_IO, against_ecmsk, beside, compiled, example,
+    sources, test_program, told_moves, told_types, vendor_program,
 };
 use support::{self, Ended, Program, both_axes_are_off_in_preop, root, snapshot};
 

@@ -5,8 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::error::Error;
 use crate::dist::{self, Native};
+use crate::error::Error;
 use crate::needs::{DOTNET_CORE, MCS, Need, PIP, PYTHON, ZIP};
 use crate::project::Project;
 use crate::wheel::DOTNET_CORE_3;

@@ -84,16 +84,22 @@ pub fn errors(runtime: Runtime) {
     // Without the library the exception says where it was searched.
     fs::remove_file(folder.path().join("libNEXTWUSBLib.so")).expect("a file");
     let ended = run(runtime, &program, &[VIRTUAL]);
-    assert!(!ended.status.success() && ended.stderr.contains("no libNEXTWUSBLib.so for this 64-bit process"), "{ended:?}");
+    assert!(
+        !ended.status.success() && ended.stderr.contains("no libNEXTWUSBLib.so for this 64-bit process"),
+        "{ended:?}"
+    );
 }
 
 /// The program on the front page of the package.
 pub fn front_page(runtime: Runtime) {
     let page = fs::read_to_string(unpacked("Ecmsk").join("README.md")).expect("the page");
     let (_, rest) = page.split_once("```csharp\n").expect("a program");
+    let program = rest.split_once("```").expect("its end").0;
+    let guide = fs::read_to_string(root().join("docs/NUGET.md")).expect("the page");
+    assert!(guide.contains(program), "docs/NUGET.md has the same program");
     let folder = tempfile::tempdir().expect("a folder");
     let source = folder.path().join("Front.cs");
-    fs::write(&source, rest.split_once("```").expect("its end").0).expect("a source");
+    fs::write(&source, program).expect("a source");
     publish(folder.path());
     let ended = run(runtime, &against_package(&source, folder.path()), &[]);
     assert_eq!((ended.stderr.as_str(), ended.stdout.as_str()), ("", "device type 0x00020192\n"), "{runtime:?}");
@@ -142,7 +148,11 @@ pub fn contents() {
         (
             "NEXTWUSB.Compat",
             "net40",
-            &["lib/net40/NEXTWUSB_dotNET.dll", "lib/netstandard2.0/NEXTWUSB_dotNET_16B.xml", "x64/NEXTWUSB_dotNET_12B.dll"],
+            &[
+                "lib/net40/NEXTWUSB_dotNET.dll",
+                "lib/netstandard2.0/NEXTWUSB_dotNET_16B.xml",
+                "x64/NEXTWUSB_dotNET_12B.dll",
+            ],
         ),
     ] {
         let package = unpacked(id);

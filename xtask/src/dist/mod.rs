@@ -188,7 +188,8 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     let mut names = vec![format!("ecmsk-{}-windows.zip", release.version)];
     archive::zip(release, project.archive_level(), &zip, &out.join(&names[0]))?;
     let mut in_dotnet = Vec::new();
-    for triple in Width::ALL.map(triple).into_iter().chain(linux.iter().map(|packages| packages.machine.target())) {
+    let machines = linux.iter().map(|packages| packages.machine).filter(|machine| machine.rid().is_some());
+    for triple in Width::ALL.map(triple).into_iter().chain(machines.map(Machine::target)) {
         in_dotnet = both(in_dotnet, known.linked(project, "NEXTWUSBLib", triple)?);
     }
     let in_dotnet = licences::text(&in_dotnet)?;

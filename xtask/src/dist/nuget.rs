@@ -190,7 +190,9 @@ mod tests {
             for part in parts.iter().filter(|part| *part != "[Content_Types].xml") {
                 assert!(TYPES.iter().any(|(end, _)| part.ends_with(&format!(".{end}"))), "{part}");
             }
-            for part in ["[Content_Types].xml", "_rels/.rels", "README.md", "runtimes/linux-x64/native/libNEXTWUSBLib.so"] {
+            for part in
+                ["[Content_Types].xml", "_rels/.rels", "README.md", "runtimes/linux-x64/native/libNEXTWUSBLib.so"]
+            {
                 assert!(parts.iter().any(|found| found == part), "{part}: {parts:?}");
             }
             let id = package.file_name().unwrap().to_str().unwrap().strip_suffix(".0.1.0.nupkg").unwrap();

@@ -6,9 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::dotnet::packages::with_packages;
 use crate::dotnet::runtime::Runtime::Mono;
-use support::dotnet::{
-    ASSEMBLIES, EXAMPLES, Pair, VENDOR_ASSEMBLIES, VIRTUAL, compiled, test_program, vendor_program,
-};
+use support::dotnet::{ASSEMBLIES, EXAMPLES, Pair, VENDOR_ASSEMBLIES, VIRTUAL, compiled, test_program, vendor_program};
 use support::{self, out_dir, root};
 
 fn assembly(name: &str) -> PathBuf {

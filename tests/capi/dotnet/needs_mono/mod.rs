@@ -2,8 +2,8 @@
 
 mod files;
 
-use crate::dotnet::{packages, programs};
 use crate::dotnet::runtime::Runtime::Mono;
+use crate::dotnet::{packages, programs};
 
 /// LIB-29, LIB-30, NET-4 The programs of `examples/csharp/` print the same as those in C++.
 #[test]

@@ -27,6 +27,7 @@ fn unpacked(id: &str) -> PathBuf {
             let version = env!("CARGO_PKG_VERSION");
             let folder = out_dir().join("packages").join(id.to_lowercase()).join(version);
             let _ = fs::remove_dir_all(&folder);
+            fs::create_dir_all(&folder).expect("a folder in the target folder");
             let package = with_packages().join("nuget").join(format!("{id}.{version}.nupkg"));
             support::succeed(Command::new("unzip").arg("-q").arg(package).arg("-d").arg(&folder));
             folder

@@ -177,3 +177,19 @@ pub fn contents() {
         }
     }
 }
+
+/// The public members of Ecmsk, by their names in its documentation, which the compiler demands for each. A change is one for
+/// programs that use the package.
+pub fn members() {
+    let text = fs::read_to_string(unpacked("Ecmsk").join("lib/netstandard2.0/Ecmsk.xml")).expect("the documentation");
+    let xml = roxmltree::Document::parse(&text).expect("XML");
+    let mut names = Vec::new();
+    for member in xml.descendants().filter(|node| node.has_tag_name("member")) {
+        let name = member.attribute("name").expect("a name");
+        let summary = member.children().find(|node| node.has_tag_name("summary")).and_then(|node| node.text());
+        assert!(summary.is_some_and(|text| text.trim().len() > 3), "{name}");
+        names.push(format!("{name}\n"));
+    }
+    names.sort();
+    support::snapshot("ecmsk_members", &names.concat());
+}

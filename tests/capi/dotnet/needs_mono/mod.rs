@@ -126,3 +126,9 @@ fn the_front_page_of_the_package() {
 fn contents_of_the_packages() {
     packages::contents();
 }
+
+/// The public members of the package Ecmsk are those of the list.
+#[test]
+fn members_of_the_package() {
+    packages::members();
+}

@@ -130,7 +130,8 @@ namespace Ecmsk
         public SlotSize SlotSize { get; private set; }
 
         /// <summary>
-        /// A report has another state than the one before. It is raised by the call that has read the report, in its thread.
+        /// A report has another state than the one before. It is raised by the call that has read the report, in its thread. An
+        /// exception of a handler ends that call.
         /// </summary>
         public event EventHandler<StateChangedEventArgs> StateChanged;
 

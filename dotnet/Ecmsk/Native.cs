@@ -4,6 +4,7 @@
 using System;
 using System.Runtime.InteropServices;
 using System.Text;
+using System.Threading;
 
 namespace Ecmsk
 {
@@ -40,12 +41,6 @@ namespace Ecmsk
 
         static readonly object gate = new object();
         static volatile Native loaded;
-
-        // Null as long as none is loaded.
-        public static Native Loaded
-        {
-            get { return loaded; }
-        }
 
         // It stays loaded until the process ends.
         public static Native Need()
@@ -154,7 +149,7 @@ namespace Ecmsk
 
         public bool HasEnded
         {
-            get { return closed != 0; }
+            get { return Volatile.Read(ref closed) != 0; }
         }
 
         // Ends the calls of other threads. Without that a thread that waits in a read would keep the board open.
@@ -174,7 +169,7 @@ namespace Ecmsk
 
         bool CloseOnce()
         {
-            return System.Threading.Interlocked.Exchange(ref closed, 1) != 0 || native.Close(handle) == 0;
+            return Interlocked.Exchange(ref closed, 1) != 0 || native.Close(handle) == 0;
         }
     }
 }

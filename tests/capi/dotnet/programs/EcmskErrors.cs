@@ -143,33 +143,36 @@ static class EcmskErrors
         return 0;
     }
 
-    // A read that waits is ended by the disposal of the board.
+    // A read that waits is ended by the disposal of the board, whatever it does at that moment.
     static int Waits(string link)
     {
-        Board board = Board.Open(link, new BoardOptions { ReadLimit = TimeSpan.FromSeconds(30) });
-        board.SetState(MasterState.PreOp);
-        board.Configure(new[] { Slave.Drive(), Slave.Drive() }, 64000);
-        Exception end = null;
-        var began = new ManualResetEvent(false);
-        var reader = new Thread(() =>
+        for (int n = 0; n < 10; n++)
         {
-            try
+            Board board = Board.Open(link, new BoardOptions { ReadLimit = TimeSpan.FromMinutes(1) });
+            Exception end = null;
+            var began = new ManualResetEvent(false);
+            var reader = new Thread(() =>
             {
-                began.Set();
-                for (;;)
-                    board.Read(Timeout.InfiniteTimeSpan);
-            }
-            catch (Exception error)
-            {
-                end = error;
-            }
-        });
-        reader.Start();
-        began.WaitOne();
-        board.Dispose();
-        reader.Join();
-        var closed = end as EcmskException;
-        That(end is ObjectDisposedException || closed != null && closed.Kind == ErrorKind.Closed, "by the disposal: " + end);
+                try
+                {
+                    for (;;)
+                    {
+                        board.Read(Timeout.InfiniteTimeSpan);
+                        began.Set();
+                    }
+                }
+                catch (Exception error)
+                {
+                    end = error;
+                }
+            });
+            reader.Start();
+            began.WaitOne();
+            board.Dispose();
+            reader.Join();
+            var closed = end as EcmskException;
+            That(end is ObjectDisposedException || closed != null && closed.Kind == ErrorKind.Closed, "by the disposal: " + end);
+        }
         Console.WriteLine("ok");
         return 0;
     }

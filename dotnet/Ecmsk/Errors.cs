@@ -10,8 +10,6 @@ namespace Ecmsk
     {
         /// <summary>The URI or another argument is not valid.</summary>
         Argument = -1,
-        /// <summary>No open board has this handle.</summary>
-        Handle = -2,
         /// <summary>Nothing has come, or the effect of a command was not seen, within the limit.</summary>
         Timeout = -3,
         /// <summary>The link has virtual time, and the board makes no reports however long one waits.</summary>

@@ -26,6 +26,7 @@ namespace Ecmsk
         delegate IntPtr ReasonFunction(uint kind);
 
         public const long WaitForever = -1;
+        const int HandleError = -2;
 
         public readonly string File;
         public readonly OpenFunction Open;
@@ -112,6 +113,9 @@ namespace Ecmsk
         // The exception for a result below 0. The text is of this thread, so ask before another call of it.
         public EcmskException Error(int result)
         {
+            // The handles are the library's own, so the board was closed between the beginning of the call and its look at it.
+            if (result == HandleError)
+                return new EcmskException(ErrorKind.Closed, "the board was closed during the call; open it again with Board.Open");
             return new EcmskException((ErrorKind)result, Loader.Text(lastError()));
         }
 

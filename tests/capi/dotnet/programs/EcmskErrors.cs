@@ -114,8 +114,7 @@ static class EcmskErrors
         board.Dispose();
         reader.Join();
         var closed = end as EcmskException;
-        That(end is ObjectDisposedException || closed != null && (closed.Kind == ErrorKind.Closed || closed.Kind == ErrorKind.Handle),
-            "the reader ends by the disposal: " + end);
+        That(end is ObjectDisposedException || closed != null && closed.Kind == ErrorKind.Closed, "by the disposal: " + end);
 
         board.Dispose();
         That(board.IsClosed, "it is closed");

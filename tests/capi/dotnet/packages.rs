@@ -188,8 +188,8 @@ pub fn members() {
     let mut names = Vec::new();
     for member in xml.descendants().filter(|node| node.has_tag_name("member")) {
         let name = member.attribute("name").expect("a name");
-        let summary = member.children().find(|node| node.has_tag_name("summary")).and_then(|node| node.text());
-        assert!(summary.is_some_and(|text| text.trim().len() > 3), "{name}");
+        let summary = member.children().find(|node| node.has_tag_name("summary"));
+        assert!(summary.is_some_and(|node| node.has_children()), "{name}");
         names.push(format!("{name}\n"));
     }
     names.sort();

@@ -1,9 +1,7 @@
-// NEXTWUSBLib: where it is, and its functions. It is loaded by its path and not by DllImport, which would take the first file
+// NEXTWUSBLib and its functions. It is loaded by its path and not by DllImport, which would take the first file
 // of that name whatever its width is.
 
 using System;
-using System.Collections.Generic;
-using System.IO;
 using System.Runtime.InteropServices;
 using System.Security;
 using System.Text;
@@ -61,7 +59,7 @@ namespace Ecmsk
                 if (loaded != null)
                     return loaded;
                 var tried = new StringBuilder();
-                foreach (string file in Places())
+                foreach (string file in Places.Files())
                 {
                     string problem;
                     Library library = Load(file, out problem);
@@ -69,50 +67,9 @@ namespace Ecmsk
                         return loaded = library;
                     tried.Append("; ").Append(file).Append(": ").Append(problem);
                 }
-                Reason.IsNotLoaded(string.Format(
-                    "no {0} for this {1}-bit process was found{2}. Put the {1}-bit one beside the program, or into the folder {3} there",
-                    Loader.Here.Names[0], Width, tried, WidthFolder));
+                Reason.IsNotLoaded(Places.NotFound(tried.ToString()));
                 return null;
             }
-        }
-
-        static int Width
-        {
-            get { return IntPtr.Size * 8; }
-        }
-
-        // The folder for libraries of this process's width. [OURS]
-        static string WidthFolder
-        {
-            get { return IntPtr.Size == 8 ? "x64" : "x86"; }
-        }
-
-        // Files that are there: beside this assembly, beside the program (an assembly may be run from a copy of its own), each
-        // with its folder for the width; last the names alone, for which the system looks where it looks for libraries. [OURS]
-        static IEnumerable<string> Places()
-        {
-            foreach (string folder in Folders())
-                foreach (string place in new[] { folder, Path.Combine(folder, WidthFolder) })
-                    foreach (string name in Loader.Here.Names)
-                    {
-                        string file = Path.Combine(place, name);
-                        if (System.IO.File.Exists(file))
-                            yield return file;
-                    }
-            foreach (string name in Loader.Here.Names)
-                yield return name;
-        }
-
-        static IEnumerable<string> Folders()
-        {
-            // Empty in a program that is one file.
-            string assembly = typeof(Library).Assembly.Location;
-            string beside = string.IsNullOrEmpty(assembly) ? null : Path.GetDirectoryName(Path.GetFullPath(assembly));
-            if (beside != null)
-                yield return beside;
-            string program = AppDomain.CurrentDomain.BaseDirectory;
-            if (!string.IsNullOrEmpty(program) && Path.GetDirectoryName(Path.Combine(program, "x")) != beside)
-                yield return program;
         }
 
         static Library Load(string file, out string problem)

@@ -6,8 +6,8 @@ use std::path::Path;
 use crate::fixture::{DLL, Folder, Width, given, lines};
 use crate::vb;
 use support::dotnet::{
-    ASSEMBLIES, EXAMPLES, Pair, REAL, VENDOR_ASSEMBLIES, VIRTUAL, beside, example, test_program, told_types,
-    vendor_program,
+    ASSEMBLIES, EXAMPLES, Pair, REAL, VENDOR_ASSEMBLIES, VIRTUAL, WITH_IO, against_ecmsk, beside, compiled, example,
+    sources, test_program, told_moves, told_types, vendor_program,
 };
 use support::{self, Ended, Program, both_axes_are_off_in_preop, root, snapshot};
 
@@ -186,6 +186,16 @@ crate::for_each_width! {
         // How it ends after that depends on Wine's debugger.
         let ended = run(&folder, &program, REAL, &["throw"]);
         assert!(ended.stdout.starts_with("reading\n") && ended.stderr.contains("on purpose"), "{ended:?}");
+    }
+
+    /// A program on the assembly of the package Ecmsk moves axes as on Linux.
+    #[test]
+    fn on_ecmsk(width: Width) {
+        let folder = Folder::with_dll(width, "dotnet-ecmsk");
+        let assembly = compiled().join("ecmsk/Ecmsk.dll");
+        fs::copy(&assembly, folder.path().join("Ecmsk.dll")).expect("a copy");
+        against_ecmsk(&sources().join("EcmskMoves.cs"), &assembly, &folder.path());
+        assert_eq!(said(&folder, "EcmskMoves.exe", "", &[WITH_IO]), told_moves());
     }
 
     /// NET-9, NET-13, LIB-3, LIB-4 DllImport by I1, by BOOL and by ordinals.

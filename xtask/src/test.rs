@@ -7,7 +7,7 @@ use crate::ahead::Ahead;
 use crate::error::Error;
 use crate::needs::{
     CHROMIUM, CLIPPY, CXX, DOTNET_CORE, IP, MAKE, MCS, MINGW_X64, MONO, NETWORK_NAMESPACE, NODE, Need, PIP, PKG_CONFIG,
-    PYSOEM, PYTHON, RUSTFMT, SET_USER_ID, TSHARK, VALGRIND,
+    PYSOEM, PYTHON, RUSTFMT, SET_USER_ID, TSHARK, UNZIP, VALGRIND, ZIP,
 };
 use crate::project::Project;
 use crate::spend::Spend;
@@ -196,8 +196,8 @@ const PYTHON_PACKAGES: &[Need] = &[
 pub const GATES: &[Gate] = &[
     Gate { module: "needs_chromium", needs: &[CHROMIUM] },
     Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
-    Gate { module: "needs_mono", needs: &[MCS, MONO] },
-    Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE] },
+    Gate { module: "needs_mono", needs: &[MCS, MONO, ZIP, UNZIP] },
+    Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE, ZIP, UNZIP] },
     Gate { module: "needs_network_namespace", needs: &[IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_node", needs: &[NODE] },
     Gate { module: "needs_pip", needs: PYTHON_PACKAGES },

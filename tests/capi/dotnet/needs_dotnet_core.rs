@@ -1,7 +1,8 @@
 //! Under Microsoft's .NET Core for Linux, from the same files.
 
-use crate::dotnet::programs;
 use crate::dotnet::runtime::Runtime::Core;
+use crate::dotnet::runtime::dotnet;
+use crate::dotnet::{packages, programs};
 
 /// LIB-29, LIB-30, NET-4 The programs of `examples/csharp/` print the same as those in C++.
 #[test]
@@ -69,6 +70,24 @@ fn configuration() {
 #[test]
 fn search() {
     programs::search(Core);
+}
+
+/// A program on the package Ecmsk moves axes, and transfers objects beside that.
+#[test]
+fn moves_on_the_package() {
+    packages::moves(Core);
+}
+
+/// What goes wrong on the package Ecmsk is an exception with the library's text.
+#[test]
+fn errors_on_the_package() {
+    packages::errors(Core);
+}
+
+/// .NET Core finds the package Ecmsk and its library in the folder of packages.
+#[test]
+fn restored_package() {
+    packages::restored(dotnet());
 }
 
 mod needs_cxx {

@@ -17,7 +17,7 @@ pub enum Runtime {
 }
 
 /// .NET Core's program.
-fn dotnet() -> &'static Path {
+pub fn dotnet() -> &'static Path {
     static DOTNET: OnceLock<PathBuf> = OnceLock::new();
     DOTNET.get_or_init(|| {
         let (_, said) = compile_into(&out_dir().join("with-runtime"), &["--runtime"]);

@@ -28,7 +28,29 @@ pub const EXAMPLES: [(&str, &str, &str); 4] = [
     ("TwoAxes16B", "two_axes_16b", "&slot=16"),
 ];
 
-/// The output of `cargo xtask dotnet`, in the folders `assemblies`, `assemblies-x64` and `programs`.
+/// The link for the program `EcmskMoves`, which runs on the package Ecmsk: two drives and an IO slave on virtual time.
+pub const WITH_IO: &str = "sim:?slaves=drive*2,io&clock=virtual";
+
+/// What `EcmskMoves` prints, on slots of 12 bytes.
+pub fn told_moves() -> String {
+    format!(
+        "slots of 12, in PreOP\ndevice type 0x00020192\n1000 frames, 0 lost\nmoved 10000 and -10000\n\
+         PreOP > SafeOP; SafeOP > OP; OP > PreOP; \nNEXTWUSBLib {}\n",
+        env!("CARGO_PKG_VERSION")
+    )
+}
+
+/// Compiles a source against that Ecmsk.dll into a folder, with the configuration by which .NET Core runs it.
+pub fn against_ecmsk(source: &Path, assembly: &Path, folder: &Path) -> Program {
+    let exe = folder.join(source.file_name().expect("a name")).with_extension("exe");
+    let mut mcs = Command::new("mcs");
+    mcs.args(["-warn:4", "-warnaserror", "-r:System.Core.dll"]).arg(format!("-r:{}", assembly.display()));
+    crate::succeed(mcs.arg(format!("-out:{}", exe.display())).arg(source));
+    fs::copy(compiled().join("programs/core.json"), folder.join("core.json")).expect("a copy");
+    Program { exe }
+}
+
+/// The output of `cargo xtask dotnet`, in the folders `assemblies`, `assemblies-x64`, `ecmsk` and `programs`.
 pub fn compiled() -> &'static Path {
     static COMPILED: OnceLock<PathBuf> = OnceLock::new();
     COMPILED.get_or_init(|| compile_into(&target_dir().join("xtask/dotnet"), &[]).0)

@@ -27,13 +27,29 @@ pub fn tar(release: &Release, level: &str, tree: &Tree, file: &Path) -> Result<(
 /// Packs a tree as `.zip`: one folder with the name of the tree's root, its files sorted by name. `level`: the option for
 /// zip's level.
 pub fn zip(release: &Release, level: &str, tree: &Tree, file: &Path) -> Result<(), Error> {
+    let (folder, name) = parts(tree.root());
+    zip_below(release, level, tree, folder, Path::new(name), file)
+}
+
+/// As [`zip`], but without a folder around the files.
+pub fn zip_flat(release: &Release, level: &str, tree: &Tree, file: &Path) -> Result<(), Error> {
+    zip_below(release, level, tree, tree.root(), Path::new(""), file)
+}
+
+/// Packs the files of the tree by their paths relative to `folder`; `prefix` is the tree's own one.
+fn zip_below(
+    release: &Release,
+    level: &str,
+    tree: &Tree,
+    folder: &Path,
+    prefix: &Path,
+    file: &Path,
+) -> Result<(), Error> {
     tree.set_time(release.epoch)?;
     if file.exists() {
         fs::remove_file(file).map_err(Error::file("remove", file))?;
     }
-    let (folder, name) = parts(tree.root());
-    let names: String =
-        tree.files()?.iter().map(|file| format!("{}\n", Path::new(name).join(file).display())).collect();
+    let names: String = tree.files()?.iter().map(|file| format!("{}\n", prefix.join(file).display())).collect();
     // -X: no user ids; -D: no entries for folders; -@: names from standard input.
     let mut zip = release.command("zip");
     zip.current_dir(folder).args(["-q", "-X", "-D", level, "-@"]).arg(file);

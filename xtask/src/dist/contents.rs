@@ -24,12 +24,16 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
         fs::remove_dir_all(&unpacked).map_err(Error::file("remove", &unpacked))?;
     }
     fs::create_dir_all(&unpacked).map_err(Error::file("make", &unpacked))?;
+    // A NuGet package has the libraries of the machines for which packages were made.
+    let is_made = |machine: &Machine| made.linux.iter().any(|packages| packages.machine == *machine);
+    let left_out = Machine::ALL.into_iter().filter(|machine| !is_made(machine)).filter_map(Machine::rid);
+    let left_out: Vec<String> = left_out.map(|rid| format!("runtimes/{rid}/")).collect();
     let mut problems = Vec::new();
     for (package, machine, file) in packages(release, made) {
         let to = unpacked.join(machine.debian()).join(&package);
         fs::create_dir_all(&to).map_err(Error::file("make", &to))?;
         let top = unpack(&file, &to)?;
-        problems.extend(differences(&package, machine, &files(&top)?));
+        problems.extend(differences(&package, machine, &left_out, &files(&top)?));
         problems.extend(paths_of_this_machine(project, &top)?);
         problems.extend(times_of_linking(&top)?);
     }
@@ -47,6 +51,10 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
 fn packages(release: &Release, made: &Made) -> Vec<(String, Machine, PathBuf)> {
     let zip = made.folder.join(format!("ecmsk-{}-windows.zip", release.version));
     let mut found = vec![("windows.zip".to_owned(), Machine::Amd64, zip)];
+    for id in ["Ecmsk", "NEXTWUSB.Compat"] {
+        let package = made.folder.join(format!("{id}.{}.nupkg", release.version));
+        found.push((format!("{id}.nupkg"), Machine::Amd64, package));
+    }
     for ForLinux { machine, tar, debs, .. } in &made.linux {
         found.push(("linux.tar.gz".to_owned(), *machine, made.folder.join(tar)));
         for deb in debs {
@@ -64,15 +72,19 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
         command::output(Command::new("dpkg-deb").arg("--extract").arg(file).arg(to))?;
         return Ok(to.to_owned());
     }
-    let mut unpack = match kind == "zip" {
+    let is_zip = kind == "zip" || kind == "nupkg";
+    let mut unpack = match is_zip {
         true => Command::new(UNZIP.program),
         false => Command::new("tar"),
     };
-    match kind == "zip" {
+    match is_zip {
         true => unpack.arg("-q").arg(file).arg("-d").arg(to),
         false => unpack.arg("--extract").arg("--file").arg(file).arg("--directory").arg(to),
     };
     command::output(&mut unpack)?;
+    if kind == "nupkg" {
+        return Ok(to.to_owned());
+    }
     let mut inside = fs::read_dir(to).map_err(Error::file("list", to))?.flatten().map(|entry| entry.path());
     match (inside.next(), inside.next()) {
         (Some(top), None) => Ok(top),
@@ -80,9 +92,12 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
     }
 }
 
-fn differences(package: &str, machine: Machine, found: &[PathBuf]) -> Vec<String> {
+/// What differs between the files of a package and those of [`LIST`]; `left_out`: folders that it does not have this time.
+fn differences(package: &str, machine: Machine, left_out: &[String], found: &[PathBuf]) -> Vec<String> {
     let of_it = |line: &'static str| line.strip_prefix(package)?.strip_prefix(' ');
     let listed: Vec<String> = LIST.lines().filter_map(of_it).map(|path| path.replace('@', machine.gnu())).collect();
+    let is_left_out = |path: &String| left_out.iter().any(|folder| path.starts_with(folder));
+    let listed: Vec<String> = listed.into_iter().filter(|path| !is_left_out(path)).collect();
     let fits = |pattern: &str, path: &str| match pattern.split_once('*') {
         Some((begin, _)) => path.strip_prefix(begin).is_some_and(|rest| !rest.contains('/')),
         None => path == pattern,
@@ -169,11 +184,13 @@ mod tests {
     fn each_difference_is_told() {
         let listed = LIST.lines().filter_map(|line| line.strip_prefix("libnextwusblib0 "));
         let all: Vec<PathBuf> = listed.map(|path| path.replace('@', "x86_64-linux-gnu").into()).collect();
-        assert_eq!(differences("libnextwusblib0", Machine::Amd64, &all), [""; 0]);
+        assert_eq!(differences("libnextwusblib0", Machine::Amd64, &[], &all), [""; 0]);
         let other = [&all[1..], &[PathBuf::from("usr/lib/x")]].concat();
-        let said = differences("libnextwusblib0", Machine::Amd64, &other);
+        let said = differences("libnextwusblib0", Machine::Amd64, &[], &other);
         assert_eq!(said[0], format!("libnextwusblib0: {} is missing", all[0].display()));
         assert_eq!(said[1..], ["libnextwusblib0: usr/lib/x is not in the list"]);
+        let said = differences("libnextwusblib0", Machine::Amd64, &["usr/".to_owned()], &all[..1]);
+        assert_eq!(said, [format!("libnextwusblib0: {} is not in the list", all[0].display())]);
     }
 
     /// A file that contains a path of this machine is reported.

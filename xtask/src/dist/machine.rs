@@ -43,6 +43,15 @@ impl Machine {
         }
     }
 
+    /// The runtime identifier of .NET, for machines whose library is in the NuGet packages.
+    pub const fn rid(self) -> Option<&'static str> {
+        match self {
+            Self::Amd64 => Some("linux-x64"),
+            Self::Arm64 => Some("linux-arm64"),
+            Self::Armhf => None,
+        }
+    }
+
     /// rustc's target triple.
     pub const fn target(self) -> &'static str {
         match self {

@@ -6,7 +6,8 @@
 //! - `release.rs`: the version, and the one time that all packed files get
 //! - `machine.rs`, `foreign.rs`: the machines for which Linux packages are made, and the test of those for other machines than
 //!   this one, in an emulator
-//! - `linux.rs`, `tarball.rs`, `windows_zip.rs`, `deb/`: the packages: for any Linux, for Windows, for Debian
+//! - `linux.rs`, `tarball.rs`, `windows_zip.rs`, `nuget.rs`, `deb/`: the packages: for any Linux, for Windows, for .NET, for
+//!   Debian
 //! - `tree.rs`, `archive.rs`: a folder with fixed modes and times, and its archive
 //! - `crates.rs`, `licences.rs`, `sbom.rs`: the crates in each file, their licences, and the list of components (SBOM)
 //! - `contents.rs`, `again.rs`: check the contents of the packages, and that a second build gives the same bytes
@@ -20,6 +21,7 @@ mod foreign;
 mod licences;
 mod linux;
 mod machine;
+mod nuget;
 mod release;
 mod sbom;
 mod tarball;
@@ -41,6 +43,7 @@ use crate::windows::Width;
 use crate::{command, debian_rust, dotnet, features, needs, windows};
 use crates::{Crate, Known};
 use machine::Machine;
+pub use nuget::Native;
 use release::Release;
 use sbom::{Artefact, Runtime};
 use tree::Tree;
@@ -66,6 +69,9 @@ const CHECK_NEEDS: &[Need] = &[DEBOOTSTRAP, ROOT, QEMU_USER];
 /// install them in a Debian system.
 pub const TEST_NEEDS: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN, DEBOOTSTRAP, ROOT];
+
+/// The runtime identifier of .NET for this machine.
+pub const RID_HERE: &str = if cfg!(target_arch = "aarch64") { "linux-arm64" } else { "linux-x64" };
 
 /// The file with the checksums of all other files of the release.
 const SUMS: &str = "SHA256SUMS";
@@ -181,12 +187,28 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
 
     let mut names = vec![format!("ecmsk-{}-windows.zip", release.version)];
     archive::zip(release, project.archive_level(), &zip, &out.join(&names[0]))?;
+    let mut in_dotnet = Vec::new();
+    let machines = linux.iter().map(|packages| packages.machine).filter(|machine| machine.rid().is_some());
+    for triple in Width::ALL.map(triple).into_iter().chain(machines.map(Machine::target)) {
+        in_dotnet = both(in_dotnet, known.linked(project, "NEXTWUSBLib", triple)?);
+    }
+    let in_dotnet = licences::text(&in_dotnet)?;
+    let natives = natives(&linux, &windows);
+    names.extend(nuget::make(project, release, &assemblies, &natives, &in_dotnet, &work.join("nuget"), out)?);
     for packages in &linux {
         names.push(packages.tar.clone());
         names.extend(packages.debs.iter().filter_map(|deb| Some(deb.file_name()?.to_string_lossy().into_owned())));
     }
     let list = format!("ecmsk-{}.cdx.json", release.version);
-    let text = sbom::text(release, &artefacts(project, &known, &linux, &zip)?)?;
+    let mut artefacts = artefacts(project, &known, &linux, &zip)?;
+    artefacts.push(Artefact {
+        name: "Ecmsk.dll".to_owned(),
+        kind: "library",
+        file: assemblies.ecmsk.join("Ecmsk.dll"),
+        crates: Vec::new(),
+        runtimes: Vec::new(),
+    });
+    let text = sbom::text(release, &artefacts)?;
     fs::write(out.join(&list), text).map_err(Error::file("write", out))?;
     names.push(list);
     features::write_into(project, out)?;
@@ -195,6 +217,33 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     fs::write(out.join(SUMS), sums).map_err(Error::file("write", out))?;
     names.push(SUMS.to_owned());
     Ok(Made { folder: out.to_owned(), names, linux })
+}
+
+/// Makes the NuGet packages in a folder of `out`, which is returned, with these native libraries alone: for tests.
+pub fn nuget_packages(
+    project: &Project,
+    compiled: &dotnet::Compiled,
+    natives: &[Native],
+    out: &Path,
+) -> Result<PathBuf, Error> {
+    let quick = Project { quick: true, ..project.clone() };
+    let others = "See THIRD-PARTY-LICENSES.txt in the packages of a release.\n";
+    let packages = out.join("nuget");
+    let release = Release::find(project)?;
+    nuget::make(&quick, &release, compiled, natives, others, &out.join("nuget-trees"), &packages)?;
+    Ok(packages)
+}
+
+/// The native libraries of the NuGet packages, from the folders in which the others were put together.
+fn natives(linux: &[ForLinux], windows: &Path) -> Vec<Native> {
+    let mut natives = Vec::new();
+    for (rid, width) in [("win-x86", Width::X86), ("win-x64", Width::X64)] {
+        natives.push(Native { rid, file: windows.join(width.name()).join(windows::DLL) });
+    }
+    for ForLinux { machine, tree, .. } in linux {
+        natives.extend(machine.rid().map(|rid| Native { rid, file: tree.at("lib/libNEXTWUSBLib.so.0") }));
+    }
+    natives
 }
 
 /// Makes the Linux packages for a machine in `out`.

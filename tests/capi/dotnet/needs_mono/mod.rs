@@ -2,8 +2,8 @@
 
 mod files;
 
-use crate::dotnet::programs;
 use crate::dotnet::runtime::Runtime::Mono;
+use crate::dotnet::{packages, programs};
 
 /// LIB-29, LIB-30, NET-4 The programs of `examples/csharp/` print the same as those in C++.
 #[test]
@@ -101,4 +101,34 @@ mod needs_cxx {
     fn a_library_as_the_vendors() {
         programs::a_library_as_the_vendors(Mono);
     }
+}
+
+/// A program on the package Ecmsk moves axes, and transfers objects beside that.
+#[test]
+fn moves_on_the_package() {
+    packages::moves(Mono);
+}
+
+/// What goes wrong on the package Ecmsk is an exception with the library's text.
+#[test]
+fn errors_on_the_package() {
+    packages::errors(Mono);
+}
+
+/// The program on the front page of the package Ecmsk runs.
+#[test]
+fn the_front_page_of_the_package() {
+    packages::front_page(Mono);
+}
+
+/// The NuGet packages have what NuGet looks for.
+#[test]
+fn contents_of_the_packages() {
+    packages::contents();
+}
+
+/// The public members of the package Ecmsk are those of the list.
+#[test]
+fn members_of_the_package() {
+    packages::members();
 }

@@ -1,0 +1,399 @@
+//! The expressions of `ecmsk find`: reads them. A number is compared with a number, and conditions are joined by `and`, `or`
+//! and `not`.
+
+use std::cmp::Ordering;
+
+use ecmsk::cia402::Statusword;
+use ecmsk::machine_file::{MachineFile, Unit};
+use ecmsk::sk::MasterState;
+
+use super::condition::{Comparison, Condition, Flag, Leaf, Number, OfAxis, What};
+use super::measure::{self, Measure};
+use crate::board::AxisWord;
+use crate::motion::Quantity;
+
+/// \[OURS] How deep parentheses and `not` may be nested: more would need an unbounded stack.
+const DEPTH_MAX: usize = 50;
+
+/// The quantities of an axis, by name.
+const OF_AXIS: [(&str, OfAxis); 7] = [
+    ("position", OfAxis::Position),
+    ("target", OfAxis::Target),
+    ("following_error", OfAxis::Moving(Quantity::FollowingError)),
+    ("target_step", OfAxis::Moving(Quantity::TargetStep)),
+    ("velocity", OfAxis::Moving(Quantity::Velocity)),
+    ("torque", OfAxis::Moving(Quantity::Torque)),
+    ("alarm", OfAxis::Alarm),
+];
+
+/// The states of an axis, by name.
+const FLAGS: [(&str, Flag); 10] = [
+    ("enabled", Flag::Enabled),
+    ("fault", Flag::Fault),
+    ("quick_stop", Flag::QuickStop),
+    ("homing", Flag::Homing),
+    ("lost", Flag::Lost),
+    ("voltage_enabled", Flag::Bit(Statusword::VOLTAGE_ENABLED)),
+    ("warning", Flag::Bit(Statusword::WARNING)),
+    ("remote", Flag::Bit(Statusword::REMOTE)),
+    ("target_reached", Flag::Bit(Statusword::TARGET_REACHED)),
+    ("internal_limit", Flag::Bit(Statusword::INTERNAL_LIMIT)),
+];
+
+/// The words of the board and of the language.
+const WORDS: [&str; 8] = ["state", "fifo", "gap", "abs", "and", "or", "not", "OP"];
+
+/// The signs of comparisons; those that begin like another one come before it.
+const COMPARISONS: [(&str, Comparison); 7] = [
+    ("<=", Comparison { orders: &[Ordering::Less, Ordering::Equal] }),
+    (">=", Comparison { orders: &[Ordering::Greater, Ordering::Equal] }),
+    ("==", Comparison { orders: &[Ordering::Equal] }),
+    ("!=", Comparison { orders: &[Ordering::Less, Ordering::Greater] }),
+    ("<", Comparison { orders: &[Ordering::Less] }),
+    (">", Comparison { orders: &[Ordering::Greater] }),
+    ("=", Comparison { orders: &[Ordering::Equal] }),
+];
+
+/// What is wrong with an expression, and where.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("column {column} of the expression: {why}")]
+pub struct ExpressionError {
+    /// The character of the expression, from 1.
+    pub column: usize,
+    /// What is wrong, and what to write.
+    pub why: String,
+}
+
+/// Reads an expression. Axes by name are those of the machine file.
+///
+/// # Errors
+/// [`ExpressionError`] at the first place where the text is no expression, names an axis that is not known, or compares
+/// quantities of different kinds.
+pub fn parse(text: &str, machine: Option<&MachineFile>) -> Result<Condition, ExpressionError> {
+    let mut parser = Parser { text, at: 0, depth: 0, machine };
+    let whole = parser.or()?;
+    parser.skip_blanks();
+    if parser.at < text.len() {
+        return Err(parser.error(parser.at, "`and` or `or` is missing here, or this is too much".to_owned()));
+    }
+    parser.condition(whole)
+}
+
+/// A part of an expression, with the place where it begins.
+struct Part {
+    at: usize,
+    is: Is,
+}
+
+enum Is {
+    Condition(Condition),
+    Number(Number),
+}
+
+struct Parser<'t> {
+    text: &'t str,
+    /// The place of the next character, in bytes.
+    at: usize,
+    depth: usize,
+    machine: Option<&'t MachineFile>,
+}
+
+impl<'t> Parser<'t> {
+    fn error(&self, at: usize, why: String) -> ExpressionError {
+        ExpressionError { column: self.text[..at].chars().count() + 1, why }
+    }
+
+    fn rest(&self) -> &'t str {
+        &self.text[self.at..]
+    }
+
+    fn skip_blanks(&mut self) {
+        self.at = self.text.len() - self.rest().trim_start().len();
+    }
+
+    fn takes(&mut self, sign: &str) -> bool {
+        self.skip_blanks();
+        let takes = self.rest().starts_with(sign);
+        self.at += if takes { sign.len() } else { 0 };
+        takes
+    }
+
+    /// The word at the next place; empty if there is none.
+    fn word(&mut self) -> &'t str {
+        self.skip_blanks();
+        let rest = self.rest();
+        let is_first = rest.starts_with(|letter: char| letter.is_alphabetic() || letter == '_');
+        let end = rest.find(|letter: char| !(letter.is_alphanumeric() || letter == '_')).unwrap_or(rest.len());
+        if is_first { &rest[..end] } else { "" }
+    }
+
+    fn takes_word(&mut self, word: &str) -> bool {
+        let takes = self.word().eq_ignore_ascii_case(word);
+        self.at += if takes { word.len() } else { 0 };
+        takes
+    }
+
+    fn condition(&self, part: Part) -> Result<Condition, ExpressionError> {
+        match part.is {
+            Is::Condition(condition) => Ok(condition),
+            // An alarm alone is a state, and compared it is a code.
+            Is::Number(Number::Leaf(Leaf { what: What::OfAxis { quantity: OfAxis::Alarm, slave, .. }, .. })) => {
+                Ok(Condition::Flag { flag: Flag::Fault, slave: Some(slave) })
+            }
+            Is::Number(_) => {
+                Err(self.error(part.at, "this is a number; compare it, as in position(1) > 500".to_owned()))
+            }
+        }
+    }
+
+    fn number(&self, part: Part) -> Result<Number, ExpressionError> {
+        match part.is {
+            Is::Number(number) => Ok(number),
+            Is::Condition(_) => {
+                Err(self.error(part.at, "this is true or false and no number; take it out of the comparison".to_owned()))
+            }
+        }
+    }
+
+    /// Conditions that are joined by a word, each read by `next`.
+    fn joined(
+        &mut self,
+        word: &str,
+        next: fn(&mut Self) -> Result<Part, ExpressionError>,
+        join: fn(Vec<Condition>) -> Condition,
+    ) -> Result<Part, ExpressionError> {
+        let first = next(self)?;
+        if !self.takes_word(word) {
+            return Ok(first);
+        }
+        let at = first.at;
+        let mut all = vec![self.condition(first)?];
+        loop {
+            let part = next(self)?;
+            all.push(self.condition(part)?);
+            if !self.takes_word(word) {
+                return Ok(Part { at, is: Is::Condition(join(all)) });
+            }
+        }
+    }
+
+    fn or(&mut self) -> Result<Part, ExpressionError> {
+        self.joined("or", Self::and, Condition::Any)
+    }
+
+    fn and(&mut self) -> Result<Part, ExpressionError> {
+        self.joined("and", Self::not, Condition::All)
+    }
+
+    fn not(&mut self) -> Result<Part, ExpressionError> {
+        self.skip_blanks();
+        let at = self.at;
+        if !self.takes_word("not") {
+            return self.comparison();
+        }
+        let part = self.deeper(Self::not)?;
+        Ok(Part { at, is: Is::Condition(Condition::Not(Box::new(self.condition(part)?))) })
+    }
+
+    fn deeper(
+        &mut self,
+        read: fn(&mut Self) -> Result<Part, ExpressionError>,
+    ) -> Result<Part, ExpressionError> {
+        if self.depth == DEPTH_MAX {
+            return Err(self.error(self.at, format!("nested deeper than {DEPTH_MAX}; write it with less parentheses")));
+        }
+        self.depth += 1;
+        let part = read(self);
+        self.depth -= 1;
+        part
+    }
+
+    fn comparison(&mut self) -> Result<Part, ExpressionError> {
+        let part = self.sum()?;
+        let at = part.at;
+        let Some(comparison) = self.comparison_sign() else { return Ok(part) };
+        let mut left = self.number(part)?;
+        let part = self.sum()?;
+        let mut right = self.number(part)?;
+        self.skip_blanks();
+        let end = self.at;
+        if self.comparison_sign().is_some() {
+            return Err(self.error(end, "one comparison at a time; join two with `and`".to_owned()));
+        }
+        measure::settle(at, [&mut left, &mut right], self.machine).map_err(|(at, why)| self.error(at, why))?;
+        Ok(Part { at, is: Is::Condition(Condition::Compare { left, comparison, right }) })
+    }
+
+    fn comparison_sign(&mut self) -> Option<Comparison> {
+        COMPARISONS.into_iter().find(|(sign, _)| self.takes(sign)).map(|(_, comparison)| comparison)
+    }
+
+    fn sum(&mut self) -> Result<Part, ExpressionError> {
+        let first = self.signed()?;
+        let at = first.at;
+        let mut sign = self.plus_or_minus();
+        if sign.is_none() {
+            return Ok(first);
+        }
+        let mut all = vec![(1.0, self.number(first)?)];
+        while let Some(factor) = sign {
+            let part = self.signed()?;
+            all.push((factor, self.number(part)?));
+            sign = self.plus_or_minus();
+        }
+        Ok(Part { at, is: Is::Number(Number::Sum(all)) })
+    }
+
+    fn plus_or_minus(&mut self) -> Option<f64> {
+        let signs = [("+", 1.0), ("-", -1.0)];
+        signs.into_iter().find(|(sign, _)| self.takes(sign)).map(|(_, factor)| factor)
+    }
+
+    fn signed(&mut self) -> Result<Part, ExpressionError> {
+        self.skip_blanks();
+        let at = self.at;
+        if !self.takes("-") {
+            return self.atom();
+        }
+        let part = self.deeper(Self::signed)?;
+        Ok(Part { at, is: Is::Number(Number::Sum(vec![(-1.0, self.number(part)?)])) })
+    }
+
+    fn atom(&mut self) -> Result<Part, ExpressionError> {
+        self.skip_blanks();
+        let at = self.at;
+        if self.takes("(") {
+            let Part { is, .. } = self.inside()?;
+            return Ok(Part { at, is });
+        }
+        if self.rest().starts_with(|letter: char| letter.is_ascii_digit() || letter == '.') {
+            return self.literal();
+        }
+        let word = self.word();
+        if word.is_empty() {
+            let why = match self.rest().chars().next() {
+                Some(letter) => format!("`{letter}` cannot stand here; write a quantity, as in position(1) > 500"),
+                None => "it ends here; write a quantity, as in position(1) > 500".to_owned(),
+            };
+            return Err(self.error(at, why));
+        }
+        self.at += word.len();
+        self.named(at, word)
+    }
+
+    /// What stands between parentheses, the first of which is taken.
+    fn inside(&mut self) -> Result<Part, ExpressionError> {
+        let part = self.deeper(Self::or)?;
+        if self.takes(")") { Ok(part) } else { Err(self.error(self.at, "`)` is missing; close each `(`".to_owned())) }
+    }
+
+    fn literal(&mut self) -> Result<Part, ExpressionError> {
+        let (at, rest) = (self.at, self.rest());
+        let end = rest.find(|letter: char| !(letter.is_ascii_alphanumeric() || letter == '.')).unwrap_or(rest.len());
+        let hex = rest[..end].strip_prefix("0x").or_else(|| rest[..end].strip_prefix("0X"));
+        let (len, value) = match hex {
+            Some(digits) => (end, u32::from_str_radix(digits, 16).ok().map(f64::from)),
+            None => {
+                let end = rest.find(|letter: char| !(letter.is_ascii_digit() || letter == '.')).unwrap_or(rest.len());
+                (end, rest[..end].parse().ok())
+            }
+        };
+        let value = value.ok_or_else(|| self.error(at, format!("`{}` is no number", &rest[..end])))?;
+        self.at += len;
+        let measure = self.unit()?;
+        let leaf = Leaf { at, what: What::Literal { value, measure }, factor: 1.0 };
+        Ok(Part { at, is: Is::Number(Number::Leaf(leaf)) })
+    }
+
+    /// The unit behind a number, if there is one.
+    fn unit(&mut self) -> Result<Option<Measure>, ExpressionError> {
+        if self.takes("%") {
+            return Ok(Some(Measure::Percent));
+        }
+        let word = self.word();
+        if let Some(unit) = Unit::ALL.into_iter().find(|unit| unit.word() == word) {
+            self.at += word.len();
+            return Ok(Some(if self.takes("/s") { Measure::Speed(unit) } else { Measure::Distance(unit) }));
+        }
+        if word.is_empty() || ["and", "or"].iter().any(|other| word.eq_ignore_ascii_case(other)) {
+            return Ok(None);
+        }
+        let units = Unit::ALL.map(Unit::word).join(", ");
+        Err(self.error(self.at, format!("`{word}` is no unit; there are {units}, each with /s for speeds, and %")))
+    }
+
+    /// What a word at `at` names, which is taken.
+    fn named(&mut self, at: usize, word: &str) -> Result<Part, ExpressionError> {
+        let leaf = |what| Ok(Part { at, is: Is::Number(Number::Leaf(Leaf { at, what, factor: 1.0 })) });
+        let lower = word.to_lowercase();
+        let states = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
+        if let Some(state) = states.into_iter().find(|state| state.name().eq_ignore_ascii_case(word)) {
+            return leaf(What::StateWord(state.code()));
+        }
+        match &*lower {
+            "state" => return leaf(What::State),
+            "fifo" => return leaf(What::Fifo),
+            "gap" => return Ok(Part { at, is: Is::Condition(Condition::Gap) }),
+            "abs" => {
+                if !self.takes("(") {
+                    return Err(self.error(self.at, "`(` is missing; write abs(velocity(1))".to_owned()));
+                }
+                let part = self.inside()?;
+                return Ok(Part { at, is: Is::Number(Number::Magnitude(Box::new(self.number(part)?))) });
+            }
+            _ => {}
+        }
+        let quantity = OF_AXIS.into_iter().find(|(name, _)| *name == lower).map(|(_, quantity)| quantity);
+        let flag = FLAGS.into_iter().find(|(name, _)| *name == lower).map(|(_, flag)| flag);
+        let axis = if quantity.is_some() || flag.is_some() { self.axis()? } else { None };
+        match (quantity, flag, axis) {
+            (Some(quantity), _, Some((slave, is_named))) => leaf(What::OfAxis { quantity, slave, is_named }),
+            (Some(OfAxis::Alarm), _, None) => {
+                Ok(Part { at, is: Is::Condition(Condition::Flag { flag: Flag::Fault, slave: None }) })
+            }
+            (Some(_), _, None) => Err(self.error(at, format!("of which axis? write {lower}(1), or the name of an axis"))),
+            (None, Some(flag), axis) => {
+                let slave = axis.map(|(slave, _)| slave);
+                Ok(Part { at, is: Is::Condition(Condition::Flag { flag, slave }) })
+            }
+            (None, None, _) => Err(self.error(at, unknown(word))),
+        }
+    }
+
+    /// The axis between parentheses: the number of its slave, and whether it is given by its name. `None` without
+    /// parentheses.
+    fn axis(&mut self) -> Result<Option<(u8, bool)>, ExpressionError> {
+        if !self.takes("(") {
+            return Ok(None);
+        }
+        self.skip_blanks();
+        let (at, rest) = (self.at, self.rest());
+        let Some(end) = rest.find(')') else {
+            return Err(self.error(self.text.len(), "`)` is missing; close each `(`".to_owned()));
+        };
+        let word = AxisWord::parse(&rest[..end]).ok_or_else(|| {
+            let name = rest[..end].trim();
+            self.error(at, format!("`{name}` is no axis; write the number of a slave, 1 to 40, or a name of the machine file"))
+        })?;
+        let slave = word.slave("find", self.machine).map_err(|error| {
+            // The verb stands before the text of the error, and here the column does.
+            let text = error.to_string();
+            self.error(at, text.strip_prefix("find: ").unwrap_or(&text).to_owned())
+        })?;
+        self.at += end + 1;
+        Ok(Some((slave, word.is_name())))
+    }
+}
+
+/// The error for a word that is not known, with one like it if there is one, otherwise all.
+fn unknown(word: &str) -> String {
+    /// How similar a word has to be to be shown alone, as clap has it.
+    const SIMILAR: f64 = 0.7;
+    let words = || OF_AXIS.iter().map(|(name, _)| *name).chain(FLAGS.iter().map(|(name, _)| *name)).chain(WORDS);
+    let lower = word.to_lowercase();
+    let similar = words().map(|known| (strsim::jaro(known, &lower), known)).max_by(|a, b| a.0.total_cmp(&b.0));
+    match similar.filter(|(similarity, _)| *similarity > SIMILAR) {
+        Some((_, known)) => format!("`{word}` is not known; write `{known}`"),
+        None => format!("`{word}` is not known; there are {}", words().collect::<Vec<_>>().join(", ")),
+    }
+}

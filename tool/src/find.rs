@@ -3,7 +3,7 @@
 //! Files:
 //!
 //! - `find.rs`: the verb
-//! - `find/expression.rs`: reads the expression; `find/measure.rs`: the units of its numbers
+//! - `find/expression.rs`: reads the expression; `find/words.rs`: its words; `find/measure.rs`: the units of its numbers
 //! - `find/condition.rs`: whether a condition holds at a report
 //! - `find/values.rs`: the values of axes and board at each report
 //! - `find/spans.rs`: from when to when a condition holds
@@ -13,6 +13,7 @@ mod expression;
 mod measure;
 mod spans;
 mod values;
+mod words;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

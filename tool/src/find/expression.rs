@@ -1,58 +1,16 @@
 //! The expressions of `ecmsk find`: reads them. A number is compared with a number, and conditions are joined by `and`, `or`
 //! and `not`.
 
-use std::cmp::Ordering;
-
-use ecmsk::cia402::Statusword;
 use ecmsk::machine_file::{MachineFile, Unit};
 use ecmsk::sk::MasterState;
 
 use super::condition::{Comparison, Condition, Flag, Leaf, Number, OfAxis, What};
 use super::measure::{self, Measure};
+use super::words::{COMPARISONS, FLAGS, OF_AXIS, unknown};
 use crate::board::AxisWord;
-use crate::motion::Quantity;
 
 /// \[OURS] How deep parentheses and `not` may be nested: more would need an unbounded stack.
 const DEPTH_MAX: usize = 50;
-
-/// The quantities of an axis, by name.
-const OF_AXIS: [(&str, OfAxis); 7] = [
-    ("position", OfAxis::Position),
-    ("target", OfAxis::Target),
-    ("following_error", OfAxis::Moving(Quantity::FollowingError)),
-    ("target_step", OfAxis::Moving(Quantity::TargetStep)),
-    ("velocity", OfAxis::Moving(Quantity::Velocity)),
-    ("torque", OfAxis::Moving(Quantity::Torque)),
-    ("alarm", OfAxis::Alarm),
-];
-
-/// The states of an axis, by name.
-const FLAGS: [(&str, Flag); 10] = [
-    ("enabled", Flag::Enabled),
-    ("fault", Flag::Fault),
-    ("quick_stop", Flag::QuickStop),
-    ("homing", Flag::Homing),
-    ("lost", Flag::Lost),
-    ("voltage_enabled", Flag::Bit(Statusword::VOLTAGE_ENABLED)),
-    ("warning", Flag::Bit(Statusword::WARNING)),
-    ("remote", Flag::Bit(Statusword::REMOTE)),
-    ("target_reached", Flag::Bit(Statusword::TARGET_REACHED)),
-    ("internal_limit", Flag::Bit(Statusword::INTERNAL_LIMIT)),
-];
-
-/// The words of the board and of the language.
-const WORDS: [&str; 8] = ["state", "fifo", "gap", "abs", "and", "or", "not", "OP"];
-
-/// The signs of comparisons; those that begin like another one come before it.
-const COMPARISONS: [(&str, Comparison); 7] = [
-    ("<=", Comparison { orders: &[Ordering::Less, Ordering::Equal] }),
-    (">=", Comparison { orders: &[Ordering::Greater, Ordering::Equal] }),
-    ("==", Comparison { orders: &[Ordering::Equal] }),
-    ("!=", Comparison { orders: &[Ordering::Less, Ordering::Greater] }),
-    ("<", Comparison { orders: &[Ordering::Less] }),
-    (">", Comparison { orders: &[Ordering::Greater] }),
-    ("=", Comparison { orders: &[Ordering::Equal] }),
-];
 
 /// What is wrong with an expression, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -150,7 +108,8 @@ impl<'t> Parser<'t> {
         match part.is {
             Is::Number(number) => Ok(number),
             Is::Condition(_) => {
-                Err(self.error(part.at, "this is true or false and no number; take it out of the comparison".to_owned()))
+                Err(self
+                    .error(part.at, "this is true or false and no number; take it out of the comparison".to_owned()))
             }
         }
     }
@@ -195,10 +154,7 @@ impl<'t> Parser<'t> {
         Ok(Part { at, is: Is::Condition(Condition::Not(Box::new(self.condition(part)?))) })
     }
 
-    fn deeper(
-        &mut self,
-        read: fn(&mut Self) -> Result<Part, ExpressionError>,
-    ) -> Result<Part, ExpressionError> {
+    fn deeper(&mut self, read: fn(&mut Self) -> Result<Part, ExpressionError>) -> Result<Part, ExpressionError> {
         if self.depth == DEPTH_MAX {
             return Err(self.error(self.at, format!("nested deeper than {DEPTH_MAX}; write it with less parentheses")));
         }
@@ -351,7 +307,9 @@ impl<'t> Parser<'t> {
             (Some(OfAxis::Alarm), _, None) => {
                 Ok(Part { at, is: Is::Condition(Condition::Flag { flag: Flag::Fault, slave: None }) })
             }
-            (Some(_), _, None) => Err(self.error(at, format!("of which axis? write {lower}(1), or the name of an axis"))),
+            (Some(_), _, None) => {
+                Err(self.error(at, format!("of which axis? write {lower}(1), or the name of an axis")))
+            }
             (None, Some(flag), axis) => {
                 let slave = axis.map(|(slave, _)| slave);
                 Ok(Part { at, is: Is::Condition(Condition::Flag { flag, slave }) })
@@ -373,7 +331,10 @@ impl<'t> Parser<'t> {
         };
         let word = AxisWord::parse(&rest[..end]).ok_or_else(|| {
             let name = rest[..end].trim();
-            self.error(at, format!("`{name}` is no axis; write the number of a slave, 1 to 40, or a name of the machine file"))
+            self.error(
+                at,
+                format!("`{name}` is no axis; write the number of a slave, 1 to 40, or a name of the machine file"),
+            )
         })?;
         let slave = word.slave("find", self.machine).map_err(|error| {
             // The verb stands before the text of the error, and here the column does.
@@ -385,15 +346,103 @@ impl<'t> Parser<'t> {
     }
 }
 
-/// The error for a word that is not known, with one like it if there is one, otherwise all.
-fn unknown(word: &str) -> String {
-    /// How similar a word has to be to be shown alone, as clap has it.
-    const SIMILAR: f64 = 0.7;
-    let words = || OF_AXIS.iter().map(|(name, _)| *name).chain(FLAGS.iter().map(|(name, _)| *name)).chain(WORDS);
-    let lower = word.to_lowercase();
-    let similar = words().map(|known| (strsim::jaro(known, &lower), known)).max_by(|a, b| a.0.total_cmp(&b.0));
-    match similar.filter(|(similarity, _)| *similarity > SIMILAR) {
-        Some((_, known)) => format!("`{word}` is not known; write `{known}`"),
-        None => format!("`{word}` is not known; there are {}", words().collect::<Vec<_>>().join(", ")),
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::condition::Values;
+    use super::*;
+    use crate::motion::Quantity;
+
+    /// Axis 1 stands at 1000 and has its target at 1200; nothing is known of others.
+    struct Standing;
+
+    impl Values for Standing {
+        fn of_axis(&self, quantity: OfAxis, slave: u8) -> Option<i64> {
+            let value = match quantity {
+                OfAxis::Position => 1000,
+                OfAxis::Target => 1200,
+                OfAxis::Moving(Quantity::FollowingError) => -200,
+                OfAxis::Moving(Quantity::Torque) => 355,
+                OfAxis::Moving(Quantity::Velocity) => -40,
+                OfAxis::Moving(Quantity::TargetStep) => 0,
+                OfAxis::Alarm => 0x7500,
+            };
+            (slave == 1).then_some(value)
+        }
+
+        fn flag(&self, flag: Flag, slave: Option<u8>) -> Option<bool> {
+            (slave != Some(2)).then_some(matches!(flag, Flag::Enabled | Flag::Fault))
+        }
+
+        fn state(&self) -> u8 {
+            8
+        }
+
+        fn fifo(&self) -> Option<u16> {
+            Some(152)
+        }
+    }
+
+    fn holds(text: &str) -> Option<bool> {
+        parse(text, None).unwrap_or_else(|error| panic!("{text}: {error}")).holds(&Standing, false)
+    }
+
+    /// `not` binds tighter than `and`, that tighter than `or`; signs of sums bind tighter than comparisons.
+    #[test]
+    fn conditions_hold_as_they_are_written() {
+        for text in [
+            "position(1) > 500",
+            "position( 1 )==1000",
+            "target(1) - position(1) = 200",
+            "1000 - 500 - 500 = 0 - 0 + position(1) - 1000",
+            "-position(1) < -999",
+            "following_error(1) > 199 and following_error(1) <= 200",
+            "abs(velocity(1)) > 39 and velocity(1) < 0",
+            "torque(1) > 35.4 and torque(1) < 35.6 %",
+            "alarm(1) and alarm(1) == 0x7500 and alarm",
+            "state == OP and state != safeop and state > PreOP",
+            "fifo < 160",
+            "homing or enabled and not homing",
+            "not homing and enabled(1)",
+            "not (homing or gap)",
+            "NOT HOMING AND ENABLED",
+            "((position(1)) > (500))",
+        ] {
+            assert_eq!(holds(text), Some(true), "{text}");
+        }
+        for text in ["enabled and homing or gap", "position(1) < 1000", "not not homing", "target_step(1) > 0"] {
+            assert_eq!(holds(text), Some(false), "{text}");
+        }
+    }
+
+    /// What is not known makes a condition unknown, unless the rest of it decides.
+    #[test]
+    fn what_is_not_known_neither_holds_nor_fails() {
+        for text in ["position(2) > 5", "not (position(2) > 5)", "enabled(2) and enabled(1)", "enabled(2) or homing"] {
+            assert_eq!(holds(text), None, "{text}");
+        }
+        assert_eq!(holds("enabled(2) and homing(1)"), Some(false));
+        assert_eq!(holds("enabled(2) or enabled(1)"), Some(true));
+    }
+
+    proptest! {
+        /// Any text is read or refused with a column inside it, however long it is.
+        #[test]
+        fn any_text_is_read_or_refused(text in "([a-z_]{1,8}|[0-9.x%]{1,4}|[()<>=!+-]|and|or|not|abs|position\\(1\\)|mm|/s| |\\PC){0,40}") {
+            if let Err(error) = parse(&text, None) {
+                prop_assert!((1..=text.chars().count() + 1).contains(&error.column), "{error}");
+            }
+        }
+    }
+
+    /// Long chains and deep nesting need no more stack than others.
+    #[test]
+    fn long_expressions_are_no_deep_ones() {
+        let long = ["fault"; 20_000].join(" or ");
+        assert_eq!(holds(&long), Some(true));
+        for deep in ["not ".repeat(20_000), "(".repeat(20_000), "-".repeat(20_000), "abs(".repeat(20_000)] {
+            assert!(parse(&deep, None).unwrap_err().why.starts_with("nested deeper than"));
+        }
     }
 }

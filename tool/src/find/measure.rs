@@ -85,7 +85,9 @@ pub fn settle(at: usize, sides: [&mut Number; 2], machine: Option<&MachineFile>)
         return Err((at, "it compares nothing of the recording; name a quantity, as in position(1) > 500".to_owned()));
     }
     let Some(kind) = leaves.iter().find_map(|leaf| leaf.kind()) else { return Ok(()) };
-    if let Some((leaf, other)) = leaves.iter().find_map(|leaf| Some((leaf, leaf.kind().filter(|other| *other != kind)?))) {
+    if let Some((leaf, other)) =
+        leaves.iter().find_map(|leaf| Some((leaf, leaf.kind().filter(|other| *other != kind)?)))
+    {
         let (this, first) = (other.words(), kind.words());
         return Err((leaf.at, format!("this is {this}, and what it is compared with is {first}; compare each alone")));
     }

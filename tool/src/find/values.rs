@@ -3,9 +3,7 @@
 use ecmsk::cia402::DriveState;
 use ecmsk::link::Dir;
 use ecmsk::sk::dump::MAX_SLAVES;
-use ecmsk::sk::{
-    CommandId, DriveResponse, FIFO_ENTRIES, MasterResponse, MasterState, RawSlot, SlaveKind, StateByte,
-};
+use ecmsk::sk::{CommandId, DriveResponse, FIFO_ENTRIES, MasterResponse, MasterState, RawSlot, SlaveKind, StateByte};
 
 use super::condition::{Flag, OfAxis, Values};
 use crate::motion::{Axes, Execution, Quantity, Value};

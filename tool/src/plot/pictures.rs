@@ -74,8 +74,7 @@ impl Drawn {
         if window.from_ns > window.to_ns {
             return None;
         }
-        let scale =
-            |axis| machine.and_then(|machine| machine.axis_of(axis)).map_or(Scale::COUNTS, |axis| axis.scale);
+        let scale = |axis| machine.and_then(|machine| machine.axis_of(axis)).map_or(Scale::COUNTS, |axis| axis.scale);
         let axes: Vec<u8> = stretch.axes.iter().copied().take(MAX_AXES).collect();
         let scaled: Vec<(u8, Scale)> = axes.iter().map(|axis| (*axis, scale(*axis))).collect();
         let series = Series::new(&Subject {

@@ -47,7 +47,8 @@ impl Page<'_> {
         stretches.truncate(PICTURES_MAX);
         let drawn = pictures(&self.args.file, frames, survey, &stretches, self.machine)?;
         let pictures: String = stretches.iter().zip(drawn).map(|(stretch, svg)| figure(stretch, svg)).collect();
-        let more = if left_out > 0 { format!("<p>{left_out} later moments have no picture.</p>\n") } else { String::new() };
+        let more =
+            if left_out > 0 { format!("<p>{left_out} later moments have no picture.</p>\n") } else { String::new() };
         let wrong = match text(self.summary, self.machine) {
             wrong if wrong.is_empty() => "Nothing went wrong.".to_owned(),
             wrong => wrong,

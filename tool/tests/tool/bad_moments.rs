@@ -85,9 +85,9 @@ fn a_jam_and_a_step_of_the_night_are_found() {
 
     let html = std::fs::read_to_string(page).expect("a page");
     for (axis, what, at) in [(1, "target step", stepped_at), (2, "following error", jammed_at)] {
-        let heading = html.lines().find(|line| {
-            line.starts_with("<h3>") && line.contains(&format!("axis {axis}: largest {what} "))
-        });
+        let heading = html
+            .lines()
+            .find(|line| line.starts_with("<h3>") && line.contains(&format!("axis {axis}: largest {what} ")));
         let heading = heading.unwrap_or_else(|| panic!("axis {axis}"));
         assert!(heading.contains(&format!("at {at:.3} s")), "{heading}");
     }

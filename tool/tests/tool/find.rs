@@ -4,7 +4,7 @@ use crate::common::board::{file, text};
 use crate::common::motion::FakeBoard;
 use crate::common::plots::Recorded;
 use crate::common::{Ran, json_lines, run};
-use ecmsk::sk::{SlaveCommand, SlotSize};
+use ecmsk::sk::SlotSize;
 
 fn find(recorded: &Recorded, expression: &str, options: &[&str]) -> Ran {
     run([&["find", expression, recorded.file.to_str().expect("UTF-8")], options].concat())
@@ -26,9 +26,10 @@ fn spans(recorded: &Recorded, expression: &str) -> Vec<(f64, Option<f64>)> {
 fn near(found: &[(f64, Option<f64>)], expected: &[(f64, f64)]) {
     let is_near = |a: f64, b: f64| (a - b).abs() < 0.0035;
     let same = found.len() == expected.len()
-        && found.iter().zip(expected).all(|((from, to), expected)| {
-            is_near(*from, expected.0) && to.is_some_and(|to| is_near(to, expected.1))
-        });
+        && found
+            .iter()
+            .zip(expected)
+            .all(|((from, to), expected)| is_near(*from, expected.0) && to.is_some_and(|to| is_near(to, expected.1)));
     assert!(same, "{found:?} instead of {expected:?}");
 }
 
@@ -150,20 +151,41 @@ fn a_wrong_expression_is_told_with_its_column() {
     assert!(json.err.starts_with("{\"error\":\"column 1 of the expression: "), "{json:?}");
 }
 
-/// States of drives, homing and alarms are found in a run on the model, of one axis and of any.
+/// Runs the tool on a simulated board with two drives, and returns the path of the recording.
+fn recorded(name: &str, script: &str, words: &[&str], code: i32) -> String {
+    let script = text(&format!("{name}.script"), script);
+    let path = file(&format!("{name}.pcapng"));
+    let _ = std::fs::remove_file(&path);
+    let path = path.display().to_string();
+    let link = format!("sim:?slaves=drive*2&clock=virtual&script={script}&record={path}");
+    run([words, &["--up", "--link", &link]].concat()).expect_code(code);
+    path
+}
+
+/// How often the expression becomes true in a recording.
+fn count(expression: &str, path: &str) -> usize {
+    let ran = run(["find", expression, path]);
+    assert!(matches!(ran.code, Some(0 | 1)), "{ran:?}");
+    ran.out.lines().count()
+}
+
+/// Homing and alarms of drives are found, of one axis and of any.
 #[test]
 fn homing_and_alarms_are_found() {
-    let script = text("find_alarm.script", "at 900ms alarm 2 0x7500 stays\n");
-    let path = file("find_alarm.pcapng");
-    let _ = std::fs::remove_file(&path);
-    let link = format!("sim:?slaves=drive*2&clock=virtual&script={script}&record={}", path.display());
-    let ran = run(["home", "1,2", "--up", "--link", &link]);
-    assert_eq!(ran.code, Some(0), "{ran:?}");
-    let name = path.to_str().expect("UTF-8");
-    let count = |expression: &str| {
-        let ran = run(["find", expression, name]);
-        assert!(matches!(ran.code, Some(0 | 1)), "{ran:?}");
-        ran.out.lines().count()
-    };
-    assert_eq!((count("homing(1)"), count("homing"), count("homing(1) and not enabled(1)")), (1, 1, 0));
+    let homed = recorded("find_homed", "", &["home", "1"], 0);
+    for (expression, expected) in
+        [("homing(1)", 1), ("homing", 1), ("homing(2)", 0), ("homing(1) and not enabled(1)", 0), ("alarm", 0)]
+    {
+        assert_eq!(count(expression, &homed), expected, "{expression}");
+    }
+    let moved = recorded("find_alarm", "at 600ms alarm 2 0x7305\n", &["move", "1=10000", "2=-5000"], 1);
+    for (expression, expected) in [
+        ("alarm", 1),
+        ("alarm(2) == 0x7305", 1),
+        ("alarm(2) and alarm(2) != 0x7305 and alarm(2) != 0", 0),
+        ("fault(1)", 0),
+        ("gap", 0),
+    ] {
+        assert_eq!(count(expression, &moved), expected, "{expression}");
+    }
 }

@@ -156,7 +156,7 @@ impl<'t> Parser<'t> {
 
     fn deeper(&mut self, read: fn(&mut Self) -> Result<Part, ExpressionError>) -> Result<Part, ExpressionError> {
         if self.depth == DEPTH_MAX {
-            return Err(self.error(self.at, format!("nested deeper than {DEPTH_MAX}; write it with less parentheses")));
+            return Err(self.error(self.at, format!("nested deeper than {DEPTH_MAX}; write it with fewer parentheses")));
         }
         self.depth += 1;
         let part = read(self);

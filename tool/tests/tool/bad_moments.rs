@@ -9,11 +9,11 @@ use crate::common::board::{file, text};
 use crate::common::{json_lines, run};
 
 /// How long the run moves, in cycles of 1 ms.
-const CYCLES: i32 = 200_000;
+const CYCLES: i32 = 30_000;
 /// The cycle of the motion in which the target of axis 1 steps by 3,000 counts more than before.
-const STEP: i32 = 120_000;
+const STEP: i32 = 20_000;
 /// When a script blocks axis 2 for 20 ms, in seconds since the board was opened.
-const JAM: f64 = 60.0;
+const JAM: f64 = 10.0;
 /// How much a time may be off, in seconds.
 const NEAR: f64 = 0.005;
 
@@ -55,7 +55,7 @@ fn found(expression: &str) -> Vec<f64> {
 
 /// When axis 1 steps, in seconds: `dump` shows the first report with the position beyond those of all others.
 fn stepped() -> f64 {
-    let ran = run(["find", "velocity(1) > 1000000", night(), "--json"]);
+    let ran = run(["find", "velocity(1) > 100000", night(), "--json"]);
     json_lines(&ran.out)[0]["at_s"].as_f64().expect("a time")
 }
 

@@ -139,7 +139,7 @@ fn a_wrong_expression_is_told_with_its_column() {
         ("position(1) > 5 apples", 17, "`apples` is no unit"),
         ("position(1) > 1.2.3", 15, "`1.2.3` is no number"),
         ("nicht fault", 1, "`nicht` is not known"),
-        (&*deep, 51, "nested deeper"),
+        (&*deep, 52, "nested deeper"),
     ] {
         let ran = run(["find", expression, "no such file"]);
         assert_eq!(ran.code, Some(2), "{expression}: {ran:?}");

@@ -26,7 +26,7 @@ use serde_json::json;
 
 use super::error::CliError;
 use super::filter::TimeOptions;
-use super::recording::{Frames, Walked, board, parse_device};
+use super::recording::{Frames, board, parse_device};
 use super::stderr::say;
 use super::{compare, machine_option, output, slot_size};
 use spans::{Span, Spans};
@@ -138,7 +138,7 @@ fn find(args: &Args) -> Result<Vec<Span>, FindError> {
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
     let times = args.times.times();
     let (mut watch, mut spans, mut is_any) = (Watch::new(), Spans::new(&condition), false);
-    let Walked { damage, jumps, .. } = frames.walk(i64::MAX, |framed| {
+    let walked = frames.walk(i64::MAX, |framed| {
         let execution = watch.frame(framed);
         if times.contains(framed.time_ns) {
             is_any = true;
@@ -147,11 +147,8 @@ fn find(args: &Args) -> Result<Vec<Span>, FindError> {
             }
         }
     })?;
-    damage.iter().for_each(|damage| say("note", damage));
-    if let Some(jumps) = jumps {
-        say("note", &format_args!("{}: {jumps}", args.file.display()));
-    }
-    frames.note_missing();
+    frames.note_opened();
+    frames.note_walked(&walked);
     if !is_any {
         say("note", &"no frame is left; change --from, --to or --around");
     }

@@ -204,6 +204,17 @@ impl<R: Read> Frames<R> {
         Ok(walked)
     }
 
+    /// Prints notes on what is wrong with the recording that [`Frames::walk`] has read to its end.
+    pub fn note_walked(&self, walked: &Walked) {
+        if let Some(damage) = &walked.damage {
+            say("note", damage);
+        }
+        if let Some(jumps) = walked.jumps {
+            say("note", &format_args!("{}: {jumps}", self.name));
+        }
+        self.note_missing();
+    }
+
     /// Prints notes on what the recording lacks and on ignored traffic of a capture. To be called after the last frame.
     pub fn note_missing(&self) {
         note_left_out(&self.name, &self.recording.skipped());

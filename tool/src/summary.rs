@@ -34,7 +34,7 @@ use super::filter::TimeOptions;
 use super::junit::{self, Case};
 use super::machine_option::{alarm_words, label};
 use super::plot::survey::Survey;
-use super::recording::{Frames, Walked, board, parse_device};
+use super::recording::{Frames, board, parse_device};
 use super::stderr::say;
 use super::{machine_option, output, slot_size};
 
@@ -137,21 +137,17 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let times = args.times.times();
     let (mut events, mut extremes) = (Events::new(times), Extremes::new(times));
     let mut survey = args.html.is_some().then(Survey::default);
-    let Walked { frames: count, damage, jumps } = frames.walk(i64::MAX, |framed| {
+    let walked = frames.walk(i64::MAX, |framed| {
         extremes.frame(framed);
         events.frame(framed);
         survey.iter_mut().for_each(|survey| survey.frame(framed));
     })?;
-    // The summary of the frames before the damage is still printed.
-    damage.iter().for_each(|damage| say("note", damage));
-    if let Some(jumps) = jumps {
-        say("note", &format_args!("{}: {jumps}", args.file.display()));
+    // The summary of the frames before a damage is still printed.
+    frames.note_walked(&walked);
+    if !events.is_any() && walked.frames > 0 {
+        say("note", &format_args!("none of {} frames is left; change --from, --to or --around", walked.frames));
     }
-    frames.note_missing();
-    if !events.is_any() && count > 0 {
-        say("note", &format_args!("none of {count} frames is left; change --from, --to or --around"));
-    }
-    let is_whole = damage.is_none() && frames.lacks().is_none();
+    let is_whole = walked.damage.is_none() && frames.lacks().is_none();
     let summary = events.summary();
     let axes: Vec<_> = extremes.axes().collect();
     if args.json {

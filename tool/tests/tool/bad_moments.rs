@@ -53,7 +53,7 @@ fn found(expression: &str) -> Vec<f64> {
     json_lines(&ran.out).iter().map(|found| found["at_s"].as_f64().expect("a time")).collect()
 }
 
-/// When axis 1 steps, in seconds: `dump` shows the first report with the position beyond those of all others.
+/// When axis 1 steps, in seconds: it moves then as fast as at no other time.
 fn stepped() -> f64 {
     let ran = run(["find", "velocity(1) > 100000", night(), "--json"]);
     json_lines(&ran.out)[0]["at_s"].as_f64().expect("a time")
@@ -79,8 +79,8 @@ fn a_jam_and_a_step_of_the_night_are_found() {
     let steps = found("target_step(1) > 2000");
     assert!(steps.len() == 1 && (steps[0] - stepped_at).abs() < NEAR, "{steps:?}");
     // The axis falls behind by 10 counts a millisecond from the jam on.
-    let jams = found("following_error(2) > 100");
-    assert!(jams.len() == 1 && (jams[0] - JAM).abs() < 2.0 * NEAR, "{jams:?}");
+    let jams = found("following_error(2) > 40");
+    assert!(jams.len() == 1 && (jams[0] - JAM).abs() < NEAR, "{jams:?}");
     assert!(found("target_step(2) > 2000 or following_error(2) > 1000").is_empty());
 
     let html = std::fs::read_to_string(page).expect("a page");

@@ -125,7 +125,7 @@ fn a_wrong_expression_is_told_with_its_column() {
         ("position(1) > ", 15, "it ends here"),
         ("position(1) >> 5", 14, "`>` cannot stand here"),
         ("position > 5", 1, "of which axis? write position(1)"),
-        ("positon(1) > 5", 1, "write `position`"),
+        ("positions(1) > 5", 1, "write `position`"),
         ("jerk(1) > 5", 1, "there are position, "),
         ("position(41) > 5", 10, "no axis"),
         ("position(X) > 5", 10, "no machine file"),
@@ -138,7 +138,7 @@ fn a_wrong_expression_is_told_with_its_column() {
         ("torque(1) > position(1)", 13, "a torque in %"),
         ("position(1) > 5 apples", 17, "`apples` is no unit"),
         ("position(1) > 1.2.3", 15, "`1.2.3` is no number"),
-        ("nicht fault", 1, "`nicht` is not known"),
+        ("unless fault", 1, "`unless` is not known"),
         (&*deep, 52, "nested deeper"),
     ] {
         let ran = run(["find", expression, "no such file"]);

@@ -34,7 +34,7 @@ use ecmsk::recording::{Kinds, SizeFinder, SizeFrom};
 use ecmsk::sk::SlotSize;
 
 use super::error::CliError;
-use super::filter::{Command, Slots, Times, parse_seconds};
+use super::filter::{Command, Slots, TimeOptions, Times};
 use super::kind_list::KindList;
 use super::output;
 use super::recording::{self, Framed, Frames};
@@ -61,6 +61,7 @@ either is that of --command or --response, else it is guessed, and the output sa
 Examples:
   ecmsk dump run.pcapng --slots 0,3-5,sdo | less
   ecmsk dump run.pcapng --commands CSP,SET_STATE --direction command --from 1.5s --to 2s
+  ecmsk dump run.pcapng --changes --around 6.394
   ecmsk dump run.pcapng --json | jq 'select(.direction == \"response\") | .slots[0].fifo_free_entries'
   xxd -p -c 0 frame.bin | ecmsk dump --hex --command")]
 pub struct Args {
@@ -71,7 +72,7 @@ pub struct Args {
 
     /// Read frames as hexadecimal digits from standard input, one per line; with the recording of a chip, show the
     /// bytes of packets, too
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["from", "to", "around"])]
     hex: bool,
 
     /// Lines without `>` or `<` are frames to the board
@@ -98,6 +99,11 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["slots", "slot"])]
     all: bool,
 
+    /// Show only slots that differ from those of the frame before in the same direction, and no frame without one. The first
+    /// frame is shown as a whole. The index of a command and the CRC, which differ in each frame, do not count
+    #[arg(long, conflicts_with = "all")]
+    changes: bool,
+
     /// Show only slots with these commands or answers to them, by name, e.g. CSP or SET_STATE; comma list. Frames
     /// without such a slot are left out
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
@@ -107,13 +113,8 @@ pub struct Args {
     #[arg(long, value_name = "command|response", value_parser = direction::parse)]
     direction: Option<Dir>,
 
-    /// Leave out frames before this time, e.g. 1.5, 1.5s or 1500ms, counted from the recording's first frame
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, conflicts_with = "hex", value_parser = parse_seconds)]
-    from: Option<f64>,
-
-    /// Leave out frames after this time
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, conflicts_with = "hex", value_parser = parse_seconds)]
-    to: Option<f64>,
+    #[command(flatten)]
+    times: TimeOptions,
 
     /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
@@ -253,6 +254,10 @@ struct Printer {
     direction: Option<Dir>,
     /// The firmware that `--fw` gives, which overrides that of the recording.
     firmware: Option<Firmware>,
+    /// The board of the following frames: the bus and the device number on USB.
+    board: (u16, u8),
+    /// The last frame of each board to the board and from it, with `--changes`.
+    before: BTreeMap<((u16, u8), bool), Shown>,
     /// The number of frames read, and of frames printed.
     frames: u64,
     printed: u64,
@@ -266,12 +271,15 @@ impl Printer {
             view: View {
                 slots: args.slots(),
                 all: args.all,
+                changes: args.changes,
                 commands: args.commands.clone(),
                 firmware: args.fw.unwrap_or_default(),
             },
-            times: Times { from: args.from, to: args.to },
+            times: args.times.times(),
             direction: args.direction,
             firmware: args.fw,
+            board: (0, 0),
+            before: BTreeMap::new(),
             frames: 0,
             printed: 0,
         }
@@ -280,6 +288,7 @@ impl Printer {
     fn section(&mut self, section: &Section) -> Result<(), CliError> {
         let told = recording::firmware(section.meta.as_deref());
         self.view.firmware = self.firmware.or(told).unwrap_or_default();
+        self.board = section.board;
         let name = match &section.meta {
             Some(meta) => recording::link_name(meta),
             None => format!("bus {}, device {}", section.board.0, section.board.1),
@@ -297,8 +306,12 @@ impl Printer {
         if other_way || shown.place.time.is_some_and(|time| !self.times.contains(time.since_start_ns)) {
             return Ok(());
         }
-        let lines = self.view.lines(shown, kinds);
-        if lines.is_empty() && !self.view.commands.is_empty() {
+        let place = (self.board, shown.place.direction == Dir::Write);
+        let lines = self.view.lines(shown, self.before.get(&place), kinds);
+        if self.view.changes {
+            self.before.insert(place, shown.clone());
+        }
+        if lines.is_empty() && (self.view.changes || !self.view.commands.is_empty()) {
             return Ok(());
         }
         self.printed += 1;

@@ -25,6 +25,12 @@ pub enum CliError {
     /// `ecmsk dump` stopped.
     #[error(transparent)]
     Dump(#[from] super::dump::DumpError),
+    /// `ecmsk summary` has not written a file.
+    #[error(transparent)]
+    Summary(#[from] super::summary::SummaryError),
+    /// `ecmsk find` has not looked for anything.
+    #[error(transparent)]
+    Find(#[from] super::find::FindError),
     /// `ecmsk plot` has made no plot.
     #[error(transparent)]
     Plot(#[from] super::plot::PlotError),
@@ -141,6 +147,7 @@ impl CliError {
     fn code(&self) -> u8 {
         match self {
             Self::Exec(error) => error.code(),
+            Self::Find(error) => error.code(),
             Self::Params(error) => error.code(),
             Self::Machine(error) => error.code(),
             Self::Board(error) => error.code(),

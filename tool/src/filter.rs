@@ -114,6 +114,36 @@ impl Command {
     }
 }
 
+/// The options of a verb that shows a part of a recording, by times since the recording's first frame.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct TimeOptions {
+    /// Leave out what is before this time, e.g. 1.5, 1.5s or 1500ms, counted from the recording's first frame
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
+    from: Option<f64>,
+
+    /// Leave out what is after this time
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
+    to: Option<f64>,
+
+    /// Leave out what is more than 0.1 s before or after this time, such as one that `ecmsk find` prints
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds, conflicts_with_all = ["from", "to"])]
+    around: Option<f64>,
+}
+
+/// How much `--around` leaves before its time, and after it, in seconds. \[OURS] Some hundred cycles show how a moment came
+/// about, and in a plot single cycles can still be told apart.
+pub const AROUND_SECONDS: f64 = 0.1;
+
+impl TimeOptions {
+    /// The range of times that the options leave.
+    pub fn times(self) -> Times {
+        match self.around {
+            Some(at) => Times { from: Some(at - AROUND_SECONDS), to: Some(at + AROUND_SECONDS) },
+            None => Times { from: self.from, to: self.to },
+        }
+    }
+}
+
 /// A range of times in seconds since the recording's first frame, both ends included.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Times {
@@ -126,7 +156,12 @@ pub struct Times {
 impl Times {
     /// Whether the time is in the range.
     pub fn contains(self, at_ns: i64) -> bool {
-        self.from.is_none_or(|from| nanoseconds(from) <= at_ns) && self.to.is_none_or(|to| at_ns <= nanoseconds(to))
+        !self.begin_after(at_ns) && self.to.is_none_or(|to| at_ns <= nanoseconds(to))
+    }
+
+    /// Whether the range begins after the time.
+    pub fn begin_after(self, at_ns: i64) -> bool {
+        self.from.is_some_and(|from| at_ns < nanoseconds(from))
     }
 }
 

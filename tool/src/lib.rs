@@ -6,9 +6,9 @@
 //!
 //! - `lib.rs`: every verb with its arguments (`Verb`), exit codes
 //! - `exec.rs`: `ecmsk exec`, with `exec/` for the library, the link and the signals of the program
-//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with a
-//!   folder of its parts; `recording.rs` reads a recording, `filter.rs` selects frames and slots, `kind_list.rs` parses kinds
-//!   of slaves
+//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `find.rs`, `migrate.rs`: verbs that show recordings, each
+//!   with a folder of its parts; `recording.rs` reads a recording, `filter.rs` selects frames and slots, `motion.rs` follows
+//!   axes, `kind_list.rs` parses kinds of slaves
 //! - `recording_files.rs`: `ecmsk recording`, what is in a recording and its export, in `recording_files/`
 //! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs` run several
 //!   of them; `board.rs` is the code that they share
@@ -24,7 +24,7 @@
 //! - `web.rs`: the page of `plot -o run.html` and `serve web`, in `web/`; its own sources are in `tool/web/`
 //! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
 //! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`: errors, and output that does not wait for whoever reads it;
-//!   `visible.rs`: control characters in output; `signals/`: Ctrl-C
+//!   `visible.rs`: control characters in output; `markup.rs`, `junit.rs`: text in HTML and XML, results of tests; `signals/`: Ctrl-C
 //! - `fuzzed.rs`: the functions that `fuzz/` calls
 
 mod board;
@@ -36,10 +36,12 @@ mod dump;
 mod error;
 mod exec;
 mod filter;
+mod find;
 #[doc(hidden)]
 pub mod fuzzed;
 mod hex;
 mod image;
+mod junit;
 mod kind_list;
 mod link;
 mod link_option;
@@ -47,8 +49,10 @@ mod list;
 mod machine;
 mod machine_option;
 mod man;
+mod markup;
 mod migrate;
 mod monitor;
+mod motion;
 mod objects;
 mod output;
 mod params;
@@ -96,6 +100,7 @@ Exit codes:
        0 the model answers as the board did, 1 otherwise, 2 it could not be replayed
   summary
        with --exit-code: 0 nothing went wrong, 1 something did, or the recording is not whole
+  find 0 the condition became true, 1 it never did, 2 it could not be looked for (as grep)
   migrate
        0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2 it could not be said
   params diff
@@ -130,6 +135,7 @@ enum Verb {
     Dump(dump::Args),
     Plot(plot::Args),
     Summary(summary::Args),
+    Find(find::Args),
     #[command(flatten)]
     Step(step::Verb),
     Run(script::Args),
@@ -180,6 +186,7 @@ impl Verb {
             Self::Exec(args) => Ok(exec::run(&args)?),
             Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Summary(args) => summary::run(&args),
+            Self::Find(args) => find::run(&args),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Step(verb) => Ok(step::run(verb).map(|()| ExitCode::SUCCESS)?),
             Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),

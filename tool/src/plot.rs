@@ -11,6 +11,7 @@
 //! - `panel.rs`, `layout.rs`, `style.rs`, `chart.rs`: the panels, their order, their style, and their drawing
 //! - `svg.rs`, `png.rs`, `file.rs`: the formats and the file of the picture
 //! - `html.rs`: the page of a recording, which a browser shows
+//! - `pictures.rs`: pictures of short stretches, for the page of `summary`
 //! - `error.rs`: why there is no plot
 
 pub mod axis;
@@ -26,12 +27,13 @@ mod lanes;
 mod layout;
 pub mod panel;
 mod path;
+pub mod pictures;
 mod png;
-mod series;
+pub mod series;
 pub mod speed;
 pub mod states;
 pub mod style;
-mod survey;
+pub mod survey;
 mod svg;
 
 use std::io::{self, Read, Write};
@@ -40,14 +42,13 @@ use std::path::{Path, PathBuf};
 use clap::{ValueEnum, ValueHint};
 use ecmsk::ecm::{Scale, Scales};
 use ecmsk::machine_file::MachineFile;
-use ecmsk::recording::Jumps;
 use ecmsk::recording::{Address, RecordError};
 use ecmsk::sk::{CommandId, SlotSize};
 
 use super::board::AxisWord;
 use super::error::CliError;
-use super::filter::{Command, Times, nanoseconds, parse_seconds};
-use super::recording::{self, Framed, Frames};
+use super::filter::{Command, TimeOptions, Times, nanoseconds};
+use super::recording::{self, Frames, Walked};
 use super::stderr::say;
 use super::{machine_option, output, slot_size};
 use beside::Other;
@@ -107,13 +108,8 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
     commands: Vec<Command>,
 
-    /// Leave out what is before this time, which counts from the recording's first frame, e.g. 1.5, 1.5s or 1500ms
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
-    from: Option<f64>,
-
-    /// Leave out what is after this time, which counts from the recording's first frame, e.g. 2.5, 2.5s or 2500ms
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
-    to: Option<f64>,
+    #[command(flatten)]
+    times: TimeOptions,
 
     /// Show the following difference too: the target executed in a cycle minus the actual position reported by it
     #[arg(long)]
@@ -250,15 +246,15 @@ fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>)
     let mut survey = Survey::default();
     let device = recording::board(&args.file, args.device)?;
     let mut recording = args.open(device)?;
-    let times = Times { from: args.from, to: args.to };
-    let until_ns = args.to.map_or(i64::MAX, |s| Window::of_times(0, nanoseconds(s)).read_until_ns());
-    let mut walked = walk(&mut recording, until_ns, |framed| survey.frame(framed))?;
+    let times = args.times.times();
+    let until_ns = times.to.map_or(i64::MAX, |s| Window::of_times(0, nanoseconds(s)).read_until_ns());
+    let mut walked = recording.walk(until_ns, |framed| survey.frame(framed))?;
     let is_part = !walked.is_whole || recording.part_of().is_some();
     if is_part && survey.op().is_none_or(|op| op.cut(times).is_none()) {
         // Nothing can be drawn, and the error names the time in OP, which the rest of the recording has.
         survey = Survey::default();
         recording = Frames::open(&args.file, args.slot_size, device)?.quiet();
-        walked = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
+        walked = recording.walk(i64::MAX, |framed| survey.frame(framed))?;
     }
     let Walked { frames, is_whole, damage, jumps } = walked;
     let (frames, is_whole) = recording.part_of().map_or((frames, is_whole), |frames| (frames, true));
@@ -275,45 +271,6 @@ fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>)
     Ok(First { survey, asked, chosen, device, op, times, frames, is_whole, damage })
 }
 
-/// The result of reading a recording.
-struct Walked {
-    /// The number of frames that were read.
-    frames: u64,
-    /// Whether the recording was read to its end, and not only up to the time that is needed.
-    is_whole: bool,
-    /// Why the recording ends early. A program that was killed leaves such a recording; the frames before its end are
-    /// valid.
-    damage: Option<RecordError>,
-    /// The jumps of the clock in the recorded times; `None` if there are none.
-    jumps: Option<Jumps>,
-}
-
-/// Calls `show` with every frame of the recording up to `until_ns`, sorted by time.
-fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
-    let mut order = recording.in_time();
-    let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
-    for framed in recording {
-        match framed {
-            Ok(framed) => {
-                walked.frames += 1;
-                let Some(framed) = order.push(framed) else { continue };
-                if framed.time_ns > until_ns {
-                    return Ok(walked);
-                }
-                show(&framed);
-            }
-            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => walked.damage = Some(error),
-            Err(error) => return Err(error.into()),
-        }
-    }
-    while let Some(framed) = order.pop() {
-        show(&framed);
-    }
-    walked.is_whole = true;
-    walked.jumps = order.jumps();
-    Ok(walked)
-}
-
 impl Args {
     /// The path of the picture: that of `-o`, otherwise the recording's with the extension `.svg`.
     fn output(&self) -> PathBuf {
@@ -322,11 +279,12 @@ impl Args {
 
     /// Opens the recording: the part for the range of `--from` and `--to`, if either is given.
     fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read>>, RecordError> {
-        if self.from.is_none() && self.to.is_none() {
+        let times = self.times.times();
+        if times.from.is_none() && times.to.is_none() {
             return Frames::open(&self.file, self.slot_size, device);
         }
-        let from_ns = self.from.map_or(0, |s| nanoseconds(s).saturating_sub(READ_BEFORE_NS));
-        let to_ns = self.to.map_or(i64::MAX, |s| Window::of_times(0, nanoseconds(s)).read_until_ns());
+        let from_ns = times.from.map_or(0, |s| nanoseconds(s).saturating_sub(READ_BEFORE_NS));
+        let to_ns = times.to.map_or(i64::MAX, |s| Window::of_times(0, nanoseconds(s)).read_until_ns());
         Frames::open_part(&self.file, self.slot_size, device, (from_ns, to_ns))
     }
 
@@ -347,21 +305,13 @@ impl Args {
         Ok(Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane, machine: loaded })
     }
 
-    /// How axes and units are named: by the options `--counts-per-unit` and `--unit`, else by the machine file. If the axes
-    /// have different units, the panels that show them together call the unit `units`.
+    /// How axes and units are named: by the options `--counts-per-unit` and `--unit`, else by the machine file.
     fn names<'m>(&self, axes: &[u8], machine: Option<&'m MachineFile>) -> layout::Names<'m> {
-        let has_own_units = self.counts_per_unit.is_none();
-        let unit = match (&self.counts_per_unit, &self.unit) {
-            (None, _) => {
-                let unit = |axis: &u8| machine.and_then(|machine| machine.axis_of(*axis)).map(|axis| axis.unit);
-                let mut units = axes.iter().map(|axis| unit(axis).unwrap_or_default());
-                let first = units.next().unwrap_or_default();
-                if units.all(|unit| unit == first) { first.word() } else { "units" }
-            }
-            (Some(_), None) => "units",
-            (Some(_), Some(unit)) => unit,
-        };
-        layout::Names { unit: style::fitting(unit, style::TEXT, 100), machine, has_own_units }
+        if self.counts_per_unit.is_none() {
+            return layout::Names::of_machine(axes, machine);
+        }
+        let unit = self.unit.as_deref().unwrap_or("units");
+        layout::Names { unit: style::fitting(unit, style::TEXT, 100), machine, has_own_units: false }
     }
 
     /// Makes the panels, for which the recording is read a second time.
@@ -389,7 +339,7 @@ impl Args {
             cycle_ns: survey.cycle_ns(),
             commands: self.commands.iter().map(|command| command.code()).collect(),
         });
-        walk(&mut recording, window.read_until_ns(), |framed| series.frame(framed))?;
+        recording.walk(window.read_until_ns(), |framed| series.frame(framed))?;
         let lines = series.finish();
         if !self.commands.is_empty() && lines.is_empty() {
             let names = self.commands.iter().map(|command| CommandId::from_code(command.code()).to_string());

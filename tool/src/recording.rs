@@ -210,6 +210,49 @@ impl<R: Read> Frames<R> {
         }
     }
 
+    /// Calls `show` with every frame of the recording up to `until_ns`, sorted by time, with times in which the clock does not
+    /// jump. A recording that ends early is read up to its damage.
+    ///
+    /// # Errors
+    /// [`RecordError`] if the recording cannot be read.
+    pub fn walk(&mut self, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, RecordError> {
+        let mut order = self.in_time();
+        let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
+        for framed in self {
+            match framed {
+                Ok(framed) => {
+                    walked.frames += 1;
+                    let Some(framed) = order.push(framed) else { continue };
+                    if framed.time_ns > until_ns {
+                        return Ok(walked);
+                    }
+                    show(&framed);
+                }
+                Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
+                    walked.damage = Some(error);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        while let Some(framed) = order.pop() {
+            show(&framed);
+        }
+        walked.is_whole = true;
+        walked.jumps = order.jumps();
+        Ok(walked)
+    }
+
+    /// Prints notes on what is wrong with the recording that [`Frames::walk`] has read to its end.
+    pub fn note_walked(&self, walked: &Walked) {
+        if let Some(damage) = &walked.damage {
+            say("note", damage);
+        }
+        if let Some(jumps) = walked.jumps {
+            say("note", &format_args!("{}: {jumps}", self.name));
+        }
+        self.note_missing();
+    }
+
     /// Prints notes on what the recording lacks and on ignored traffic of a capture. To be called after the last frame.
     pub fn note_missing(&self) {
         note_left_out(&self.name, &self.recording.skipped());
@@ -261,6 +304,19 @@ impl<R: Read> Iterator for Frames<R> {
             Framed { number: self.number, time_ns: since(first_ns, recorded.at_ns), recorded, size, meta }
         }))
     }
+}
+
+/// The result of [`Frames::walk`].
+pub struct Walked {
+    /// The number of frames that were read.
+    pub frames: u64,
+    /// Whether the recording was read to its end, and not only up to the time that is needed.
+    pub is_whole: bool,
+    /// Why the recording ends early. A program that was killed leaves such a recording; the frames before its end are
+    /// valid.
+    pub damage: Option<RecordError>,
+    /// The jumps of the clock in the recorded times; `None` if there are none.
+    pub jumps: Option<Jumps>,
 }
 
 /// Sorts frames by time, and corrects the times after a jump of the clock.

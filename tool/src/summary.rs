@@ -3,29 +3,38 @@
 //! Files:
 //!
 //! - `summary.rs`: the verb
+//! - `summary/events.rs`: alarms, failed states, gaps and losses
 //! - `summary/extremes.rs`: the extremes of each axis
 //! - `summary/fail_on.rs`: the option that decides which findings make a run fail
+//! - `summary/page.rs`: the page for a browser
 
+mod events;
 mod extremes;
 mod fail_on;
+mod page;
 
-use std::path::PathBuf;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::ValueHint;
 use ecmsk::machine_file::MachineFile;
-use ecmsk::recording::InOrder;
-use ecmsk::recording::{Address, RecordError};
+use ecmsk::recording::Address;
 use ecmsk::sk::SlotSize;
-use ecmsk::summary::{FrameWatch, Summary};
+use ecmsk::summary::Summary;
 use serde_json::{Value, json as object};
 
+use events::Events;
 use extremes::Extremes;
 use fail_on::FailOn;
 
 use super::error::CliError;
+use super::filter::TimeOptions;
+use super::junit::{self, Case};
 use super::machine_option::{alarm_words, label};
-use super::recording::{Framed, Frames, board, parse_device};
+use super::plot::survey::Survey;
+use super::recording::{Frames, board, parse_device};
 use super::stderr::say;
 use super::{machine_option, output, slot_size};
 
@@ -41,13 +50,18 @@ use super::{machine_option, output, slot_size};
 Examples:
   ecmsk summary run.pcapng
   ecmsk summary --json run.pcapng | jq .alarms
-  ecmsk summary --fail-on alarm,gap,following-error>500,torque>90 run.pcapng
+  ecmsk summary --from 3.5 --to 4 run.pcapng
+  ecmsk summary --fail-on 'alarm,gap,following-error>500,torque>90' --junit found.xml run.pcapng
+  ecmsk summary --html found.html run.pcapng
 
 Exit code: 0, whatever went wrong, unless --exit-code or --fail-on is given; 1 if the recording cannot be read.")]
 pub struct Args {
     /// The recording or capture; - for standard input
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
     file: PathBuf,
+
+    #[command(flatten)]
+    times: TimeOptions,
 
     /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs]
     #[arg(long, visible_alias = "slot", value_name = "12|16", value_parser = slot_size::parse)]
@@ -73,6 +87,40 @@ pub struct Args {
     /// machine file, limits may be in units, as in following-error>0.5mm
     #[arg(long, value_name = "REASON,..", value_delimiter = ',', value_parser = FailOn::parse)]
     fail_on: Vec<FailOn>,
+
+    /// Write the reasons of --fail-on as test cases to this file, as JUnit XML; without --fail-on the one reason `any`
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    junit: Option<PathBuf>,
+
+    /// Write a page for a browser to this file: the summary, the axes, the alarms, and a picture of each bad moment
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    html: Option<PathBuf>,
+}
+
+/// Why a file of `ecmsk summary` was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum SummaryError {
+    /// The file is the recording itself.
+    #[error("{} is the recording; name another file with {option}", .file.display())]
+    SameFile {
+        /// The path of the file.
+        file: PathBuf,
+        /// The option that names the file.
+        option: &'static str,
+    },
+    /// The file cannot be written.
+    #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
+    Write {
+        /// The path of the file.
+        file: PathBuf,
+        /// The option that names the file.
+        option: &'static str,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+    /// Standard input is named, but the page needs its recording twice.
+    #[error("the page of --html needs the recording twice, and standard input can be read once; save it to a file")]
+    Stdin,
 }
 
 /// Runs `ecmsk summary`: reads the recording to its end and prints what went wrong in it. The exit code is 1 if
@@ -83,44 +131,24 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let machine = machine_option::load(args.machine.as_deref())?;
     let is_file = args.file.as_os_str() != "-";
+    args.check_files()?;
     let device = if is_file { board(&args.file, args.device)? } else { args.device };
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
-    let mut watch = None;
-    let (mut summary, mut is_whole) = (Summary::default(), true);
-    let mut order = InOrder::default();
-    let mut extremes = Extremes::new();
-    let mut take = |framed: Framed| {
-        extremes.frame(&framed);
-        let watch = watch.get_or_insert_with(|| FrameWatch::new(framed.size));
-        match framed.recorded.dir {
-            ecmsk::link::Dir::Write => watch.command(framed.time_ns, &framed.recorded.frame),
-            ecmsk::link::Dir::Read => {
-                watch.report(framed.time_ns, &framed.recorded.frame, &mut |event| summary.add_event(event));
-            }
-        }
-    };
-    for framed in &mut frames {
-        match framed {
-            Ok(framed) => {
-                if let Some(framed) = order.push(framed.time_ns, framed) {
-                    take(framed);
-                }
-            }
-            // A truncated or malformed recording ends the reading, but the summary of the frames before is still printed.
-            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
-                is_whole = false;
-                say("note", &error);
-            }
-            Err(error) => return Err(error.into()),
-        }
+    let times = args.times.times();
+    let (mut events, mut extremes) = (Events::new(times), Extremes::new(times));
+    let mut survey = args.html.is_some().then(Survey::default);
+    let walked = frames.walk(i64::MAX, |framed| {
+        extremes.frame(framed);
+        events.frame(framed);
+        survey.iter_mut().for_each(|survey| survey.frame(framed));
+    })?;
+    // The summary of the frames before a damage is still printed.
+    frames.note_walked(&walked);
+    if !events.is_any() && walked.frames > 0 {
+        say("note", &format_args!("none of {} frames is left; change --from, --to or --around", walked.frames));
     }
-    while let Some(framed) = order.pop() {
-        take(framed);
-    }
-    is_whole &= frames.lacks().is_none();
-    let counts = watch.map(|watch| watch.counts()).unwrap_or_default();
-    summary.set_frame_counts(&counts);
-    frames.note_missing();
+    let is_whole = walked.damage.is_none() && frames.lacks().is_none();
+    let summary = events.summary();
     let axes: Vec<_> = extremes.axes().collect();
     if args.json {
         let mut json = json(&summary, machine.as_ref());
@@ -130,12 +158,49 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     } else {
         let line = |(slave, axis): &(usize, &_)| extremes::line(*slave, axis, machine.as_ref()) + "\n";
         let lines: String = axes.iter().map(line).collect();
-        output::print(format!("{summary}{}{lines}", alarm_texts(&summary, machine.as_ref())))?;
+        output::print(format!("{}{lines}", text(&summary, machine.as_ref())))?;
     }
-    let failures = args.fail_on.iter().flat_map(|reason| reason.failures(&summary, is_whole, &axes, machine.as_ref()));
-    let failed = failures.inspect(|failure| say("failed", failure)).count() > 0;
+    if let (Some(file), Some(survey)) = (&args.html, &survey) {
+        let page = page::Page { args, summary: &summary, axes: &axes, events: &events, machine: machine.as_ref() };
+        write(file, "--html", page.html(Frames::open(&args.file, args.slot_size, device)?, survey)?)?;
+    }
+    let failures = |reason: &FailOn| reason.failures(&summary, is_whole, &axes, machine.as_ref());
+    if let Some(file) = &args.junit {
+        let any = [FailOn::any()];
+        let reasons = if args.fail_on.is_empty() { &any[..] } else { &args.fail_on[..] };
+        let case = |reason: &FailOn| Case { name: reason.text.clone(), failures: failures(reason) };
+        let cases: Vec<Case> = reasons.iter().map(case).collect();
+        write(file, "--junit", junit::suite(&format!("ecmsk summary {}", args.file.display()), &cases))?;
+    }
+    let failed = args.fail_on.iter().flat_map(failures).inspect(|failure| say("failed", failure)).count() > 0;
     let is_clean = summary.is_empty() && is_whole;
     Ok(if failed || args.exit_code && !is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+impl Args {
+    /// Checks the output files before a long recording is read.
+    fn check_files(&self) -> Result<(), SummaryError> {
+        if self.html.is_some() && self.file.as_os_str() == "-" {
+            return Err(SummaryError::Stdin);
+        }
+        let recording = fs::canonicalize(&self.file).ok();
+        for (file, option) in [(&self.junit, "--junit"), (&self.html, "--html")] {
+            let Some(file) = file else { continue };
+            if recording.is_some() && fs::canonicalize(file).ok() == recording {
+                return Err(SummaryError::SameFile { file: file.clone(), option });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn write(file: &Path, option: &'static str, text: String) -> Result<(), SummaryError> {
+    fs::write(file, text).map_err(|source| SummaryError::Write { file: file.to_owned(), option, source })
+}
+
+/// What went wrong, a line for each.
+fn text(summary: &Summary, machine: Option<&MachineFile>) -> String {
+    format!("{summary}{}", alarm_texts(summary, machine))
 }
 
 /// For each alarm in the summary that has a text in the machine file, a line with that text.

@@ -3,8 +3,8 @@
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
 use ecmsk::recording::Kinds;
-use ecmsk::sk::dump::{CommandDump, MAX_SLAVES, ResponseDump, SlotLine};
-use ecmsk::sk::{CrcStatus, Frame, SlaveKind, SlotSize};
+use ecmsk::sk::dump::{CommandDump, MAX_SLAVES, ResponseDump, SlotLine, SlotRole};
+use ecmsk::sk::{CrcStatus, Frame, RawSlot, SlaveKind, SlotSize};
 
 use super::place::Place;
 use crate::filter::{Command, Slots};
@@ -50,6 +50,8 @@ pub struct View {
     pub slots: Vec<Slots>,
     /// Whether every slot is shown, also empty ones.
     pub all: bool,
+    /// Whether only slots are shown that differ from those of the frame before.
+    pub changes: bool,
     /// Only slots with one of these commands, or an answer to one, are shown; if empty, all.
     pub commands: Vec<Command>,
     /// The firmware, which decides the meaning of byte 1 of a slave's slot in a response.
@@ -58,12 +60,13 @@ pub struct View {
 
 impl View {
     /// The lines to print for a frame, in the order of its slots. `kinds` must have been given this frame by [`Shown::tell`].
-    pub fn lines(&self, shown: &Shown, kinds: &Kinds) -> Vec<(usize, SlotLine)> {
+    /// `before` is the frame before in the same direction, if there is one.
+    pub fn lines(&self, shown: &Shown, before: Option<&Shown>, kinds: &Kinds) -> Vec<(usize, SlotLine)> {
         let (frame, size) = (&shown.frame, shown.size);
         match shown.place.direction {
             Dir::Write => {
                 let dump = CommandDump::new(frame, size);
-                self.pick(size, |i| dump.line(i))
+                self.pick(shown, before, |i| dump.line(i))
             }
             Dir::Read => {
                 let unknown = match self.firmware {
@@ -74,19 +77,45 @@ impl View {
                 // `unknown` and not by `given`.
                 let known: [SlaveKind; MAX_SLAVES] = std::array::from_fn(|i| kinds.of(i + 1).unwrap_or_default());
                 let given = unknown.kinds(&known);
-                self.pick(size, |i| if kinds.of(i).is_some() { given.line(i) } else { unknown.line(i) })
+                self.pick(shown, before, |i| if kinds.of(i).is_some() { given.line(i) } else { unknown.line(i) })
             }
         }
     }
 
-    fn pick(&self, size: SlotSize, line: impl Fn(usize) -> Option<SlotLine>) -> Vec<(usize, SlotLine)> {
-        let wanted = |i: usize, line: &SlotLine| match self.slots.is_empty() {
-            true => self.all || !line.is_idle(),
-            false => self.slots.iter().any(|slots| slots.contains(i, size)),
+    fn pick(
+        &self,
+        shown: &Shown,
+        before: Option<&Shown>,
+        line: impl Fn(usize) -> Option<SlotLine>,
+    ) -> Vec<(usize, SlotLine)> {
+        let size = shown.size;
+        let before = before.filter(|before| self.changes && before.size == size);
+        let wanted = |i: usize, line: &SlotLine| match (self.slots.is_empty(), before) {
+            (true, Some(_)) => true,
+            (true, None) => self.all || !line.is_idle(),
+            (false, _) => self.slots.iter().any(|slots| slots.contains(i, size)),
+        };
+        let changed = |i: usize, line: &SlotLine| {
+            before.is_none_or(|before| {
+                let content = |raw| self.content(raw, line.role, shown.place.direction);
+                let is_damaged = matches!(line.crc, Some(CrcStatus::Wrong(_)));
+                is_damaged || content(line.raw) != content(before.frame.slot(size, i))
+            })
         };
         let asked =
             |line: &SlotLine| self.commands.is_empty() || self.commands.iter().any(|command| command.is_in(line));
         let lines = (0..size.slots()).filter_map(|i| Some((i, line(i)?)));
-        lines.filter(|(i, line)| wanted(*i, line) && asked(line)).collect()
+        lines.filter(|(i, line)| wanted(*i, line) && asked(line) && changed(*i, line)).collect()
+    }
+
+    /// The slot without what changes from frame to frame while nothing else does: the index of a slave's command and the CRC.
+    fn content(&self, raw: RawSlot, role: SlotRole, direction: Dir) -> RawSlot {
+        match role {
+            SlotRole::Master => RawSlot { parm: raw.parm & 0x00FF, ..raw },
+            SlotRole::Slave(_) if direction == Dir::Write || self.firmware == Firmware::V17 => {
+                RawSlot { index: 0, ..raw }
+            }
+            SlotRole::Slave(_) | SlotRole::Sdo => raw,
+        }
     }
 }

@@ -12,7 +12,6 @@ use super::packet::Packet;
 use super::pieces::Pieces;
 use super::place::{Place, Time};
 use crate::error::CliError;
-use crate::filter::Times;
 use crate::stderr::say;
 use crate::{output, recording};
 
@@ -52,7 +51,7 @@ pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliErr
 }
 
 fn show(args: &Args, exchanges: &mut Exchanges<Box<dyn Read>>, printer: &mut Printer) -> Result<(), CliError> {
-    let times = Times { from: args.from, to: args.to };
+    let times = args.times.times();
     let (mut first_ns, mut meta): (Option<u64>, Option<RecordMeta>) = (None, None);
     let mut number = 0;
     while let Some(recorded) = exchanges.next() {

@@ -10,10 +10,10 @@ use super::decimate::Pieces;
 use super::series::{Series, Subject};
 use super::states::{Span, State};
 use super::survey::Survey;
-use super::{PlotError, Walked, Window, seconds, style, walk};
+use super::{PlotError, Window, seconds, style};
 use crate::error::CliError;
 use crate::filter::Times;
-use crate::recording::{self, Frames};
+use crate::recording::{self, Frames, Walked};
 
 /// The room for the second recording's name in a legend, in pixels.
 const NAME_WIDTH: u32 = 330;
@@ -49,7 +49,7 @@ impl Other {
         let mut survey = Survey::default();
         let device = recording::board(file, None)?;
         let Walked { frames, damage, .. } =
-            walk(&mut Frames::open(file, size, device)?.quiet(), i64::MAX, |framed| survey.frame(framed))?;
+            Frames::open(file, size, device)?.quiet().walk(i64::MAX, |framed| survey.frame(framed))?;
         let Some(op) = survey.op() else {
             let no_op = PlotError::NoOp { file: file.to_owned(), frames };
             return Err(damage.map_or(no_op.into(), CliError::from));
@@ -85,7 +85,7 @@ impl Other {
             commands: Vec::new(),
         });
         let mut recording = Frames::open(file, *size, *device)?.quiet();
-        walk(&mut recording, own.read_until_ns(), |framed| series.frame(framed))?;
+        recording.walk(own.read_until_ns(), |framed| series.frame(framed))?;
         let link = survey.link().and_then(|link| link.split('?').next().map(str::to_owned));
         let name = link.unwrap_or_else(|| file.display().to_string());
         let mut beside = Beside { name: style::fitting(&name, style::TEXT, NAME_WIDTH), ..Beside::default() };

@@ -15,8 +15,9 @@ use super::decimate::Pieces;
 use super::lanes::Way;
 use super::series::{Lines, Series, Subject};
 use super::states::{self, State};
-use super::{Args, First, PlotError, Room, Window, file, first, walk};
+use super::{Args, First, PlotError, Room, Window, file, first};
 use crate::error::CliError;
+use crate::filter::TimeOptions;
 use crate::output;
 use crate::stderr::say;
 use crate::web::assembly::{Page, page};
@@ -60,8 +61,7 @@ impl Args {
             title: None,
             axes: Vec::new(),
             commands: Vec::new(),
-            from: None,
-            to: None,
+            times: TimeOptions::default(),
             difference: false,
             beside: None,
             xy: None,
@@ -149,7 +149,7 @@ fn read(
     let mut events = Events::new(size, Kinds::new(None));
     let (mut sampler, mut channels) = (Sampler::new(false), Channels::default());
     let mut frames = args.open(first.device)?.quiet();
-    walk(&mut frames, window.read_until_ns(), |framed| {
+    frames.walk(window.read_until_ns(), |framed| {
         series.frame(framed);
         if first.survey.board().is_some_and(|board| board != framed.board()) {
             return;

@@ -29,7 +29,17 @@ pub struct Names<'a> {
     pub has_own_units: bool,
 }
 
-impl Names<'_> {
+impl<'a> Names<'a> {
+    /// Names and units of the machine file. If the axes have different units, the panels that show them together call the unit
+    /// `units`.
+    pub fn of_machine(axes: &[u8], machine: Option<&'a MachineFile>) -> Self {
+        let unit = |axis: &u8| machine.and_then(|machine| machine.axis_of(*axis)).map(|axis| axis.unit);
+        let mut units = axes.iter().map(|axis| unit(axis).unwrap_or_default());
+        let first = units.next().unwrap_or_default();
+        let unit = if units.all(|unit| unit == first) { first.word() } else { "units" };
+        Self { unit: unit.to_owned(), machine, has_own_units: true }
+    }
+
     fn axis(&self, slave: u8) -> String {
         label(self.machine, slave)
     }

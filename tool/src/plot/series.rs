@@ -259,6 +259,6 @@ impl Lines {
 }
 
 /// Whether any slot of a report answers ABORT_HOME, which ends the homing of all slaves.
-fn answers_abort_home(frame: &Frame, size: SlotSize) -> bool {
+pub fn answers_abort_home(frame: &Frame, size: SlotSize) -> bool {
     (1..=size.max_slaves()).any(|n| CommandId::from_code(frame.slot(size, n).id) == CommandId::AbortHome)
 }

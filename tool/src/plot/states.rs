@@ -116,13 +116,13 @@ impl States {
 
     /// To be called when the host sends GO_HOME.
     pub const fn go_home(&mut self) {
-        self.homing.asked = true;
+        self.homing.ask();
     }
 
     /// Adds the next report in OP. `aborted`: one of its slots answers ABORT_HOME. `has_code`: a slave of this kind has an
     /// error code in its slot.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, has_code: bool) -> Change {
-        let was_homing = self.homing.since_ns.is_some();
+        let was_homing = self.homing.is_under_way();
         let failed = self.homing.report(at_ns, drive, aborted);
         if failed && let Some(now) = self.now.as_mut().filter(|_| was_homing) {
             now.note = Some(Note::new("homing error"));
@@ -155,7 +155,7 @@ impl States {
     /// From here on the slave may be lost, so the states in its reports are not used.
     pub fn may_be_lost(&mut self, at_ns: i64) {
         self.close(at_ns);
-        self.homing = Homing { answered: self.homing.answered, ..Homing::default() };
+        self.homing.interrupt();
         self.lost_since_ns = Some(at_ns);
     }
 
@@ -175,7 +175,7 @@ impl States {
 
     /// Whether the drive is homing.
     pub const fn is_homing(&self) -> bool {
-        self.homing.since_ns.is_some()
+        self.homing.is_under_way()
     }
 
     /// Adds a gap: the FIFO was empty during motion.
@@ -189,9 +189,7 @@ impl States {
     /// Ends the present state, because the next one is unknown until the next report in OP.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.close(at_ns);
-        // The slot may still answer the earlier GO_HOME after the return to OP. `answered` is kept, so that this answer
-        // does not count as a new homing.
-        self.homing = Homing { answered: self.homing.answered, ..Homing::default() };
+        self.homing.interrupt();
     }
 
     /// Returns the spans within the window, sorted by their beginning.
@@ -236,7 +234,7 @@ impl Piece {
 
 /// Tracks whether a drive is homing.
 #[derive(Debug, Default)]
-struct Homing {
+pub struct Homing {
     /// Whether the host has sent GO_HOME and no homing has begun since.
     asked: bool,
     /// Whether the last report answered GO_HOME.
@@ -246,8 +244,24 @@ struct Homing {
 }
 
 impl Homing {
+    /// To be called when the host sends GO_HOME.
+    pub const fn ask(&mut self) {
+        self.asked = true;
+    }
+
+    /// Whether the drive is homing.
+    pub const fn is_under_way(&self) -> bool {
+        self.since_ns.is_some()
+    }
+
+    /// Ends the homing, because the reports until the next one in OP do not show it. The slot may still answer the earlier
+    /// GO_HOME after that: this answer does not count as a new homing.
+    pub fn interrupt(&mut self) {
+        *self = Self { answered: self.answered, ..Self::default() };
+    }
+
     /// Adds a report. Returns true if it ends the homing with an error.
-    fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool) -> bool {
+    pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool) -> bool {
         let answers = CommandId::from_code(drive.head.id) == CommandId::GoHome;
         let answered = std::mem::replace(&mut self.answered, answers);
         let Some(since_ns) = self.since_ns else {

@@ -3,12 +3,20 @@
 use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 use ecmsk::summary::Summary;
 
-use super::extremes::{AxisExtremes, Quantity, named, seconds};
+use super::extremes::{AxisExtremes, named, seconds};
 use crate::machine_option::number_and_unit;
+use crate::motion::Quantity;
 
-/// A reason for which a run counts as failed.
+/// A reason for which a run counts as failed, as it is written on the command line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FailOn {
+    /// The reason as it is written.
+    pub text: String,
+    reason: Reason,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum FailOn {
+enum Reason {
     /// Anything that the summary reports, or an incomplete recording.
     Any,
     /// A drive had an alarm.
@@ -24,11 +32,33 @@ pub enum FailOn {
 }
 
 impl FailOn {
+    /// Anything that went wrong, as `--exit-code` has it.
+    pub fn any() -> Self {
+        Self { text: "any".to_owned(), reason: Reason::Any }
+    }
+
     /// Reads one reason, e.g. `alarm` or `following-error>500`.
     ///
     /// # Errors
     /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
+        Ok(Self { text: text.trim().to_owned(), reason: Reason::parse(text)? })
+    }
+
+    /// The lines that say why the run has failed; none if it has not.
+    pub fn failures(
+        &self,
+        summary: &Summary,
+        is_whole: bool,
+        axes: &[(usize, &AxisExtremes)],
+        machine: Option<&MachineFile>,
+    ) -> Vec<String> {
+        self.reason.failures(summary, is_whole, axes, machine)
+    }
+}
+
+impl Reason {
+    fn parse(text: &str) -> Result<Self, String> {
         let allowed = || {
             let quantities = Quantity::ALL.map(Quantity::word).join(">N, ");
             format!(
@@ -56,8 +86,7 @@ impl FailOn {
         Ok(Self::Above(quantity, limit.floor() as u64))
     }
 
-    /// The lines that say why the run has failed; none if it has not.
-    pub fn failures(
+    fn failures(
         self,
         summary: &Summary,
         is_whole: bool,
@@ -119,15 +148,15 @@ mod tests {
     #[test]
     fn reasons_are_read() {
         for (text, reason) in [
-            ("any", FailOn::Any),
-            (" alarm", FailOn::Alarm),
-            ("following-error>500", FailOn::Above(Quantity::FollowingError, 500)),
-            ("torque > 80.5 %", FailOn::Above(Quantity::Torque, 805)),
-            ("velocity>0", FailOn::Above(Quantity::Velocity, 0)),
-            ("velocity>100 mm/s", FailOn::AboveUnits(Quantity::Velocity, 100.0, Unit::Mm)),
-            ("following-error>0.5deg", FailOn::AboveUnits(Quantity::FollowingError, 0.5, Unit::Deg)),
+            ("any", Reason::Any),
+            (" alarm", Reason::Alarm),
+            ("following-error>500", Reason::Above(Quantity::FollowingError, 500)),
+            ("torque > 80.5 %", Reason::Above(Quantity::Torque, 805)),
+            ("velocity>0", Reason::Above(Quantity::Velocity, 0)),
+            ("velocity>100 mm/s", Reason::AboveUnits(Quantity::Velocity, 100.0, Unit::Mm)),
+            ("following-error>0.5deg", Reason::AboveUnits(Quantity::FollowingError, 0.5, Unit::Deg)),
         ] {
-            assert_eq!(FailOn::parse(text), Ok(reason), "{text}");
+            assert_eq!(Reason::parse(text), Ok(reason), "{text}");
         }
         for text in [
             "",
@@ -142,7 +171,7 @@ mod tests {
             "velocity>-1mm/s",
             "velocity>NaNmm",
         ] {
-            let error = FailOn::parse(text).unwrap_err();
+            let error = Reason::parse(text).unwrap_err();
             assert!(error.starts_with("allowed: any, alarm, state, gap, following-error>N, "), "{text}: {error}");
         }
     }

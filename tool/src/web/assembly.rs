@@ -5,6 +5,8 @@ use data_encoding::BASE64;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
+use crate::markup::escaped;
+
 /// The modules of the page, each after those that it imports.
 const MODULES: [&str; 11] = [
     include_str!("../../web/src/codec.js"),
@@ -79,10 +81,6 @@ fn without_imports(module: &str) -> String {
 
 fn hash(text: &str) -> String {
     format!("sha256-{}", BASE64.encode(&Sha256::digest(text.as_bytes())))
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

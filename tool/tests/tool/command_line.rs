@@ -16,6 +16,8 @@ fn the_help_documents_exit_codes_and_every_verb() {
     for verb in [
         "exec",
         "dump",
+        "summary",
+        "find",
         "plot",
         "compare",
         "replay",

@@ -113,6 +113,32 @@ fn dump_by_time() {
     run(["dump", "--hex", "--from", "1"]).expect_misuse(&["--from", "--hex"]);
 }
 
+/// `dump --changes` shows the first frame as a whole, and then only slots whose content differs from the frame before in the same
+/// direction; frames without one are left out.
+#[test]
+fn dump_of_changes() {
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 2);
+    for _ in 0..20 {
+        board.send(&[0, 0]);
+        board.cycle();
+    }
+    for _ in 0..20 {
+        board.send(&[0, 200]);
+        board.cycle();
+    }
+    let recorded = Recorded::new(&board);
+    let changed: Vec<_> = json(&recorded, &["--changes", "--direction", "command"]).iter().map(slots).collect();
+    // SET_AXIS, SET_STATE, the first targets, and the target of axis 2.
+    assert_eq!(changed, [vec![0], vec![0], vec![0, 1, 2], vec![2]]);
+    let answers = json(&recorded, &["--changes", "--direction", "response", "--slots", "1-2"]);
+    assert_eq!(slots(&answers[0]), [1, 2]);
+    let moving: Vec<_> = answers[1..].iter().filter(|frame| slots(frame) == [2]).collect();
+    // The drive goes a tenth of the way in each cycle, until less than ten counts are left.
+    assert!((15..=20).contains(&moving.len()), "{}", moving.len());
+    assert!(answers.len() - moving.len() <= 3, "{answers:?}");
+    assert!(json(&recorded, &["--changes", "--from", "30ms", "--to", "31ms", "--direction", "response"]).len() <= 2);
+}
+
 /// `plot` selects axes by ranges, and commands; if nothing is left there is an error and no plot.
 #[test]
 fn plot_by_axis_and_command() {

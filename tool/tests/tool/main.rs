@@ -8,6 +8,7 @@
 //! - `exec.rs`, `exec_library.rs`, `exec_reasons.rs`: `ecmsk exec`: the program, its library, and reports of what went wrong
 //! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
 //!   captures, shown, drawn, compared, replayed, and judged
+//! - `summary_axes.rs`, `bad_moments.rs`, `find.rs`: `ecmsk summary` and `ecmsk find`
 //! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and recordings of unknown origin
 //! - `recording_files.rs`: `ecmsk recording`, and recordings in blocks in other verbs
 //! - `verbs.rs`, `moves.rs`, `stop.rs`, `stalled.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk
@@ -27,6 +28,7 @@
 //! - `common/`: running the tool, machines and recordings made for tests, and reading a plot back (`svg.rs`)
 
 mod bad_input;
+mod bad_moments;
 mod behind_chip;
 mod bus;
 mod captures;
@@ -46,6 +48,7 @@ mod exec;
 mod exec_library;
 mod exec_reasons;
 mod filters;
+mod find;
 mod foreign_recording;
 mod list;
 mod machine;

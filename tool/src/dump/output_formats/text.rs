@@ -12,6 +12,7 @@ use crate::dump::frames::Shown;
 use crate::dump::packet::{self, Decoded, Packet};
 use crate::dump::pieces::Pieces;
 use crate::dump::place::Place;
+use crate::output::seconds;
 
 /// The output format without `--json`: text.
 pub struct Text {
@@ -71,11 +72,6 @@ fn place(out: &mut dyn Write, what: &str, place: &Place, direction: &str) -> io:
         None => write!(out, "line {:<4}", place.number)?,
     }
     writeln!(out, " {direction}{}", if place.guessed { " (guessed)" } else { "" })
-}
-
-fn seconds(since_ns: i64) -> String {
-    let (ns, sign) = (since_ns.unsigned_abs(), if since_ns < 0 { "-" } else { "" });
-    format!("{sign}{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
 }
 
 fn indented(out: &mut dyn Write, lines: impl IntoIterator<Item: Display>) -> io::Result<()> {

@@ -1,0 +1,168 @@
+//! `ecmsk find`: the times at which a condition becomes true in a recording.
+//!
+//! Files:
+//!
+//! - `find.rs`: the verb
+//! - `find/expression.rs`: reads the expression; `find/words.rs`: its words; `find/measure.rs`: the units of its numbers
+//! - `find/condition.rs`: whether a condition holds at a report
+//! - `find/values.rs`: the values of axes and board at each report
+//! - `find/spans.rs`: from when to when a condition holds
+
+mod condition;
+mod expression;
+mod measure;
+mod spans;
+mod values;
+mod words;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::ValueHint;
+use ecmsk::machine_file::MachineFileError;
+use ecmsk::recording::{Address, RecordError};
+use ecmsk::sk::SlotSize;
+use serde_json::json;
+
+use super::error::CliError;
+use super::filter::TimeOptions;
+use super::recording::{Frames, board, parse_device};
+use super::stderr::say;
+use super::{compare, machine_option, output, slot_size};
+use spans::{Span, Spans};
+use values::Watch;
+
+/// Exit code if the condition never becomes true, as grep(1) has it. If nothing could be looked for it is
+/// [`compare::TROUBLE`].
+const NOTHING: u8 = 1;
+
+/// Find the times at which a condition becomes true in a recording, as `following_error(X) > 0.5 and not homing`
+///
+/// Prints a line for each: the time since the recording's first frame, and how long the condition held. The condition is
+/// looked at in each report of the board.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Numbers, of the axis A, which is the number of a slave or a name of the machine file:
+  position(A)         actual position
+  target(A)           target in force, from its execution on
+  following_error(A)  distance between the two while the axis is enabled
+  target_step(A)      distance from the last target to this one
+  velocity(A)         of the position, negative when it falls
+  torque(A)           actual torque in % of the rated torque
+  alarm(A)            error code of the alarm, 0 without one
+  fifo                free entries of the FIFO
+  state               state of the network: Init, PreOP, SafeOP, OP, or byte 2 of slot 0, as 0x18
+
+Positions of an axis by name are in the unit of the machine file, those by number in counts. A unit behind a number says it
+in any case: 0.5mm, 20 mm/s, 500counts, 80%.
+
+True or false, of the axis A, or of any axis without (A):
+  enabled, fault, alarm, homing, quick_stop, warning, target_reached, internal_limit, remote, voltage_enabled
+  lost                the board is in state 0x18, and the slot of the axis does not change
+  gap                 (of no axis) the FIFO was empty in a motion
+
+Joined by: < <= > >= == != + - abs() and or not ( )
+
+Examples:
+  ecmsk find 'following_error(1) > 500 and not homing' run.pcapng
+  ecmsk find 'abs(position(X) - position(Y)) > 0.2mm' run.pcapng
+  ecmsk find alarm run.pcapng | while read -r at _; do ecmsk plot run.pcapng --around \"$at\" -o \"$at.svg\"; done
+
+Exit code, as that of grep: 0 it became true, 1 it never did, 2 the expression is wrong or the recording cannot be read.")]
+pub struct Args {
+    /// The condition
+    #[arg(value_name = "EXPRESSION")]
+    expression: String,
+
+    /// The recording or capture; - for standard input
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    file: PathBuf,
+
+    #[command(flatten)]
+    times: TimeOptions,
+
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
+
+    /// Print one JSON object for each time, each on a line of its own
+    #[arg(long)]
+    json: bool,
+
+    /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+
+    /// In a capture with several boards, use the one at BUS.DEVICE
+    #[arg(long, value_name = "BUS.DEVICE", value_parser = parse_device)]
+    device: Option<Address>,
+}
+
+/// Why nothing was looked for.
+#[derive(Debug, thiserror::Error)]
+pub enum FindError {
+    /// The expression is wrong.
+    #[error("{0}; see `ecmsk find --help`")]
+    Expression(#[from] expression::ExpressionError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordError),
+    /// The machine file cannot be used.
+    #[error(transparent)]
+    MachineFile(#[from] MachineFileError),
+}
+
+impl FindError {
+    /// The exit code of the tool for this error.
+    pub const fn code(&self) -> u8 {
+        compare::TROUBLE
+    }
+}
+
+/// Runs `ecmsk find`: reads the recording to its end and prints when the condition became true.
+///
+/// # Errors
+/// [`CliError::Find`] if the expression is wrong, or the recording or the machine file cannot be read; [`CliError::Output`] if
+/// standard output cannot be written to.
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let found = find(args)?;
+    let lines: String = found.iter().map(|span| if args.json { in_json(span) } else { in_words(span) }).collect();
+    output::print(lines)?;
+    Ok(if found.is_empty() { ExitCode::from(NOTHING) } else { ExitCode::SUCCESS })
+}
+
+fn find(args: &Args) -> Result<Vec<Span>, FindError> {
+    let machine = machine_option::load(args.machine.as_deref())?;
+    let condition = expression::parse(&args.expression, machine.as_ref())?;
+    let is_file = args.file.as_os_str() != "-";
+    let device = if is_file { board(&args.file, args.device)? } else { args.device };
+    let mut frames = Frames::open(&args.file, args.slot_size, device)?;
+    let times = args.times.times();
+    let (mut watch, mut spans, mut is_any) = (Watch::new(), Spans::new(&condition), false);
+    let walked = frames.walk(i64::MAX, |framed| {
+        let execution = watch.frame(framed);
+        if times.contains(framed.time_ns) {
+            is_any = true;
+            if let Some(execution) = execution {
+                spans.report(framed.time_ns, &watch, execution);
+            }
+        }
+    })?;
+    frames.note_opened();
+    frames.note_walked(&walked);
+    if !is_any {
+        say("note", &"no frame is left; change --from, --to or --around");
+    }
+    Ok(spans.finish())
+}
+
+/// The line of a time: `6.020000000 s  for 0.019000000 s`, times as `ecmsk dump` has them.
+fn in_words(span: &Span) -> String {
+    let [at, lasts] = [span.from_ns, span.lasts_ns()].map(output::seconds);
+    let end = if span.ended { "" } else { ", to the end" };
+    format!("{at:>14} s  for {lasts} s{end}\n")
+}
+
+fn in_json(span: &Span) -> String {
+    let [at, lasts] = [span.from_ns, span.lasts_ns()].map(|ns| ns as f64 / 1e9);
+    format!("{}\n", json!({"at_s": at, "duration_s": lasts, "ended": span.ended}))
+}

@@ -1,0 +1,106 @@
+//! The events of a run within a range of times: alarms, failed changes of state, gaps and lost frames.
+
+use ecmsk::link::Dir;
+use ecmsk::summary::{Alarm, FrameCounts, FrameEvent, FrameWatch, Summary};
+
+use crate::filter::Times;
+use crate::recording::Framed;
+
+/// \[OURS] The most moments that are kept: a page shows fewer.
+const MOMENTS_MAX: usize = 1000;
+
+/// A moment in which something went wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Moment {
+    /// Nanoseconds since the first frame.
+    pub at_ns: i64,
+    /// The alarm that begins; `None`: a gap in a motion ends.
+    pub alarm: Option<Alarm>,
+}
+
+/// Finds the events in the frames of a run, sorted by time. All frames count for what the board and its slaves do, and those
+/// within the times for the summary.
+pub struct Events {
+    times: Times,
+    watch: Option<FrameWatch>,
+    summary: Summary,
+    /// The counts of the frames before the times, and of all frames up to their end.
+    counts: [FrameCounts; 2],
+    /// The first alarms and gaps.
+    moments: Vec<Moment>,
+    /// Whether there are frames within the times, and after them.
+    is_any: bool,
+    goes_on: bool,
+}
+
+impl Events {
+    /// Starts without frames. Only events of these times count.
+    pub fn new(times: Times) -> Self {
+        Self {
+            times,
+            watch: None,
+            summary: Summary::default(),
+            counts: Default::default(),
+            moments: Vec::new(),
+            is_any: false,
+            goes_on: false,
+        }
+    }
+
+    /// Adds the next frame.
+    pub fn frame(&mut self, framed: &Framed) {
+        let (at_ns, frame, times) = (framed.time_ns, &framed.recorded.frame, self.times);
+        let watch = self.watch.get_or_insert_with(|| FrameWatch::new(framed.size));
+        let gaps = watch.counts().gaps;
+        let mut alarms = Vec::new();
+        match framed.recorded.dir {
+            Dir::Write => watch.command(at_ns, frame),
+            Dir::Read => watch.report(at_ns, frame, &mut |event| {
+                if times.contains(at_ns) {
+                    self.summary.add_event(event);
+                }
+                if let FrameEvent::Alarm(alarm) = event {
+                    alarms.push(Some(alarm));
+                }
+            }),
+        }
+        if watch.counts().gaps > gaps {
+            alarms.push(None);
+        }
+        if times.contains(at_ns) {
+            let room = MOMENTS_MAX.saturating_sub(self.moments.len());
+            self.moments.extend(alarms.into_iter().take(room).map(|alarm| Moment { at_ns, alarm }));
+        }
+        match (times.begin_after(at_ns), times.contains(at_ns)) {
+            (true, _) => self.counts = [watch.counts(); 2],
+            (false, true) => (self.counts[1], self.is_any) = (watch.counts(), true),
+            (false, false) => self.goes_on = true,
+        }
+    }
+
+    /// The first alarms and gaps, in the order of their times.
+    pub fn moments(&self) -> &[Moment] {
+        &self.moments
+    }
+
+    /// Whether there is a frame within the times.
+    pub const fn is_any(&self) -> bool {
+        self.is_any
+    }
+
+    /// The summary of the times.
+    pub fn summary(&self) -> Summary {
+        let [before, counts] = self.counts;
+        let mut summary = self.summary.clone();
+        summary.set_frame_counts(&FrameCounts {
+            commands: counts.commands - before.commands,
+            reports: counts.reports - before.reports,
+            full: counts.full - before.full,
+            crc: counts.crc - before.crc,
+            gaps: counts.gaps - before.gaps,
+            // A program that goes on after the times has not given up.
+            unreached: counts.unreached.filter(|_| !self.goes_on),
+        });
+        summary
+    }
+}

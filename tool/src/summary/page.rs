@@ -1,0 +1,154 @@
+//! The summary as one page for a browser: what went wrong, the extremes of axes, the alarms, and a picture of each bad moment.
+
+use std::io::Read;
+
+use ecmsk::machine_file::MachineFile;
+use ecmsk::summary::Summary;
+
+use super::events::{Events, Moment};
+use super::extremes::{AxisExtremes, named, seconds};
+use super::{Args, text};
+use crate::error::CliError;
+use crate::filter::{AROUND_SECONDS, nanoseconds};
+use crate::machine_option::{alarm_words, label};
+use crate::markup::escaped;
+use crate::motion::Quantity;
+use crate::plot::pictures::{Stretch, pictures};
+use crate::plot::survey::Survey;
+use crate::recording::Frames;
+
+/// \[OURS] The most pictures of a page; a browser is slow with more.
+const PICTURES_MAX: usize = 30;
+/// Pictures that overlap become one up to this length, ns. \[OURS] Single cycles can still be told apart in it.
+const STRETCH_MAX_NS: i64 = 1_000_000_000;
+
+const STYLE: &str = "body{font:14px sans-serif;color:#202428;max-width:1200px;margin:1em auto;padding:0 1em}\
+    table{border-collapse:collapse}th,td{text-align:left;padding:.2em 1em .2em 0;border-bottom:1px solid #e4e8ec}\
+    pre{white-space:pre-wrap}svg{max-width:100%;height:auto}";
+
+/// What the page shows.
+pub struct Page<'a> {
+    pub args: &'a Args,
+    pub summary: &'a Summary,
+    pub axes: &'a [(usize, &'a AxisExtremes)],
+    pub events: &'a Events,
+    pub machine: Option<&'a MachineFile>,
+}
+
+impl Page<'_> {
+    /// The text of the page. `frames` is the recording once more, and `survey` what its first reading has found.
+    ///
+    /// # Errors
+    /// [`CliError`] if the recording cannot be read, or a picture cannot be drawn.
+    pub fn html(&self, frames: Frames<impl Read>, survey: &Survey) -> Result<String, CliError> {
+        let file = self.args.file.display().to_string();
+        let mut stretches = self.stretches();
+        let left_out = stretches.len().saturating_sub(PICTURES_MAX);
+        stretches.truncate(PICTURES_MAX);
+        let drawn = pictures(&self.args.file, frames, survey, &stretches, self.machine)?;
+        let pictures: String = stretches.iter().zip(drawn).map(|(stretch, svg)| figure(stretch, svg)).collect();
+        let more =
+            if left_out > 0 { format!("<p>{left_out} later moments have no picture.</p>\n") } else { String::new() };
+        let wrong = match text(self.summary, self.machine) {
+            wrong if wrong.is_empty() => "Nothing went wrong.".to_owned(),
+            wrong => wrong,
+        };
+        let link = survey.link().map(|link| format!(", recorded on {}", escaped(&link))).unwrap_or_default();
+        let (title, axes, alarms) = (escaped(&file), self.axes(), self.alarms());
+        Ok(format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\n\
+             <title>{title} - ecmsk</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n\
+             <p>Summary by ecmsk {}{link}. Times are seconds since the first frame.</p>\n\
+             <h2>What went wrong</h2>\n<pre>{}</pre>\n{axes}{alarms}<h2>Moments</h2>\n{pictures}{more}</body>\n</html>\n",
+            env!("CARGO_PKG_VERSION"),
+            escaped(&wrong),
+        ))
+    }
+
+    /// The table of the largest values of each axis.
+    fn axes(&self) -> String {
+        let heads = Quantity::ALL.map(|quantity| format!("<th>largest {}</th>", quantity.word().replace('-', " ")));
+        let row = |(slave, extremes): &(usize, &AxisExtremes)| {
+            let (axis, name) = named(*slave, self.machine);
+            let cells = Quantity::ALL.map(|quantity| match extremes.of(quantity) {
+                peak if peak.value == 0 => "<td></td>".to_owned(),
+                peak => format!("<td>{} at {}</td>", quantity.shown(peak.value, axis), seconds(peak.at_ns)),
+            });
+            format!("<tr><td>{}</td>{}</tr>\n", escaped(&name), cells.concat())
+        };
+        let rows: String = self.axes.iter().map(row).collect();
+        format!("<h2>Axes</h2>\n<table>\n<tr><th>axis</th>{}</tr>\n{rows}</table>\n", heads.concat())
+    }
+
+    /// The list of alarms; empty without one.
+    fn alarms(&self) -> String {
+        let row = |Moment { at_ns, alarm }: &Moment| {
+            let alarm = alarm.as_ref()?;
+            let (axis, code) = (label(self.machine, alarm.slave), alarm.code);
+            let words = escaped(alarm_words(self.machine, alarm.slave, code));
+            let (at, axis) = (seconds(*at_ns), escaped(&axis));
+            Some(format!("<tr><td>{at}</td><td>{axis}</td><td>0x{code:04X}</td><td>{words}</td></tr>\n"))
+        };
+        let rows: String = self.events.moments().iter().filter_map(row).collect();
+        if rows.is_empty() {
+            return rows;
+        }
+        format!(
+            "<h2>Alarms</h2>\n<table>\n<tr><th>time</th><th>axis</th><th>code</th><th>meaning</th></tr>\n{rows}</table>\n"
+        )
+    }
+
+    /// The stretches around the bad moments, in the order of their times. Those that overlap become one.
+    fn stretches(&self) -> Vec<Stretch> {
+        let mut moments: Vec<(i64, String, Vec<u8>)> = Vec::new();
+        for (slave, extremes) in self.axes {
+            let (axis, name) = named(*slave, self.machine);
+            for quantity in [Quantity::FollowingError, Quantity::TargetStep] {
+                let peak = extremes.of(quantity);
+                if peak.value > 0 {
+                    let value = quantity.shown(peak.value, axis);
+                    let title = format!("axis {name}: largest {} {value}", quantity.word().replace('-', " "));
+                    moments.push((peak.at_ns, title, vec![*slave as u8]));
+                }
+            }
+        }
+        for Moment { at_ns, alarm } in self.events.moments() {
+            moments.push(match alarm {
+                Some(alarm) => {
+                    let words = alarm_words(self.machine, alarm.slave, alarm.code);
+                    let axis = label(self.machine, alarm.slave);
+                    (*at_ns, format!("axis {axis}: alarm 0x{:04X}: {words}", alarm.code), vec![alarm.slave])
+                }
+                None => {
+                    let all = self.axes.iter().map(|(slave, _)| *slave as u8).collect();
+                    (*at_ns, "gap in a motion".to_owned(), all)
+                }
+            });
+        }
+        moments.sort_by_key(|(at_ns, ..)| *at_ns);
+        let mut stretches: Vec<Stretch> = Vec::new();
+        for (at_ns, what, axes) in moments {
+            let around_ns = nanoseconds(AROUND_SECONDS);
+            let (from_ns, to_ns) = (at_ns.saturating_sub(around_ns), at_ns.saturating_add(around_ns));
+            let title = format!("{what} at {}", seconds(at_ns));
+            match stretches.last_mut() {
+                Some(last) if from_ns <= last.to_ns && to_ns - last.from_ns <= STRETCH_MAX_NS => {
+                    last.to_ns = to_ns;
+                    last.title = format!("{}, {title}", last.title);
+                    last.axes.extend(axes);
+                    last.axes.sort_unstable();
+                    last.axes.dedup();
+                }
+                _ => stretches.push(Stretch { title, from_ns, to_ns, axes }),
+            }
+        }
+        stretches
+    }
+}
+
+/// A picture under the names of its moments.
+fn figure(stretch: &Stretch, svg: Option<String>) -> String {
+    let svg = svg.unwrap_or_else(|| "<p>The network is not in OP then.</p>".to_owned());
+    format!("<h3>{}</h3>\n{svg}\n", escaped(&stretch.title))
+}

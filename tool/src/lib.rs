@@ -6,7 +6,8 @@
 //!
 //! - `lib.rs`: every verb with its arguments (`Verb`), exit codes
 //! - `exec.rs`: `ecmsk exec`, with `exec/` for the library, the link and the signals of the program
-//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with a
+//! - `fault.rs`: `ecmsk fault`, events on a simulated board that runs
+//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `assert.rs`, `migrate.rs`: verbs that show recordings, each with a
 //!   folder of its parts; `recording.rs` reads a recording, `filter.rs` selects frames and slots, `kind_list.rs` parses kinds
 //!   of slaves
 //! - `recording_files.rs`: `ecmsk recording`, what is in a recording and its export, in `recording_files/`
@@ -18,28 +19,33 @@
 //! - `machine.rs`: `ecmsk machine`, the machine file, in `machine/`
 //! - `bus.rs`: `ecmsk bus`, the look at any network, one file for each verb in `bus/`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to an ECM-XF, one file each in `xf/`
-//! - `link_option.rs`, `machine_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--machine`, `--record` and
-//!   `--slot-size`;
+//! - `link_option.rs`, `machine_option.rs`, `record_option.rs`, `control_option.rs`, `slot_size.rs`: the options `--link`,
+//!   `--machine`, `--record`, `--control` and `--slot-size`;
 //!   `recording_end.rs` checks whether a recording is complete
 //! - `web.rs`: the page of `plot -o run.html` and `serve web`, in `web/`; its own sources are in `tool/web/`
 //! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
 //! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`: errors, and output that does not wait for whoever reads it;
 //!   `visible.rs`: control characters in output; `signals/`: Ctrl-C
+//! - `junit.rs`: results in the JUnit format
 //! - `fuzzed.rs`: the functions that `fuzz/` calls
 
+mod assert;
 mod board;
 mod bus;
 mod compare;
 mod completions;
+mod control_option;
 mod doctor;
 mod dump;
 mod error;
 mod exec;
+mod fault;
 mod filter;
 #[doc(hidden)]
 pub mod fuzzed;
 mod hex;
 mod image;
+mod junit;
 mod kind_list;
 mod link;
 mod link_option;
@@ -96,6 +102,8 @@ Exit codes:
        0 the model answers as the board did, 1 otherwise, 2 it could not be replayed
   summary
        with --exit-code: 0 nothing went wrong, 1 something did, or the recording is not whole
+  assert
+       0 every rule is kept, 1 one is broken, 2 the run could not be judged
   migrate
        0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2 it could not be said
   params diff
@@ -127,9 +135,11 @@ struct Cli {
 #[derive(Subcommand)]
 enum Verb {
     Exec(exec::Args),
+    Fault(fault::Args),
     Dump(dump::Args),
     Plot(plot::Args),
     Summary(summary::Args),
+    Assert(assert::Args),
     #[command(flatten)]
     Step(step::Verb),
     Run(script::Args),
@@ -178,8 +188,10 @@ impl Verb {
     fn run(self) -> Result<ExitCode, CliError> {
         match self {
             Self::Exec(args) => Ok(exec::run(&args)?),
+            Self::Fault(args) => fault::run(&args),
             Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Summary(args) => summary::run(&args),
+            Self::Assert(args) => assert::run(&args),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Step(verb) => Ok(step::run(verb).map(|()| ExitCode::SUCCESS)?),
             Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),

@@ -6,8 +6,8 @@
 //! - `summary/extremes.rs`: the extremes of each axis
 //! - `summary/fail_on.rs`: the option that decides which findings make a run fail
 
-mod extremes;
-mod fail_on;
+pub mod extremes;
+pub mod fail_on;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

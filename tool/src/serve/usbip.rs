@@ -11,7 +11,7 @@ use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
 
 use crate::stderr::say;
-use crate::{CliError, signals, streams};
+use crate::{CliError, control_option, signals, streams};
 
 /// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, and programs need no change
 ///
@@ -33,6 +33,10 @@ pub struct Args {
     /// [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long = "link", value_name = "URI", value_parser = given_link, action = ArgAction::Append)]
     links: Vec<LinkUri>,
+
+    /// Let `ecmsk fault NAME` make events happen on a simulated board while it runs; once for each board, in their order
+    #[arg(long, value_name = "NAME", action = ArgAction::Append)]
+    control: Vec<String>,
 
     /// Address to listen on
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)), value_parser = super::listen_at::<{ wire::PORT }>)]
@@ -82,7 +86,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before a board is attached, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
     streams::queue().map_err(ServeError::Thread)?;
-    let links = links(args)?;
+    let links = links(args)?.into_iter().enumerate();
+    let controlled = |(index, link)| control_option::controlled(link, args.control.get(index).map(String::as_str));
+    let links = links.map(controlled).collect::<Result<Vec<_>, _>>()?;
     let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
     let options = Options {
         listen: args.listen,

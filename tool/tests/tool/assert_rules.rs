@@ -170,7 +170,7 @@ fn what_cannot_be_judged_is_told() {
     let ran = recorded.judge("fail_on = [\"state\"]", &[]);
     assert_eq!(ran.code, Some(2), "{}", ran.out);
     assert!(ran.err.starts_with("error: no rule is broken, but the recording is not whole: "), "{}", ran.err);
-    recorded.judge("at_most = \"1us\"", &[]).expect_code(1);
+    recorded.judge("at_most = \"1ms\"", &[]).expect_code(1);
     std::fs::write(&file, whole).expect("the recording");
     recorded.judge("[[events]]\nstate = \"up\"", &[]).expect_failure(
         2,

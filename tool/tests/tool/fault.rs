@@ -138,7 +138,7 @@ expect inputs 3=0 --wait 100ms
             "fault alarm 9 0x7500",
             ":1: fault: column 7: `9` is no slave of this network; allowed: a number from 1 to 3; ",
         ),
-        ("expect sdo 1 mode 9", ":1: expect: mode (0x6060:0) of slave 1 is 0, not 9; "),
+        ("expect sdo 1 mode 9", ":1: expect: mode (0x6060:0) of slave 1 is 8, not 9; "),
         (
             "state op\nexpect velocity 1=100 --within 1 --wait 5ms",
             ":2: expect: axis 1 is moving with 0, not moving with 100 within 1; ",

@@ -11,7 +11,6 @@ use ecmsk::link::control::{ControlError, Happened, Injection, place};
 use ecmsk::link::script::ScriptError;
 use ecmsk::link::{self, LinkError, Share};
 
-
 use support::script_client::{Client, MS, file};
 
 /// How long a board may take to answer; a machine that is busy is late.
@@ -82,7 +81,8 @@ fn an_event_is_a_line_of_a_script_at_its_cycle() {
     let (injected, happened) = run("", &events);
     let times: Vec<_> = happened.iter().map(|happened| (happened.cycle, happened.at_ns / MS)).collect();
     assert_eq!(times, [(1000, 1001), (1200, 1201), (1500, 1501)], "the first cycle is 1 ms after the opening");
-    let lines: Vec<_> = events.iter().zip(&happened).map(|((_, event), at)| format!("at {}us {event}", at.at_ns / 1000)).collect();
+    let lines: Vec<_> =
+        events.iter().zip(&happened).map(|((_, event), at)| format!("at {}us {event}", at.at_ns / 1000)).collect();
     let (scripted, _) = run(&lines.join("\n"), &[]);
     assert!(injected == scripted, "the runs differ");
 }
@@ -92,8 +92,8 @@ fn an_event_is_a_line_of_a_script_at_its_cycle() {
 fn what_lasts_ends() {
     let place = Place::new();
     let mut client = place.client("", "&name=what-lasts");
+    let mut before = client.read();
     let begun = place.happens(&mut client, "silent for 5ms");
-    let mut before = begun.at_ns - 1;
     let next = loop {
         let at = client.read();
         if at > begun.at_ns {
@@ -124,7 +124,10 @@ fn a_wrong_event_is_named() {
         ("alarm 3 0x7500", "column 7: `3` is no slave of this network; allowed: a number from 1 to 2"),
         ("alram 1 0x7500", "column 1: `alram` is no verb; did you mean `alarm`?"),
         ("alarm 1 0x7500 for 2s", "column 16: `for` is too much; allowed: alarm SLAVE[.AXIS] CODE [stays]"),
-        ("at 2s alarm 1 0x7500", "column 1: `at` is of scripts; an injected event happens in the next cycle, leave it out"),
+        (
+            "at 2s alarm 1 0x7500",
+            "column 1: `at` is of scripts; an injected event happens in the next cycle, leave it out",
+        ),
         ("from op", "column 1: `from` is of scripts"),
         ("noise 1 10", "`noise` happens to frames, and this board reaches its simulated slaves without any"),
     ] {
@@ -141,7 +144,10 @@ fn a_wrong_event_is_named() {
     else {
         panic!("the script is wrong, too")
     };
-    assert_eq!(place.inject(text).unwrap_err().to_string(), format!("column {column}: {message}; see `ecmsk link help`"));
+    assert_eq!(
+        place.inject(text).unwrap_err().to_string(),
+        format!("column {column}: {message}; see `ecmsk link help`")
+    );
 }
 
 /// On a virtual clock nothing happens before the program lets a cycle pass; an event whose client goes is taken back.
@@ -178,6 +184,23 @@ fn events_that_last_are_limited() {
     place.happens(&mut client, "cut 2 for 1s");
 }
 
+/// A cycle that carries an event out allocates nothing.
+#[test]
+fn a_cycle_with_an_event_allocates_nothing() {
+    let place = Place::new();
+    let client = place.client("", "");
+    let pass = || {
+        let pass = || client.link.pass(Duration::from_millis(40)).expect("it passes");
+        allocation_counter::measure(|| drop(pass())).count_total
+    };
+    let (_, idle) = (pass(), pass());
+    for event in ["silent for 5ms", "cut 2 for 5ms", "inputs 0x15"] {
+        let mut injection = place.inject(event).expect(event);
+        assert_eq!(pass(), idle, "{event}");
+        injection.wait(LIMIT).expect(event);
+    }
+}
+
 /// The socket is its owner's alone, and goes with the link; a socket that a killed program has left is replaced, another file
 /// is not, and two boards need two sockets.
 #[test]
@@ -189,7 +212,11 @@ fn the_socket_is_there_while_the_board_is_open() {
     assert_eq!(mode & 0o777, 0o600);
     let uri = format!("sim:?clock=virtual&control={}", place.name());
     let refused = |uri: &str| link::open(uri, Share::ByName).map(drop).unwrap_err().to_string();
-    assert!(refused(&uri).ends_with("somebody listens there; another board has this control=, give each its own"), "{}", refused(&uri));
+    assert!(
+        refused(&uri).ends_with("somebody listens there; another board has this control=, give each its own"),
+        "{}",
+        refused(&uri)
+    );
     let mut waiting = place.inject("inputs 1").expect("it waits");
     client.link.close();
     assert_eq!(waiting.wait(LIMIT).unwrap_err().to_string(), "the board was closed before it happened");

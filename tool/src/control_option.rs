@@ -19,6 +19,14 @@ pub enum ControlOptionError {
         /// What the user can do.
         next: &'static str,
     },
+    /// More names than boards are given.
+    #[error("--control is given {names} times for {boards} board(s); give it once for each --link")]
+    TooMany {
+        /// How often the option is given.
+        names: usize,
+        /// The number of boards.
+        boards: usize,
+    },
     /// The name is invalid.
     #[cfg(unix)]
     #[error("--control: {0}")]

@@ -10,6 +10,7 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
 
+use crate::control_option::ControlOptionError;
 use crate::stderr::say;
 use crate::{CliError, control_option, signals, streams};
 
@@ -86,9 +87,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before a board is attached, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
     streams::queue().map_err(ServeError::Thread)?;
-    let links = links(args)?.into_iter().enumerate();
-    let controlled = |(index, link)| control_option::controlled(link, args.control.get(index).map(String::as_str));
-    let links = links.map(controlled).collect::<Result<Vec<_>, _>>()?;
+    let links = controlled(links(args)?, &args.control)?;
     let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
     let options = Options {
         listen: args.listen,
@@ -120,6 +119,15 @@ fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
     }
     let link = super::served(None)?;
     Ok(vec![given_link(&link.to_string()).unwrap_or(link)])
+}
+
+/// The links, the first ones with these control sockets.
+fn controlled(links: Vec<LinkUri>, names: &[String]) -> Result<Vec<LinkUri>, ControlOptionError> {
+    if names.len() > links.len() {
+        return Err(ControlOptionError::TooMany { names: names.len(), boards: links.len() });
+    }
+    let one = |(index, link)| control_option::controlled(link, names.get(index).map(String::as_str));
+    links.into_iter().enumerate().map(one).collect()
 }
 
 fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {

@@ -95,6 +95,8 @@ fn control_is_part_of_the_link() {
     ran.expect_failure(2, &["`control` is given twice"], "ecmsk link help");
     let ran = run(["serve", "tcp", "--link", "usb:", "--control", "press"]);
     assert_eq!(ran.code, Some(2), "{}", ran.err);
+    let ran = run(["serve", "usbip", "--link", "sim:", "--control", "./a", "--control", "./b"]);
+    ran.expect_failure(2, &["--control is given 2 times for 1 board(s)"], "once for each --link");
 }
 
 /// A fault of a script happens between two steps, in virtual time at the same cycle in every run; what is expected of it is

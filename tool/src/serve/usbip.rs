@@ -126,7 +126,7 @@ fn controlled(links: Vec<LinkUri>, names: &[String]) -> Result<Vec<LinkUri>, Con
     if names.len() > links.len() {
         return Err(ControlOptionError::TooMany { names: names.len(), boards: links.len() });
     }
-    let one = |(index, link)| control_option::controlled(link, names.get(index).map(String::as_str));
+    let one = |(index, link): (usize, LinkUri)| control_option::controlled(link, names.get(index).map(String::as_str));
     links.into_iter().enumerate().map(one).collect()
 }
 

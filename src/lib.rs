@@ -206,6 +206,8 @@ mod hardware;
 pub mod io;
 #[cfg(feature = "std")]
 pub mod link;
+#[cfg(all(any(feature = "sim", feature = "serve"), unix))]
+mod local_socket;
 #[cfg(any(all(feature = "std", target_os = "linux"), all(feature = "usb", windows)))]
 pub mod machine;
 #[cfg(feature = "std")]

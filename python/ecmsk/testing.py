@@ -9,9 +9,12 @@ import math
 import os
 import shutil
 import signal
+import socket
 import subprocess
+import tempfile
+import time
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Union
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Union
 
 from . import sim_uri
 from ._ecmsk import Close, Ecm, open
@@ -85,6 +88,92 @@ class MachineAxis:
         assert worst < counts, f"{self._name()} was {worst:.0f} counts behind its target after {worst_at:.3f} s"
 
 
+class Happened(NamedTuple):
+    """When a fault happened: both count from the opening of the board, in its time."""
+
+    cycle: int
+    seconds: float
+
+
+class _Control:
+    """The control socket of a simulated board, which `ecmsk fault` uses, too: events in the words of ``at``."""
+
+    def __init__(self) -> None:
+        if not hasattr(socket, "AF_UNIX"):
+            raise OSError("faults while a program runs need Unix sockets; use `at`")
+        # In a folder of its own with a short name: the path of a socket has at most 107 bytes.
+        self.folder = tempfile.mkdtemp(prefix="ecmsk-")
+        self.path = os.path.join(self.folder, "control")
+        self._waiting: List[socket.socket] = []
+
+    def close(self) -> None:
+        for connection in self._waiting:
+            connection.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _connect(self, timeout: float) -> socket.socket:
+        end = time.monotonic() + timeout
+        while True:
+            connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                connection.settimeout(timeout)
+                connection.connect(self.path)
+                return connection
+            except (FileNotFoundError, ConnectionRefusedError):
+                connection.close()
+                if time.monotonic() > end:
+                    raise AssertionError(f"the program has opened no board within {timeout:g} s") from None
+                time.sleep(0.01)
+
+    def send(self, event: str, timeout: float, is_waited: bool) -> Optional[Happened]:
+        connection = self._connect(timeout)
+        answers = connection.makefile("r", encoding="utf-8", errors="replace")
+        try:
+            connection.sendall((" ".join(event.split()) + "\n").encode())
+            answer = answers.readline().split(maxsplit=1)
+            if answer[:1] == ["wrong"]:
+                raise ValueError(answer[1].strip())
+            if not is_waited:
+                # Closing it would take the event back.
+                self._waiting.append(connection)
+                return None
+            answer = answers.readline().split(maxsplit=1)
+            if answer[:1] == ["done"]:
+                cycle, at_ns = answer[1].split()
+                return Happened(int(cycle), int(at_ns) / 1e9)
+            raise AssertionError(answer[1].strip() if len(answer) > 1 else "the board was closed before it happened")
+        except socket.timeout:
+            raise AssertionError(f"no cycle of the board began within {timeout:g} s") from None
+        finally:
+            answers.close()
+            if connection not in self._waiting:
+                connection.close()
+
+
+class Program:
+    """A program that runs on a machine: what :meth:`Machine.start` returns."""
+
+    def __init__(self, words: List[str], process: "subprocess.Popen[str]") -> None:
+        self._words = words
+        self._process = process
+
+    def wait(self, timeout: float = 60.0, check: bool = True) -> "subprocess.CompletedProcess[str]":
+        """Waits for the end of the program, at most ``timeout`` seconds of real time. With ``check`` a program that fails
+        fails the test, with what it has printed.
+        """
+        ended = _wait(self._process, timeout)
+        if check and ended.returncode != 0:
+            raise AssertionError(
+                f"{self._words[0]} ended with exit code {ended.returncode}\n{ended.stdout}{ended.stderr}"
+            )
+        return ended
+
+    def _kill(self) -> None:
+        if self._process.poll() is None:
+            _kill(self._process)
+            self._process.communicate()
+
+
 class Machine:
     """A simulated machine. Set it up, let something run on it, then assert.
 
@@ -99,6 +188,8 @@ class Machine:
         self._runs = 0
         self._recording: Optional[Recording] = None
         self._board: Optional[Ecm] = None
+        self._control: Optional[_Control] = None
+        self._program: Optional[Program] = None
 
     def at(self, time: Union[str, float], event: str) -> None:
         """Makes something happen while a program runs: ``machine.at("1 s", "alarm 1 0x7500")``.
@@ -106,6 +197,17 @@ class Machine:
         The time counts from the opening of the board, in its time. ``ecmsk link help`` lists the events.
         """
         self._events.append(f"at {seconds(time) * 1e6:.0f}us {event}")
+
+    def fault(self, event: str, *, timeout: float = 10.0) -> Optional[Happened]:
+        """Makes something happen now: ``machine.fault("alarm 1 0x7500")``, in the words of :meth:`at`.
+
+        While a program of :meth:`start` runs, the call waits until it has opened the board and until the fault has happened,
+        at the beginning of a cycle, and returns when that was. On a board of :meth:`open` the fault happens in the next
+        cycle that the test lets pass, and the call returns ``None``.
+        """
+        if self._control is None:
+            raise AssertionError("nothing runs on the machine; call `start` or `open` before")
+        return self._control.send(event, timeout, self._program is not None)
 
     def _next_run(self) -> Path:
         self._close()
@@ -115,6 +217,8 @@ class Machine:
 
     def _link(self, **keys: _Key) -> str:
         given: Dict[str, Any] = {"clock": "virtual", **self.keys, **keys}
+        if self._control is not None:
+            given.setdefault("control", self._control.path)
         if self._events:
             if "script" in self.keys:
                 raise ValueError("the machine has a script and events of `at`; put the events into the script")
@@ -131,6 +235,8 @@ class Machine:
     def open(self, *, close: Close = Close.HOLD) -> Ecm:
         """Opens the machine in this process, for a test that is a program itself."""
         file = self._next_run()
+        if hasattr(socket, "AF_UNIX"):
+            self._control = _Control()
         self._board = open(self._link(record=str(file)), close=close)
         return self._board
 
@@ -145,24 +251,40 @@ class Machine:
         opens the link in ``ECMSK_LINK``. With ``check`` a program that fails fails the test, with what it has printed.
         ``timeout`` is in seconds of real time; after it the program is ended by force.
         """
+        return self._start(self._next_run(), program, env).wait(timeout, check)
+
+    def start(
+        self, *program: Union[str, "os.PathLike[str]"], env: Optional[Mapping[str, str]] = None
+    ) -> Program:
+        """Starts a program as :meth:`run` does, and does not wait for its end: :meth:`fault` makes something happen
+        meanwhile. A program that still runs at the end of the test is ended by force.
+        """
         file = self._next_run()
+        self._control = _Control()
+        self._program = self._start(file, program, env)
+        return self._program
+
+    def _start(self, file: Path, program: Any, env: Optional[Mapping[str, str]]) -> Program:
         words = [os.fspath(word) for word in program]
         command = [str(tool()), "exec", "--link", self._link(), "--record", str(file), "--", *words]
-        ended = _run(command, timeout, {**os.environ, **(env or {})})
-        if check and ended.returncode != 0:
-            raise AssertionError(
-                f"{words[0]} ended with exit code {ended.returncode}\n{ended.stdout}{ended.stderr}"
-            )
-        return ended
+        return Program(words, _popen(command, {**os.environ, **(env or {})}))
 
     def _close(self) -> None:
+        if self._program is not None:
+            self._program._kill()
+            self._program = None
         if self._board is not None:
             self._board.close()
             self._board = None
+        if self._control is not None:
+            self._control.close()
+            self._control = None
 
     @property
     def recording(self) -> Recording:
         """What was recorded of the last run. A board of ``open`` is closed first."""
+        if self._program is not None and self._program._process.poll() is None:
+            raise AssertionError("the program still runs; wait for its end before")
         self._close()
         if self._recording is None:
             if not self._recorded.exists():
@@ -198,9 +320,9 @@ def tool() -> Path:
     return Path(found)
 
 
-def _run(command: List[str], timeout: float, env: Mapping[str, str]) -> "subprocess.CompletedProcess[str]":
+def _popen(command: List[str], env: Mapping[str, str]) -> "subprocess.Popen[str]":
     # In a session of its own, so that the program can be ended together with the tool that waits for it.
-    process = subprocess.Popen(
+    return subprocess.Popen(
         command,
         env=env,
         stdin=subprocess.DEVNULL,
@@ -209,15 +331,22 @@ def _run(command: List[str], timeout: float, env: Mapping[str, str]) -> "subproc
         text=True,
         start_new_session=True,
     )
+
+
+def _kill(process: "subprocess.Popen[str]") -> None:
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
+
+
+def _wait(process: "subprocess.Popen[str]", timeout: float) -> "subprocess.CompletedProcess[str]":
     try:
         out, err = process.communicate(timeout=timeout)
     except BaseException as error:
-        if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)
-        else:
-            process.kill()
+        _kill(process)
         out, err = process.communicate()
         if isinstance(error, subprocess.TimeoutExpired):
             raise AssertionError(f"the program did not end within {timeout:g} s\n{out}{err}") from None
         raise
-    return subprocess.CompletedProcess(command, process.returncode, out, err)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)

@@ -143,10 +143,11 @@ pub enum EventKind {
         /// The abort code with which the transfer has ended.
         code: AbortCode,
     },
-    /// The script of the simulated board, which causes faults at given times, has carried out an action.
+    /// The script of the simulated board, which causes faults at given times, has carried out an action, or the board's
+    /// control socket has.
     Scripted {
-        /// The number of the line in the script, from 1.
-        line: u32,
+        /// The number of the line in the script, from 1; `None`: the action came through the control socket (`control=`).
+        line: Option<u32>,
         /// The verb of the script line, for example `cut`.
         verb: &'static str,
         /// The slave, from 1; `None`: the line acts on the cable or the board.
@@ -209,7 +210,10 @@ impl fmt::Display for Event {
             }
             EventKind::Scripted { line, verb, slave, code, ended } => {
                 let end = if ended { "the end of " } else { "" };
-                write!(f, "script, line {line}: {end}`{verb}")?;
+                match line {
+                    Some(line) => write!(f, "script, line {line}: {end}`{verb}")?,
+                    None => write!(f, "injected: {end}`{verb}")?,
+                }
                 if let Some(slave) = slave {
                     write!(f, " {slave}")?;
                 }

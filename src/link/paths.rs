@@ -18,7 +18,7 @@ pub mod tcp {
     pub use crate::tcp::*;
 }
 #[cfg(feature = "sim")]
-pub use crate::testbed::{manufacturer_objects, script, simulated_slaves};
+pub use crate::testbed::{control, manufacturer_objects, script, simulated_slaves};
 
 /// The schemes and keys of links.
 pub mod keys {

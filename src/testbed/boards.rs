@@ -63,8 +63,13 @@ pub(crate) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option
 
 /// Parks the board of a link that was closed, with the present time, so that the next link can let it catch up.
 pub(crate) fn park(key: &Key, board: Board, network: SimHandle) {
+    park_since(key, board, network, Instant::now());
+}
+
+/// Parks a board with the time of its parking, for a link that has claimed it and does not open.
+pub(crate) fn park_since(key: &Key, board: Board, network: SimHandle, since: Instant) {
     if let Some(entry) = boards().iter_mut().find(|entry| entry.key == *key) {
-        entry.parked = Some(Box::new((board, network, Instant::now())));
+        entry.parked = Some(Box::new((board, network, since)));
     }
 }
 

@@ -120,9 +120,16 @@ impl SimChipOptions {
     /// The options in a URI; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError::OtherScheme`] if it is not an `xf-sim:` link.
+    /// [`UriError::OtherScheme`] if it is not an `xf-sim:` link; [`UriError::BadValue`] if it has a control socket.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         uri.expect_scheme(Scheme::XfSim)?;
+        if let Some(value) = uri.value("control") {
+            return Err(UriError::BadValue {
+                key: "control".to_owned(),
+                value: value.to_owned(),
+                why: "a program that uses the chip itself has `script=` alone; allowed: for a board".to_owned(),
+            });
+        }
         Ok(Self {
             slaves: slaves_of_link(uri)?,
             clock: clock(uri)?,

@@ -4,6 +4,7 @@
 //! - `options.rs`, `chip_options.rs`, `shared_options.rs`: the keys of `sim:` and `xf-sim:` as Rust types
 //! - `build.rs`: builds the slaves of a list; `manufacturer_objects.rs`: reads their manufacturer-specific objects
 //! - `script.rs`: events of a script (`script=`)
+//! - `control/`: events that come while a board runs (`control=`)
 //! - `sim.rs`, `boards.rs`: the links `sim:` and `xf-sim:` to a board, and the boards that outlive their links
 //! - `chip.rs`: `xf-sim:` opened as a chip
 //! - `simulated_slaves.rs`: slaves and scripts for a network without a board
@@ -12,6 +13,7 @@ mod boards;
 mod build;
 pub mod chip;
 pub mod chip_options;
+pub mod control;
 pub mod manufacturer_objects;
 pub mod options;
 pub mod script;

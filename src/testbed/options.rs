@@ -47,6 +47,8 @@ pub struct SimOptions {
     pub rate: Fraction,
     /// The script file with events that happen to the board and its slaves.
     pub script: Option<PathBuf>,
+    /// The name or path of the control socket, by which events happen while the board runs ([`super::control`]).
+    pub control: Option<String>,
     /// The connection between the board and its slaves.
     pub bus: ModelledBus,
 }
@@ -72,6 +74,7 @@ impl SimOptions {
             catch_up: uri.required("catch_up_ms", millis)?,
             rate: uri.required("rate", Fraction::parse)?,
             script: script(uri)?,
+            control: uri.typed("control", |value| Some(value.to_owned()))?,
             bus,
         })
     }

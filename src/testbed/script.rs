@@ -48,8 +48,10 @@
 //! [`LinkError::Silent`](crate::link::LinkError::Silent) while lines remain, because one of them may end the silence.
 //!
 //! Files: `verbs.rs` is the table of all verbs, `reader.rs` and `words.rs` read their operands, `run.rs` carries the
-//! lines out.
+//! lines out, `injected.rs` a verb that comes while the board runs ([`control`](super::control)).
 
+#[cfg_attr(not(unix), allow(dead_code, reason = "events come by Unix sockets alone"))]
+pub(super) mod injected;
 mod reader;
 mod run;
 mod verbs;

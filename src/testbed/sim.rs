@@ -1,17 +1,25 @@
 //! The links `sim:` and `xf-sim:`: the model of an EC01M, the chip of the board, in this process. Its simulated slaves are
 //! connected to it directly, or through the model of an ECM-XF.
 
+use std::sync::Arc;
+#[cfg(unix)]
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use super::boards::{self, Key};
+use super::boards::{self, Key, Parked};
 use super::build;
 use super::chip::SimChip;
 use super::chip_options::ChipNetwork;
+#[cfg(unix)]
+use super::control::Control;
 use super::manufacturer_objects;
 use super::options::{ModelledBus, SimOptions};
+#[cfg(unix)]
+use super::script::injected::Abilities;
+use super::script::injected::{InjectedScript, Slot};
 use super::script::{self, Script};
 use crate::address::uri::LinkUri;
-use crate::engine::{Board, Rate};
+use crate::engine::{self, Board, Rate};
 use crate::fieldbus::sim::{SimBus, SimHandle};
 use crate::fieldbus::{Fieldbus, Ns};
 use crate::link::common_options::CommonOptions;
@@ -42,25 +50,27 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
         Some(key) => boards::claim(key, &options, &name)?,
         None => None,
     };
+    let control = match control_of(&name, &options) {
+        Ok(control) => control,
+        Err(error) => {
+            give_back(key.as_ref(), found);
+            return Err(error);
+        }
+    };
     let (mut board, network) = match found {
         None => switch_on(&name, &options, objects)?,
         Some(parked) => {
             let (mut board, network, since) = *parked;
-            if script.is_some() {
+            if script.is_some() || control.is_some() {
                 board.set_script(None);
                 script::undo_all(&network, &board.handle());
             }
             (catch_up(board, since.elapsed(), &options), network)
         }
     };
-    start(script, &mut board, &network);
-    let keeper = key.clone().map(|key| {
-        let network = network.clone();
-        Box::new(move |board: Option<_>| match board {
-            Some(board) => boards::park(&key, board, network.clone()),
-            None => boards::forget(&key),
-        }) as Keeper
-    });
+    let (control, slot) = control.unzip();
+    start(script, slot, &mut board, &network);
+    let keeper = keeper(key.clone(), control, network);
     let link = EngineLink::open(
         &name,
         board,
@@ -79,7 +89,7 @@ pub(crate) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let script = script_of(&options)?;
     let name = uri.to_string();
     let (mut board, network) = switch_on(&name, &options, manufacturer_objects::of_slaves(&options.slaves)?)?;
-    start(script, &mut board, &network);
+    start(script, None, &mut board, &network);
     if board.engine().talks() {
         return Ok(board);
     }
@@ -89,17 +99,80 @@ pub(crate) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
 /// Reads the script of a link, if the link has one.
 fn script_of(options: &SimOptions) -> Result<Option<Script>, LinkError> {
     let Some(path) = options.script.as_deref() else { return Ok(None) };
-    let has_frames =
-        matches!(&options.bus, ModelledBus::Chip { chip, .. } if chip.network == Some(ChipNetwork::Controllers));
-    Ok(Some(Script::load_for(path, &options.slaves, has_frames)?))
+    Ok(Some(Script::load_for(path, &options.slaves, has_frames(options))?))
 }
 
-/// Starts a script, if there is one, on a board and its network.
-fn start(script: Option<Script>, board: &mut Board, network: &SimHandle) {
-    if let Some(script) = script {
-        let run = script.start(network.cable().clone(), board.handle(), board.now());
-        board.set_script(Some(Box::new(run)));
+/// Whether the board reaches its slaves by EtherCAT frames.
+fn has_frames(options: &SimOptions) -> bool {
+    matches!(&options.bus, ModelledBus::Chip { chip, .. } if chip.network == Some(ChipNetwork::Controllers))
+}
+
+/// Starts the control socket of a link, if the link has one. The events that come by it wait in the slot.
+#[cfg(unix)]
+fn control_of(link: &str, options: &SimOptions) -> Result<Option<(Control, Arc<Slot>)>, LinkError> {
+    let Some(name) = &options.control else { return Ok(None) };
+    let slot = Arc::new(Slot::default());
+    let abilities = Abilities { has_frames: has_frames(options) };
+    let control = Control::start(link, name, options.slaves.clone(), abilities, Arc::clone(&slot))?;
+    Ok(Some((control, slot)))
+}
+
+/// A control socket on a system without Unix sockets.
+#[cfg(not(unix))]
+enum Control {}
+
+#[cfg(not(unix))]
+fn control_of(link: &str, options: &SimOptions) -> Result<Option<(Control, Arc<Slot>)>, LinkError> {
+    if options.control.is_none() {
+        return Ok(None);
     }
+    let reason = "`control=` needs Unix sockets, which this system does not have; use `script=`".to_owned();
+    Err(LinkError::NoBoard { name: link.to_owned(), reason })
+}
+
+/// Ends the reservation of a board for a link that is not opened; a board that was parked is parked again.
+fn give_back(key: Option<&Key>, found: Option<Box<Parked>>) {
+    match (key, found) {
+        (Some(key), Some(parked)) => {
+            let (board, network, since) = *parked;
+            boards::park_since(key, board, network, since);
+        }
+        (Some(key), None) => boards::forget(key),
+        (None, _) => {}
+    }
+}
+
+/// What happens to the board when its link is closed: its control socket ends, and a board with a key is parked.
+fn keeper(key: Option<Key>, control: Option<Control>, network: SimHandle) -> Option<Keeper> {
+    if key.is_none() && control.is_none() {
+        return None;
+    }
+    #[cfg(unix)]
+    let control = Mutex::new(control);
+    Some(Box::new(move |board| {
+        // Ended before the board is parked: no event comes to a board without a link.
+        #[cfg(unix)]
+        drop(control.lock().unwrap_or_else(PoisonError::into_inner).take());
+        match (&key, board) {
+            (Some(key), Some(board)) => boards::park(key, board, network.clone()),
+            (Some(key), None) => boards::forget(key),
+            (None, _) => {}
+        }
+    }))
+}
+
+/// Starts a script, if there is one, on a board and its network, and the events of a control socket.
+fn start(script: Option<Script>, slot: Option<Arc<Slot>>, board: &mut Board, network: &SimHandle) {
+    let now = board.now();
+    let script = script.map(|script| script.start(network.cable().clone(), board.handle(), now));
+    let script: Box<dyn engine::Script> = match (script, slot) {
+        (script, Some(slot)) => {
+            Box::new(InjectedScript::new(script, slot, (network.cable().clone(), board.handle()), now))
+        }
+        (Some(script), None) => Box::new(script),
+        (None, None) => return,
+    };
+    board.set_script(Some(script));
 }
 
 /// Makes a board in its power-on state, with its network. `name` is the name of its link.

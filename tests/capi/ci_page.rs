@@ -40,7 +40,7 @@ fn the_workflows_run_the_same() {
     let [github, gitlab] = workflows();
     assert_eq!(commands(&github), commands(&gitlab));
     assert_eq!(link(&github), link(&gitlab));
-    assert_eq!(commands(&github).len(), 8, "{:?}", commands(&github));
+    assert_eq!(commands(&github).len(), 11, "{:?}", commands(&github));
 }
 
 mod needs_cxx {

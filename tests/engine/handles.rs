@@ -101,7 +101,7 @@ impl Script for Once {
         if !std::mem::replace(&mut self.0, true) {
             note(Event {
                 at,
-                kind: EventKind::Scripted { line: 7, verb: "full", slave: None, code: None, ended: true },
+                kind: EventKind::Scripted { line: Some(7), verb: "full", slave: None, code: None, ended: true },
             });
         }
     }
@@ -122,6 +122,6 @@ fn a_script_is_noted() {
     let events: Vec<_> = host.board.engine().events_since(mark).collect();
     assert_eq!(
         events,
-        [Event { at, kind: EventKind::Scripted { line: 7, verb: "full", slave: None, code: None, ended: true } }]
+        [Event { at, kind: EventKind::Scripted { line: Some(7), verb: "full", slave: None, code: None, ended: true } }]
     );
 }

@@ -9,6 +9,7 @@
 //! - `rate.rs`: `rate=`
 //! - `fault.rs`: `fault.*`
 //! - `script.rs`, `script_slaves.rs`, `script_text.rs`: `script=`: events of the board, of slaves, and the syntax
+//! - `control.rs`: `control=`: events while the board runs
 //! - `record.rs`, `record_board.rs`, `record_order.rs`, `record_disk.rs`, `record_pipe.rs`, `record_end.rs`: `record=`:
 //!   the file, a board that is opened again, the order of frames, full disks, pipes, the end of a recording
 //! - `record_blocks.rs`: recordings in blocks, `FILE.ecmrec`, also cut and damaged ones
@@ -16,6 +17,7 @@
 
 mod chip_usb;
 mod config;
+mod control;
 mod fault;
 mod in_build;
 mod rate;

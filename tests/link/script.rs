@@ -241,7 +241,7 @@ fn a_script_in_rust_does_what_the_handles_do() {
     let zero = board.now() - 20 * MS;
     let scripted = |after, line, verb, ended: bool| {
         let slave = (verb == "cut" && !ended).then_some(1);
-        Event { at: zero + after * MS, kind: EventKind::Scripted { line, verb, slave, code: None, ended } }
+        Event { at: zero + after * MS, kind: EventKind::Scripted { line: Some(line), verb, slave, code: None, ended } }
     };
     assert_eq!(
         board.engine().events_since(events).collect::<Vec<_>>(),
@@ -256,7 +256,7 @@ fn a_script_in_rust_does_what_the_handles_do() {
     assert_eq!(event, format!("script, line 2: the end of `cut` at {:.3} s", (zero + 3 * MS) as f64 / 1e9));
     let alarm = Event {
         at: MS,
-        kind: EventKind::Scripted { line: 1, verb: "alarm", slave: Some(2), code: Some(0x7500), ended: false },
+        kind: EventKind::Scripted { line: Some(1), verb: "alarm", slave: Some(2), code: Some(0x7500), ended: false },
     };
     assert_eq!(alarm.to_string(), "script, line 1: `alarm 2 0x7500` at 0.001 s");
 }

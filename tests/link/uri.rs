@@ -69,7 +69,7 @@ fn defaults_are_those_of_the_specification() {
 fn every_key_reaches_its_option() {
     let text = "sim:?slaves=drive*3&slot=16&fw=1.5&test=1&name=left-arm.1&host_us=0&state_timeout_ms=20\
                 &sdo_timeout_ms=30&priority=99&cpu=3&lock_memory=yes&catch_up_ms=0&queue=1&record=/tmp/a%20b.pcapng\
-                &read_timeout_ms=40&write_timeout_ms=50&rate=0.25&script=/tmp/a.ecmscript";
+                &read_timeout_ms=40&write_timeout_ms=50&rate=0.25&script=/tmp/a.ecmscript&control=press";
     let common = common(text);
     assert_eq!(common.slot, Some(SlotSize::Bytes16));
     assert_eq!(common.queue, 1);
@@ -94,6 +94,7 @@ fn every_key_reaches_its_option() {
     assert_eq!(sim.catch_up, Duration::ZERO);
     assert_eq!(sim.rate, Fraction::from_billionths(250_000_000));
     assert_eq!(sim.script.as_deref(), Some(Path::new("/tmp/a.ecmscript")));
+    assert_eq!(sim.control.as_deref(), Some("press"));
 }
 
 /// `machine=` gives the slaves of a machine file, with the identities that they have to have; what is wrong with the file, or

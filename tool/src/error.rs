@@ -43,6 +43,9 @@ pub enum CliError {
     /// `ecmsk replay` could not replay a capture.
     #[error(transparent)]
     Replay(#[from] super::replay::ReplayVerbError),
+    /// `ecmsk assert` could not judge a recording.
+    #[error(transparent)]
+    Assert(#[from] super::assert::AssertError),
     /// `ecmsk migrate` could not evaluate a recording.
     #[error(transparent)]
     Migrate(#[from] super::migrate::MigrateVerbError),
@@ -77,6 +80,12 @@ pub enum CliError {
     /// `ecmsk exec` has not run the program.
     #[error(transparent)]
     Exec(#[from] super::exec::ExecError),
+    /// `ecmsk fault` has made nothing happen.
+    #[error(transparent)]
+    Fault(#[from] super::fault::FaultError),
+    /// A board gets no control socket.
+    #[error(transparent)]
+    Control(#[from] super::control_option::ControlOptionError),
     /// The command line names no board to serve.
     #[error(
         "no board to serve was named: no --link, {} is not set, there is no {}; give one, e.g. --link 'sim:?slaves=drive*2', see \
@@ -155,9 +164,10 @@ impl CliError {
             Self::Xf(error) => error.code(),
             // The command line names no board, or an address at which other machines reach the server: as a wrong command line.
             Self::NothingToServe
+            | Self::Control(_)
             | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. })
             | Self::ServeXf(ecmsk::port::xf::ServeError::NeedsTunnel { .. }) => super::WRONG_COMMAND_LINE,
-            Self::Compare(_) | Self::Replay(_) | Self::Migrate(_) => super::compare::TROUBLE,
+            Self::Compare(_) | Self::Replay(_) | Self::Migrate(_) | Self::Assert(_) => super::compare::TROUBLE,
             _ => 1,
         }
     }

@@ -21,7 +21,7 @@ use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::summary::writer::FILE_VARIABLE;
 
 use super::stderr::say;
-use super::{record_option, recording_end};
+use super::{control_option, record_option, recording_end};
 use library::LibraryFolder;
 pub use library::find as find_library;
 use reasons::{ReasonReader, ReportMode};
@@ -37,6 +37,8 @@ use reasons::{ReasonReader, ReportMode};
 Examples:
   ecmsk exec --link 'sim:?slaves=drive*2' -- ./program
   ecmsk exec --link 'sim:?slaves=drive*2' --record run.pcapng -- ./program --its-own-option
+  ecmsk exec --link 'sim:?slaves=drive*2' --control press -- ./press
+      meanwhile:  ecmsk fault press alarm 2 0x7500
 
 Exit code: the program's, 128 + n if signal n ended it; 124 if it ended with 0 and its recording is not whole; 125 if it could not be started because of something else than
 PROGRAM, 126 if PROGRAM cannot be executed, 127 if it is not found; 2 if the command line is wrong.")]
@@ -53,6 +55,9 @@ pub struct Args {
     /// Replace an existing recording; without this option an existing file is an error, and the program is not started
     #[arg(long, requires = "record")]
     overwrite: bool,
+
+    #[arg(long, value_name = "NAME", help = control_option::HELP)]
+    control: Option<String>,
 
     /// The library, or its folder [default: beside this tool, then ../lib, then its sub-folder of Debian's libraries,
     /// e.g. x86_64-linux-gnu]
@@ -131,6 +136,9 @@ pub enum ExecError {
     /// The recording of `--record` cannot be made.
     #[error(transparent)]
     Record(#[from] record_option::RecordError),
+    /// The board gets no control socket.
+    #[error(transparent)]
+    Control(#[from] control_option::ControlOptionError),
     /// The link that the library would choose is invalid.
     #[error(transparent)]
     Uri(#[from] UriError),
@@ -169,7 +177,10 @@ impl ExecError {
         match self {
             Self::NotFound { .. } => 127,
             Self::NotExecutable { .. } => 126,
-            Self::Uri(_) | Self::Record(record_option::RecordError::Uri(_)) | Self::NotInBuild { .. } => 2,
+            Self::Uri(_)
+            | Self::Record(record_option::RecordError::Uri(_))
+            | Self::Control(_)
+            | Self::NotInBuild { .. } => 2,
             _ => 125,
         }
     }
@@ -191,7 +202,13 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     // clap requires at least one word, so there is a first one.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
     let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
-    let link = link::for_program(args.link.as_ref(), args.record.as_deref(), Path::new(program), &file)?;
+    let link = link::for_program(
+        args.link.as_ref(),
+        args.record.as_deref(),
+        args.control.as_deref(),
+        Path::new(program),
+        &file,
+    )?;
     if let Some(file) = &args.record {
         record_option::make_room(file, args.overwrite)?;
     }

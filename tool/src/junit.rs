@@ -1,32 +1,99 @@
-//! Results of tests as JUnit XML, which services for continuous integration show.
+//! Results as a file in the JUnit format, which GitLab, Jenkins and other services show: one test case for each thing that
+//! was checked.
 
-use super::markup::escaped;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-/// A test case.
+/// One thing that was checked.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Case {
-    /// The name, which is the same at each run.
+    /// What was checked.
     pub name: String,
-    /// Why it failed, a line for each reason; none if it passed.
-    pub failures: Vec<String>,
+    /// What went wrong; `None`: it is as it has to be.
+    pub failure: Option<String>,
+    /// How long it took, in the time that the verb counts in.
+    pub time: Duration,
 }
 
-/// The text of a file with one suite of test cases.
-pub fn suite(name: &str, cases: &[Case]) -> String {
-    let suite = escaped(name);
-    let (count, failed) = (cases.len(), cases.iter().filter(|case| !case.failures.is_empty()).count());
-    let cases: String = cases.iter().map(|case| element(&suite, case)).collect();
-    format!(
-        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites>\n\
-         <testsuite name=\"{suite}\" tests=\"{count}\" failures=\"{failed}\" errors=\"0\" skipped=\"0\">\n\
-         {cases}</testsuite>\n</testsuites>\n"
-    )
+/// Why there is no file of results.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write the results to {}: {source}; name another file with --junit", .file.display())]
+pub struct JunitError {
+    /// The path of the file.
+    file: PathBuf,
+    /// The error of the operating system.
+    source: io::Error,
 }
 
-fn element(suite: &str, case: &Case) -> String {
-    let begin = format!("<testcase classname=\"{suite}\" name=\"{}\"", escaped(&case.name));
-    if case.failures.is_empty() {
-        return format!("{begin}/>\n");
+/// Writes the cases as one suite with that name. An existing file is replaced.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(file: &Path, suite: &str, cases: &[Case]) -> Result<(), JunitError> {
+    fs::write(file, text(suite, cases)).map_err(|source| JunitError { file: file.to_owned(), source })
+}
+
+fn text(suite: &str, cases: &[Case]) -> String {
+    let failures = cases.iter().filter(|case| case.failure.is_some()).count();
+    let seconds = |time: Duration| format!("{:.3}", time.as_secs_f64());
+    let suite = escaped(suite);
+    let (tests, time) = (cases.len(), seconds(cases.iter().map(|case| case.time).sum()));
+    let counts = format!("tests=\"{tests}\" failures=\"{failures}\" errors=\"0\" time=\"{time}\"");
+    let mut text = format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites {counts}>\n");
+    text += &format!("  <testsuite name=\"{suite}\" {counts}>\n");
+    for Case { name, failure, time } in cases {
+        let case =
+            format!("    <testcase classname=\"{suite}\" name=\"{}\" time=\"{}\"", escaped(name), seconds(*time));
+        text += &match failure {
+            None => format!("{case}/>\n"),
+            Some(why) => format!("{case}>\n      <failure message=\"{}\"/>\n    </testcase>\n", escaped(why)),
+        };
     }
-    // One element with all reasons: some services show the first failure of a case alone.
-    format!("{begin}>\n<failure message=\"{}\"/>\n</testcase>\n", escaped(&case.failures.join("; ")))
+    text + "  </testsuite>\n</testsuites>\n"
+}
+
+/// The text as the value of an attribute. XML 1.0 has no control characters, and ends of lines in attributes become spaces.
+fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            '\n' => escaped.push_str("&#10;"),
+            letter if letter.is_control() || matches!(letter, '\u{FFFE}' | '\u{FFFF}') => escaped.push('\u{FFFD}'),
+            letter => escaped.push(letter),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A parser of XML reads back what was written, whatever characters it has.
+    #[test]
+    fn cases_are_read_back() {
+        let odd = "a < b & \"c\" > 'd'\n\u{1}\u{FFFE}é";
+        let cases = [
+            Case { name: odd.to_owned(), failure: Some(odd.to_owned()), time: Duration::from_micros(1_234_567) },
+            Case { name: "right".to_owned(), failure: None, time: Duration::ZERO },
+        ];
+        let text = text("suite & all", &cases);
+        let document = roxmltree::Document::parse(&text).expect(&text);
+        let suite = document.descendants().find(|node| node.has_tag_name("testsuite")).expect("a suite");
+        let counts = ["name", "tests", "failures", "time"].map(|name| suite.attribute(name).expect("an attribute"));
+        assert_eq!(counts, ["suite & all", "2", "1", "1.235"]);
+        let read: Vec<_> = suite.children().filter(roxmltree::Node::is_element).collect();
+        let failures =
+            read.iter().map(|case| case.first_element_child().and_then(|failure| failure.attribute("message")));
+        let expected = odd.replace(['\u{1}', '\u{FFFE}'], "\u{FFFD}");
+        assert_eq!(failures.collect::<Vec<_>>(), [Some(&*expected), None]);
+        assert_eq!(read[0].attribute("name"), Some(&*expected));
+        assert_eq!(read[1].attribute("time"), Some("0.000"));
+    }
 }

@@ -6,9 +6,10 @@
 //!
 //! - `lib.rs`: every verb with its arguments (`Verb`), exit codes
 //! - `exec.rs`: `ecmsk exec`, with `exec/` for the library, the link and the signals of the program
-//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `find.rs`, `migrate.rs`: verbs that show recordings, each
-//!   with a folder of its parts; `recording.rs` reads a recording, `filter.rs` selects frames and slots, `motion.rs` follows
-//!   axes, `kind_list.rs` parses kinds of slaves
+//! - `fault.rs`: `ecmsk fault`, events on a simulated board that runs
+//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `assert.rs`, `find.rs`, `migrate.rs`: verbs that show
+//!   recordings, each with a folder of its parts; `recording.rs` reads a recording, `filter.rs` selects frames and slots,
+//!   `motion.rs` follows axes, `kind_list.rs` parses kinds of slaves
 //! - `recording_files.rs`: `ecmsk recording`, what is in a recording and its export, in `recording_files/`
 //! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs` run several
 //!   of them; `board.rs` is the code that they share
@@ -18,8 +19,8 @@
 //! - `machine.rs`: `ecmsk machine`, the machine file, in `machine/`
 //! - `bus.rs`: `ecmsk bus`, the look at any network, one file for each verb in `bus/`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to an ECM-XF, one file each in `xf/`
-//! - `link_option.rs`, `machine_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--machine`, `--record` and
-//!   `--slot-size`;
+//! - `link_option.rs`, `machine_option.rs`, `record_option.rs`, `control_option.rs`, `slot_size.rs`: the options `--link`,
+//!   `--machine`, `--record`, `--control` and `--slot-size`;
 //!   `recording_end.rs` checks whether a recording is complete
 //! - `web.rs`: the page of `plot -o run.html` and `serve web`, in `web/`; its own sources are in `tool/web/`
 //! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
@@ -27,14 +28,17 @@
 //!   `visible.rs`: control characters in output; `markup.rs`, `junit.rs`: text in HTML and XML, results of tests; `signals/`: Ctrl-C
 //! - `fuzzed.rs`: the functions that `fuzz/` calls
 
+mod assert;
 mod board;
 mod bus;
 mod compare;
 mod completions;
+mod control_option;
 mod doctor;
 mod dump;
 mod error;
 mod exec;
+mod fault;
 mod filter;
 mod find;
 #[doc(hidden)]
@@ -101,6 +105,8 @@ Exit codes:
   summary
        with --exit-code: 0 nothing went wrong, 1 something did, or the recording is not whole
   find 0 the condition became true, 1 it never did, 2 it could not be looked for (as grep)
+  assert
+       0 every rule is kept, 1 one is broken, 2 the run could not be judged
   migrate
        0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2 it could not be said
   params diff
@@ -132,10 +138,12 @@ struct Cli {
 #[derive(Subcommand)]
 enum Verb {
     Exec(exec::Args),
+    Fault(fault::Args),
     Dump(dump::Args),
     Plot(plot::Args),
     Summary(summary::Args),
     Find(find::Args),
+    Assert(assert::Args),
     #[command(flatten)]
     Step(step::Verb),
     Run(script::Args),
@@ -184,9 +192,11 @@ impl Verb {
     fn run(self) -> Result<ExitCode, CliError> {
         match self {
             Self::Exec(args) => Ok(exec::run(&args)?),
+            Self::Fault(args) => fault::run(&args),
             Self::Dump(args) => dump::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Summary(args) => summary::run(&args),
             Self::Find(args) => find::run(&args),
+            Self::Assert(args) => assert::run(&args),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Step(verb) => Ok(step::run(verb).map(|()| ExitCode::SUCCESS)?),
             Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),

@@ -3,18 +3,20 @@
 use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::ValueHint;
 use ecmsk::ecm::Config;
 
 use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource, Units};
+use super::junit::{self, Case};
 use super::stderr::say;
 use super::step::{Line, Step};
 
 /// Run a script: several steps on one open board
 ///
 /// A line is a verb with its options, as on the command line: state, servo, home, move, io, sdo, info; wait TIME; expect,
-/// which fails if the board is not as expected. `#` starts a comment. The whole script is read and checked before anything
+/// which fails if the board is not as expected; fault, which makes an event happen on a simulated board. `#` starts a comment. The whole script is read and checked before anything
 /// is sent; the first step that fails ends it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -30,6 +32,10 @@ pub struct Args {
     /// The script; `-` is standard input
     #[arg(value_name = "SCRIPT", value_hint = ValueHint::FilePath)]
     script: PathBuf,
+
+    /// Write the result of each step to this file, in the JUnit format; times are the board's
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    junit: Option<PathBuf>,
 
     #[command(flatten)]
     board: board::Args,
@@ -63,6 +69,25 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 /// [`BoardError`] if the script has an invalid line, the board cannot be opened, a step fails, or a signal stops the
 /// script.
 pub fn play(text: &str, args: &Args, watch: fn() -> Result<Interrupt, BoardError>) -> Result<(), BoardError> {
+    let mut cases = Vec::new();
+    let done = play_steps(text, args, watch, &mut cases);
+    let Some(file) = &args.junit else { return done };
+    if let Err(error) = &done
+        && cases.iter().all(|case| case.failure.is_none())
+    {
+        // No step has failed: the script or the board could not be used, or a signal came.
+        cases.push(Case { name: "the whole run".to_owned(), failure: Some(error.to_string()), time: Duration::ZERO });
+    }
+    junit::write(file, &format!("ecmsk run {}", args.name()), &cases)?;
+    done
+}
+
+fn play_steps(
+    text: &str,
+    args: &Args,
+    watch: fn() -> Result<Interrupt, BoardError>,
+    cases: &mut Vec<Case>,
+) -> Result<(), BoardError> {
     let name = args.name();
     let machine = args.board.machine()?;
     let uri = args.board.chosen(machine.as_ref())?.uri;
@@ -73,9 +98,22 @@ pub fn play(text: &str, args: &Args, watch: fn() -> Result<Interrupt, BoardError
     let board = Board::open(&args.board, BoardUse::Moves, StepSource::Lines, watch()?)?;
     let done = steps.iter().try_for_each(|(line, step)| {
         board.reporter.at_line(*line);
-        step.run(&board).map_err(|error| at(&name, *line, error))
+        let began = opened_for(&board);
+        let done = step.run(&board);
+        let time = opened_for(&board).saturating_sub(began);
+        let words = text.lines().nth(*line as usize - 1).unwrap_or_default();
+        let words = words.split_once('#').map_or(words, |(words, _)| words).trim();
+        let failure = done.as_ref().err().map(ToString::to_string);
+        cases.push(Case { name: format!("line {line}: {words}"), failure, time });
+        done.map_err(|error| at(&name, *line, error))
     });
     board.close(done)
+}
+
+/// How long the board has been open, in its time. Zero after it was lost.
+fn opened_for(board: &Board) -> Duration {
+    let opened = board.ecm.link_info().opened_at.0;
+    Duration::from_nanos(board.ecm.snapshot().map_or(0, |snapshot| snapshot.meta.at.0.saturating_sub(opened)))
 }
 
 fn read(path: &Path, name: &str) -> Result<String, BoardError> {

@@ -26,7 +26,7 @@ use ecmsk::port::tcp::{DEFAULT_PORT, OnVanish, ServeError, ServeOptions, Server}
 use super::board::{BoardError, slaves_words, units_words};
 use super::link_option::ChosenLink;
 use super::stderr::say;
-use super::{CliError, output, recording_end, signals, streams};
+use super::{CliError, control_option, output, recording_end, signals, streams};
 
 /// Serve a board, a chip ECM-XF or slaves to other processes and machines
 #[derive(clap::Args)]
@@ -65,6 +65,9 @@ struct Tcp {
     /// Board to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
+
+    #[arg(long, value_name = "NAME", help = control_option::HELP)]
+    control: Option<String>,
 
     /// Address to listen on; any but this machine's own (127.0.0.1) needs a secret
     #[arg(long, value_name = "ADDR:PORT", default_value_t = ServeOptions::default().listen, value_parser = listen_at::<DEFAULT_PORT>)]
@@ -143,7 +146,7 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     // Signals are watched before anything can move, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     streams::queue().map_err(no_thread)?;
-    let recorded = served(args.link.as_ref())?;
+    let recorded = control_option::controlled(served(args.link.as_ref())?, args.control.as_deref())?;
     let uri = recorded.to_string();
     let options = ServeOptions {
         listen: args.listen,

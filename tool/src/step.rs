@@ -5,11 +5,12 @@
 //! Files:
 //!
 //! - `line.rs`: a step from a line of a script
-//! - `info.rs`, `state.rs`, `sdo.rs`, `io.rs`, `servo.rs`, `home.rs`, `wait.rs`, `expect.rs`: one step each
+//! - `info.rs`, `state.rs`, `sdo.rs`, `io.rs`, `servo.rs`, `home.rs`, `wait.rs`, `expect.rs`, `fault.rs`: one step each
 //! - `object.rs`: objects, types and values of `sdo`
 //! - `motion.rs`, `motion/`, `profile.rs`: `move`: its targets, the straight path of all axes, and the motion profile along it
 
 mod expect;
+mod fault;
 mod home;
 mod info;
 mod io;
@@ -25,6 +26,7 @@ mod wait;
 use clap::Subcommand;
 use ecmsk::ecm::Config;
 pub use line::Line;
+pub use state::parse as parse_state;
 
 use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource, Units};
 
@@ -40,6 +42,7 @@ pub enum Step {
     Move(motion::Args),
     Wait(wait::Args),
     Expect(expect::Args),
+    Fault(fault::Args),
 }
 
 impl Step {
@@ -66,7 +69,7 @@ impl Step {
             Self::Move(args) => args.check(network, units),
             Self::Expect(args) => args.check(network, units),
             Self::Sdo(args) => args.check(),
-            Self::Info(_) | Self::State(_) | Self::Wait(_) => Ok(()),
+            Self::Info(_) | Self::State(_) | Self::Wait(_) | Self::Fault(_) => Ok(()),
         }
     }
 
@@ -87,6 +90,7 @@ impl Step {
             Self::Move(args) => args.run(board),
             Self::Wait(args) => args.run(board),
             Self::Expect(args) => args.run(board),
+            Self::Fault(args) => args.run(board),
         }
     }
 }

@@ -9,14 +9,15 @@
 //! - `summary/page.rs`: the page for a browser
 
 mod events;
-mod extremes;
-mod fail_on;
+pub mod extremes;
+pub mod fail_on;
 mod page;
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::ValueHint;
 use ecmsk::machine_file::MachineFile;
@@ -168,9 +169,13 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     if let Some(file) = &args.junit {
         let any = [FailOn::any()];
         let reasons = if args.fail_on.is_empty() { &any[..] } else { &args.fail_on[..] };
-        let case = |reason: &FailOn| Case { name: reason.text.clone(), failures: failures(reason) };
+        let case = |reason: &FailOn| {
+            let failures = failures(reason);
+            let failure = (!failures.is_empty()).then(|| failures.join("; "));
+            Case { name: reason.text.clone(), failure, time: Duration::ZERO }
+        };
         let cases: Vec<Case> = reasons.iter().map(case).collect();
-        write(file, "--junit", junit::suite(&format!("ecmsk summary {}", args.file.display()), &cases))?;
+        junit::write(file, &format!("ecmsk summary {}", args.file.display()), &cases).map_err(SummaryError::from)?;
     }
     let failed = args.fail_on.iter().flat_map(failures).inspect(|failure| say("failed", failure)).count() > 0;
     let is_clean = summary.is_empty() && is_whole;

@@ -3,6 +3,7 @@
 import importlib.util
 import math
 import os
+import socket
 import sys
 import unittest
 from pathlib import Path
@@ -14,6 +15,17 @@ from ecmsk import Config, MasterState, errors
 from ecmsk.testing import Machine, seconds
 
 MACHINE = 'format = 1\n[axes]\nX = { slave = 1, unit = "mm", per = 0.001 }\n'
+
+# Waits until drive 2 has an alarm.
+PROGRAM = """
+import sys, ecmsk
+with ecmsk.open(sys.argv[1] + "&record=" + sys.argv[2]) as ecm:
+    ecm.configure(ecmsk.Config.drives(2))
+    ecm.set_state(ecmsk.MasterState.OP)
+    while ecm.snapshot().drive(2).error_code == 0:
+        ecm.next_cycle()
+    print("alarm")
+"""
 
 
 def drive(ecm, counts=10, cycles=1000, pause=None):
@@ -149,6 +161,40 @@ class Machines(Folder):
         self.assertEqual((raised.exception.slave, raised.exception.code), (1, 0x7500))
         with self.assertRaisesRegex(AssertionError, "slave 1: 0x7500, 1x"):
             machine.no_alarm()
+
+    @unittest.skipUnless(hasattr(socket, "AF_UNIX"), "Unix sockets")
+    def test_a_fault_now(self):
+        machine = Machine(self.folder, "drive*2")
+        with self.assertRaisesRegex(AssertionError, "nothing runs on the machine"):
+            machine.fault("heal")
+        ecm = machine.open()
+        with self.assertRaisesRegex(ValueError, "column 7: `9` is no slave of this network"):
+            machine.fault("alarm 9 0x7500")
+        ecm.configure(Config.drives(2))
+        ecm.set_state(MasterState.OP)
+        self.assertIsNone(machine.fault("alarm 2 0x7500"))
+        ecm.servo_on(1)
+        with self.assertRaisesRegex(AssertionError, "alarms: slave 2: 0x7500, 1x"):
+            machine.no_alarm()
+
+    @unittest.skipUnless(hasattr(socket, "AF_UNIX"), "Unix sockets")
+    def test_a_fault_while_a_program_runs(self):
+        # The program of this test opens the board itself, in the place of `ecmsk exec`.
+        tool = self.folder / "ecmsk"
+        tool.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$7" "$3" "$5"\n')
+        tool.chmod(0o755)
+        program = self.folder / "program.py"
+        program.write_text(PROGRAM)
+        machine = Machine(self.folder, "drive*2", clock="real")
+        with mock.patch.dict(os.environ, {"ECMSK_TOOL": str(tool)}):
+            running = machine.start(program)
+            happened = machine.fault("alarm 2 0x7500", timeout=60)
+            self.assertAlmostEqual(happened.seconds, (happened.cycle + 1) / 1000, delta=0.002)
+            with self.assertRaisesRegex(AssertionError, "the program still runs"):
+                machine.no_alarm()
+            self.assertEqual(running.wait(timeout=120).stdout, "alarm\n")
+            machine.start(program)
+            machine._close()
 
     def test_a_gap_is_found(self):
         machine = Machine(self.folder, "drive*2")

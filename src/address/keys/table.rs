@@ -129,6 +129,11 @@ pub const KEYS: &[Key] = &[
         meaning: "a text file of what happens when, such as `at 2s alarm 1 0x7500` (see below); not given: nothing",
     },
     Key {
+        name: "control", schemes: SIMULATED, syntax: Syntax::File, default: None, example: "press",
+        meaning: "a name, or the path of a Unix socket, by which `ecmsk fault` makes the events of scripts happen while a program \
+                  runs; for a board, not on Windows; not given: none",
+    },
+    Key {
         name: "role", schemes: TCP, syntax: Syntax::Choice(&["writer", "reader"]), default: Some("writer"),
         example: "reader",
         meaning: "writer: the one client that sends commands, refused while there is another; reader: gets every report \

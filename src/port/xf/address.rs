@@ -7,14 +7,16 @@ use std::str::FromStr;
 use std::time::Duration;
 
 #[cfg(unix)]
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::net::UnixStream;
 #[cfg(unix)]
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use rustix::event::{PollFd, PollFlags};
 use rustix::net::{RecvFlags, sockopt};
 
 use super::ServeError;
+#[cfg(unix)]
+use crate::local_socket::LocalSocket;
 use crate::port::listen::advice;
 
 /// The TCP port on which a chip is served by default. \[OURS]
@@ -76,17 +78,7 @@ impl fmt::Display for Listen {
 pub(super) enum Listener {
     Tcp(TcpListener),
     #[cfg(unix)]
-    Unix(UnixPlace),
-}
-
-/// A listening Unix socket; its path is removed at the end.
-#[cfg(unix)]
-pub(super) struct UnixPlace {
-    listener: UnixListener,
-    path: PathBuf,
-    /// Device and inode of the socket's file. They show at the end whether the path still belongs to this socket, and
-    /// not to a later one. `None`: they could not be read.
-    file: Option<(u64, u64)>,
+    Unix(LocalSocket),
 }
 
 impl Listener {
@@ -105,7 +97,7 @@ impl Listener {
                 })
             }
             #[cfg(unix)]
-            Listen::Unix(path) => UnixPlace::bind(path).map(Self::Unix).map_err(|error| {
+            Listen::Unix(path) => LocalSocket::bind(path).map(Self::Unix).map_err(|error| {
                 let next = match error.kind() {
                     io::ErrorKind::AddrInUse => "stop what listens there, or name another path with `--listen`",
                     io::ErrorKind::AlreadyExists => "name a path at which nothing is with `--listen`",
@@ -121,7 +113,7 @@ impl Listener {
         match self {
             Self::Tcp(listener) => listener.local_addr().map(Listen::Tcp),
             #[cfg(unix)]
-            Self::Unix(place) => Ok(Listen::Unix(place.path.clone())),
+            Self::Unix(place) => Ok(Listen::Unix(place.path().to_owned())),
         }
     }
 
@@ -129,7 +121,7 @@ impl Listener {
         match self {
             Self::Tcp(listener) => PollFd::new(listener, PollFlags::IN),
             #[cfg(unix)]
-            Self::Unix(place) => PollFd::new(&place.listener, PollFlags::IN),
+            Self::Unix(place) => PollFd::new(place.listener(), PollFlags::IN),
         }
     }
 
@@ -147,7 +139,7 @@ impl Listener {
                 Ok((Stream::Tcp(stream), from.to_string()))
             }),
             #[cfg(unix)]
-            Self::Unix(place) => place.listener.accept().and_then(|(stream, _)| {
+            Self::Unix(place) => place.listener().accept().and_then(|(stream, _)| {
                 stream.set_nonblocking(true)?;
                 let who = process_at(&stream);
                 Ok((Stream::Unix(stream), who))
@@ -170,56 +162,6 @@ fn process_at(stream: &UnixStream) -> String {
     }
     let _ = stream;
     "a process of this machine".to_owned()
-}
-
-#[cfg(unix)]
-impl UnixPlace {
-    /// Binds the path. A socket without a listening process is replaced, since a server that was killed leaves one
-    /// behind. Any other file at the path is an error.
-    fn bind(path: &Path) -> io::Result<Self> {
-        use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
-        use std::fs;
-        use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
-
-        /// How many connections the system may queue until they are accepted. \[OURS]
-        const BACKLOG: i32 = 16;
-
-        match fs::symlink_metadata(path) {
-            Ok(there) if !there.file_type().is_socket() => {
-                return Err(io::Error::new(io::ErrorKind::AlreadyExists, "there is a file, which stays as it is"));
-            }
-            Ok(_) => match UnixStream::connect(path) {
-                Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => fs::remove_file(path)?,
-                Ok(_) => return Err(io::Error::new(io::ErrorKind::AddrInUse, "somebody listens there")),
-                Err(error) => return Err(error),
-            },
-            Err(_) => {}
-        }
-        let socket = socket(AddressFamily::UNIX, SocketType::STREAM, None)?;
-        rustix::io::fcntl_setfd(&socket, rustix::io::FdFlags::CLOEXEC)?;
-        bind(&socket, &SocketAddrUnix::new(path)?)?;
-        // Before the call of `listen` nobody can connect, and after it only the owner can.
-        fs::set_permissions(path, fs::Permissions::from_mode(0o600))?;
-        listen(&socket, BACKLOG)?;
-        let listener = UnixListener::from(socket);
-        listener.set_nonblocking(true)?;
-        let file = fs::symlink_metadata(path).ok().map(|file| (file.dev(), file.ino()));
-        Ok(Self { listener, path: path.to_owned(), file })
-    }
-}
-
-#[cfg(unix)]
-impl Drop for UnixPlace {
-    fn drop(&mut self) {
-        use std::os::unix::fs::MetadataExt;
-
-        let there = std::fs::symlink_metadata(&self.path).ok().map(|file| (file.dev(), file.ino()));
-        if there.is_some() && there == self.file {
-            // A file that cannot be removed does no harm: the next server finds that no process listens there, and
-            // replaces it.
-            let _ = std::fs::remove_file(&self.path);
-        }
-    }
 }
 
 /// A non-blocking connection to a host.

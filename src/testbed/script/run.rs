@@ -131,7 +131,7 @@ impl ScriptOrigin {
 }
 
 /// One action of a script with its time. A line with `for` has two steps: its action, and the action that undoes it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Step {
     pub(super) from: ScriptOrigin,
     /// Time after the origin `from`, ns.
@@ -142,6 +142,23 @@ pub(super) struct Step {
     pub(super) action: ScriptAction,
     /// Whether the step ends an event, by `for` or by `end`.
     pub(super) ended: bool,
+}
+
+impl Step {
+    /// Carries out the step at `now`. `line` is the number of its line for the event that goes to `done`; `None`: it is
+    /// of no file.
+    pub(super) fn carry_out(
+        &self,
+        line: Option<u32>,
+        (network, board): (&Cable, &BoardHandle),
+        now: Ns,
+        done: &mut dyn FnMut(Event),
+    ) {
+        self.action.apply(network, board);
+        let Self { verb, ended, .. } = *self;
+        let (slave, code) = (self.action.slave(), self.action.code());
+        done(Event { at: now, kind: EventKind::Scripted { line, verb, slave, code, ended } });
+    }
 }
 
 /// The steps of a script whose times count from the same origin. Each origin is reached at its own time, so each has its own
@@ -166,7 +183,7 @@ impl RunningScript {
     /// Starts the steps, which are sorted by time. The times of [`ScriptOrigin::Start`] count from `zero`, the present time.
     pub(super) fn new(steps: &[Step], network: Cable, board: BoardHandle, zero: Ns) -> Self {
         let parts = ScriptOrigin::ALL.map(|origin| Part {
-            steps: steps.iter().filter(|step| step.from == origin).cloned().collect(),
+            steps: steps.iter().filter(|step| step.from == origin).copied().collect(),
             next: 0,
             zero: (origin == ScriptOrigin::Start).then_some(zero),
         });
@@ -185,10 +202,7 @@ impl engine::Script for RunningScript {
         for Part { steps, next, zero } in &mut self.parts {
             let Some(zero) = *zero else { continue };
             while let Some(step) = steps.get(*next).filter(|step| zero.saturating_add(step.at) <= now) {
-                step.action.apply(&self.network, &self.board);
-                let Step { line, verb, ended, .. } = *step;
-                let (slave, code) = (step.action.slave(), step.action.code());
-                done(Event { at: now, kind: EventKind::Scripted { line, verb, slave, code, ended } });
+                step.carry_out(Some(step.line), (&self.network, &self.board), now, done);
                 *next += 1;
             }
         }

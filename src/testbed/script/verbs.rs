@@ -242,7 +242,7 @@ pub(super) fn parse_line(
         return Err(word.wrong("too much", &form));
     }
     let step = Step { from: *from, at, line, verb: verb.name, action, ended: ends };
-    steps.push(step.clone());
+    steps.push(step);
     steps.extend(end.map(|at| Step { at, action: action.undo(), ended: true, ..step }));
     Ok(())
 }
@@ -257,7 +257,7 @@ fn origin(words: &mut Words) -> Result<ScriptOrigin, LineError> {
 }
 
 /// The names of all verbs, or only of the verbs that `end` accepts.
-fn names(ends: bool) -> Vec<&'static str> {
+pub(super) fn names(ends: bool) -> Vec<&'static str> {
     VERBS.iter().filter(|verb| verb.lasts || !ends).map(|verb| verb.name).collect()
 }
 

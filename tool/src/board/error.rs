@@ -35,6 +35,9 @@ pub enum BoardError {
         /// The file, what it lacks, and the next step.
         lacks: String,
     },
+    /// The results of a script cannot be written.
+    #[error(transparent)]
+    Junit(#[from] crate::junit::JunitError),
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of text")]
     Input(io::Error),

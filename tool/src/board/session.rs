@@ -196,6 +196,13 @@ impl Board {
         self.link.stats()
     }
 
+    /// Lets at least one cycle of a board on a virtual clock pass. On the real clock it passes by itself.
+    pub fn pass_cycle(&self) {
+        let cycle_us = self.config.as_ref().map_or(Config::default().cycle_us, |config| config.cycle_us);
+        // A board that is lost is reported by the step after this one.
+        let _ = self.link.pass(Duration::from_micros(cycle_us.max(Config::default().cycle_us).into()));
+    }
+
     /// Why a change of state has failed, as far as it is known, with the next step; `None` if it has not failed.
     pub fn why_failed(&self, state: StateByte) -> Option<String> {
         StateFailure::explain(state, self.link_stats().state_failure.as_ref())

@@ -1,4 +1,4 @@
-//! The value of `ECMSK_LINK` for the program, with a recording if the user requests one.
+//! The value of `ECMSK_LINK` for the program, with a recording and a control socket if the user requests them.
 
 use std::env;
 use std::fs;
@@ -8,26 +8,29 @@ use ecmsk::link::config::{self, Environment};
 use ecmsk::link::uri::LinkUri;
 
 use super::ExecError;
-use crate::record_option;
+use crate::{control_option, record_option};
 
-/// The link to set for `program`: the user's, with the recording if there is one. `None` leaves the choice to the library.
+/// The link to set for `program`: the user's, with the recording and the control socket if there are any. `None` leaves the
+/// choice to the library.
 ///
-/// The key `record=` is part of a link. So if the user has given no link, the recording is added to the link that the library
-/// would choose.
+/// The keys `record=` and `control=` are part of a link. So if the user has given no link, they are added to the link that
+/// the library would choose.
 pub fn for_program(
     link: Option<&LinkUri>,
     record: Option<&Path>,
+    control: Option<&str>,
     program: &Path,
     library: &Path,
 ) -> Result<Option<LinkUri>, ExecError> {
-    let link = match (link, record) {
-        (Some(link), _) => link.clone(),
-        (None, Some(_)) => configured(program, library)?,
-        (None, None) => return Ok(None),
+    let link = match link {
+        Some(link) => link.clone(),
+        None if record.is_none() && control.is_none() => return Ok(None),
+        None => configured(program, library)?,
     };
     if !link.scheme().in_build() {
         return Err(ExecError::NotInBuild { link });
     }
+    let link = control_option::controlled(link, control)?;
     record.map_or(Ok(link.clone()), |file| Ok(record_option::with_record(&link, file)?)).map(Some)
 }
 

@@ -11,7 +11,7 @@ use ecmsk::port::gadget::{Identity, Options, ServeError, Server};
 use super::Vanish;
 use super::usbip::{given_link, id};
 use crate::stderr::say;
-use crate::{CliError, signals, streams};
+use crate::{CliError, control_option, signals, streams};
 
 /// Serve a board at a USB device port of this machine: the PC at the other end of the cable sees an ECM-SK, and nothing
 /// there needs a change
@@ -31,6 +31,9 @@ pub struct Args {
     /// Board to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = given_link)]
     link: Option<LinkUri>,
+
+    #[arg(long, value_name = "NAME", help = control_option::HELP)]
+    control: Option<String>,
 
     /// USB device controller, as /sys/class/udc lists them [default: the only one]
     #[arg(long, value_name = "NAME")]
@@ -83,6 +86,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     streams::queue().map_err(system("start the thread of standard error"))?;
     let served = super::served(args.link.as_ref())?;
     let served = given_link(&served.to_string()).unwrap_or(served);
+    let served = control_option::controlled(served, args.control.as_deref())?;
     let options = Options {
         identity: identity(args),
         controller: args.udc.clone(),

@@ -10,8 +10,9 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
 
+use crate::control_option::ControlOptionError;
 use crate::stderr::say;
-use crate::{CliError, signals, streams};
+use crate::{CliError, control_option, signals, streams};
 
 /// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, and programs need no change
 ///
@@ -33,6 +34,10 @@ pub struct Args {
     /// [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long = "link", value_name = "URI", value_parser = given_link, action = ArgAction::Append)]
     links: Vec<LinkUri>,
+
+    /// Let `ecmsk fault NAME` make events happen on a simulated board while it runs; once for each board, in their order
+    #[arg(long, value_name = "NAME", action = ArgAction::Append)]
+    control: Vec<String>,
 
     /// Address to listen on
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)), value_parser = super::listen_at::<{ wire::PORT }>)]
@@ -82,7 +87,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before a board is attached, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
     streams::queue().map_err(ServeError::Thread)?;
-    let links = links(args)?;
+    let links = controlled(links(args)?, &args.control)?;
     let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
     let options = Options {
         listen: args.listen,
@@ -114,6 +119,15 @@ fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
     }
     let link = super::served(None)?;
     Ok(vec![given_link(&link.to_string()).unwrap_or(link)])
+}
+
+/// The links, the first ones with these control sockets.
+fn controlled(links: Vec<LinkUri>, names: &[String]) -> Result<Vec<LinkUri>, ControlOptionError> {
+    if names.len() > links.len() {
+        return Err(ControlOptionError::TooMany { names: names.len(), boards: links.len() });
+    }
+    let one = |(index, link): (usize, LinkUri)| control_option::controlled(link, names.get(index).map(String::as_str));
+    links.into_iter().enumerate().map(one).collect()
 }
 
 fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {

@@ -71,6 +71,12 @@ pub struct Value {
     is_bits: bool,
 }
 
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_bits { write!(f, "0x{:X}", self.number) } else { self.number.fmt(f) }
+    }
+}
+
 impl Value {
     /// Parses a decimal number or a hexadecimal one with 0x.
     ///

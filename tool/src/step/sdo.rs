@@ -35,20 +35,21 @@ enum Verb {
 }
 
 #[derive(Clone, Debug, clap::Args)]
-struct Which {
+pub(super) struct Which {
     /// The slave, from 1 in the order of the cable
     #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
-    slave: u8,
+    pub(super) slave: u8,
     /// The object: 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
     #[arg(value_name = "OBJECT[:SUB]", value_parser = Object::parse)]
-    object: Object,
+    pub(super) object: Object,
     /// The type of the value: u8, i8, u16, i16, u32 or i32 [default: the object's type, where it is known]
     #[arg(long = "type", value_name = "TYPE", value_parser = Type::parse)]
     of: Option<Type>,
 }
 
 impl Which {
-    fn of(&self) -> Option<Type> {
+    /// The type of the object, from the option or as it is known.
+    pub(super) fn of(&self) -> Option<Type> {
         self.of.or(self.object.known.map(|(_, of)| of))
     }
 }
@@ -95,11 +96,24 @@ const fn article(of: Type) -> &'static str {
     }
 }
 
+/// Reads the bits of an object. `what` is the verb in messages.
+///
+/// # Errors
+/// The slave answers with an abort code, the board does not answer, or the value does not fit the type of the object.
+pub(super) fn read_raw(board: &Board, what: &str, which: &Which) -> Result<u32, BoardError> {
+    board.ready(what, Needs::Sdo)?;
+    let (slave, object) = (which.slave, which.object.address);
+    let raw = board.run_interruptible("an SDO read", |ecm| ecm.sdo_read::<u32>(slave, object));
+    let value = raw.map_err(|error| answered(board, what, slave, error))?;
+    match which.of().map(Type::bits).filter(|bits| *bits < 32 && value >> bits != 0) {
+        Some(bits) => Err(EcmError::SdoTooWide { slave, object, value, bits }.into()),
+        None => Ok(value),
+    }
+}
+
 fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
-    board.ready("sdo read", Needs::Sdo)?;
     let (slave, object) = (which.slave, which.object);
-    let raw = board.run_interruptible("an SDO read", |ecm| ecm.sdo_read::<u32>(slave, object.address));
-    let raw = raw.map_err(|error| answered(board, "sdo read", slave, error))?;
+    let raw = read_raw(board, "sdo read", which)?;
     let mut json = json!({
         "verb": "sdo read", "slave": slave, "index": object.address.index, "sub": object.address.sub, "raw": raw,
     });
@@ -108,10 +122,6 @@ fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
             .reporter
             .result(format_args!("0x{raw:X} ({raw}); the type of {object} is not known"), &json)?);
     };
-    if of.bits() < 32 && raw >> of.bits() != 0 {
-        let (object, bits) = (object.address, of.bits());
-        return Err(EcmError::SdoTooWide { slave, object, value: raw, bits }.into());
-    }
     let value = of.number(raw);
     json["type"] = of.name().into();
     json["value"] = value.into();

@@ -15,8 +15,9 @@ pub struct FailOn {
     reason: Reason,
 }
 
+/// What makes a run fail.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Reason {
+pub enum Reason {
     /// Anything that the summary reports, or an incomplete recording.
     Any,
     /// A drive had an alarm.
@@ -58,7 +59,11 @@ impl FailOn {
 }
 
 impl Reason {
-    fn parse(text: &str) -> Result<Self, String> {
+    /// Reads a reason, as [`FailOn::parse`].
+    ///
+    /// # Errors
+    /// The text is invalid; the error says what is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
         let allowed = || {
             let quantities = Quantity::ALL.map(Quantity::word).join(">N, ");
             format!(

@@ -62,7 +62,7 @@ fn what_is_looked_for_elsewhere_is_shown() {
         (&["reset", "1"], "`ecmsk servo clear` resets them"),
         (&["scan"], "`ecmsk bus scan` lists the slaves"),
         (&["bus", "scan", "--slaves", "io"], "--link 'sim:?slaves=drive*2'"),
-        (&["frobnicate"], "`ecmsk` has the verbs exec, dump, plot, "),
+        (&["frobnicate"], "`ecmsk` has the verbs exec, fault, dump, plot, "),
     ] {
         run(words).expect_misuse(&[told]);
         run([words, &["--json"]].concat()).expect_misuse(&[told]);

@@ -71,7 +71,7 @@ fn an_index_without_0x_is_questioned() {
 #[test]
 fn an_unknown_word_behind_a_verb_lists_the_allowed_ones() {
     for (line, wrong) in [("expect", "a word is missing"), ("expect foo 1", "`foo 1` is unknown")] {
-        let allowed = "; allowed behind `expect`: state, position, inputs; `help expect` says more";
+        let allowed = "; allowed behind `expect`: state, position, velocity, torque, alarm, inputs, sdo, time, counter; `help expect` says more";
         let ran = script(BOARD, line);
         assert!(ran.code == Some(1) && ran.err.contains(&format!("{wrong}{allowed}")), "{ran:?}");
     }

@@ -9,6 +9,8 @@
 //! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
 //!   captures, shown, drawn, compared, replayed, and judged
 //! - `summary_axes.rs`, `bad_moments.rs`, `find.rs`: `ecmsk summary` and `ecmsk find`
+//! - `assert_rules.rs`: `ecmsk assert`
+//! - `fault.rs`: `ecmsk fault`, `--control`, and faults in scripts
 //! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and recordings of unknown origin
 //! - `recording_files.rs`: `ecmsk recording`, and recordings in blocks in other verbs
 //! - `verbs.rs`, `moves.rs`, `stop.rs`, `stalled.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk
@@ -27,6 +29,7 @@
 //! - `wireshark.rs`, `wireshark_chip.rs`: `ecmsk wireshark`: its plugin shows what `dump` shows
 //! - `common/`: running the tool, machines and recordings made for tests, and reading a plot back (`svg.rs`)
 
+mod assert_rules;
 mod bad_input;
 mod bad_moments;
 mod behind_chip;
@@ -47,6 +50,7 @@ mod dump_recording;
 mod exec;
 mod exec_library;
 mod exec_reasons;
+mod fault;
 mod filters;
 mod find;
 mod foreign_recording;

@@ -1,0 +1,346 @@
+//! `ecmsk assert`: judges a recorded run by a file of rules.
+//!
+//! Files:
+//!
+//! - `assert.rs`: the verb, and the judgement of each rule
+//! - `assert/rules.rs`: the file of rules
+//! - `assert/events.rs`: the events of a run
+
+mod events;
+mod rules;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::ValueHint;
+use ecmsk::cia402::ErrorCode;
+use ecmsk::link::Dir;
+use ecmsk::machine_file::MachineFile;
+use ecmsk::recording::{Address, InOrder, RecordError};
+use ecmsk::sk::SlotSize;
+use ecmsk::summary::{FrameWatch, Summary};
+use serde_json::json;
+
+use events::{Finder, Occurrence};
+use rules::{Event, Limit, Rules, RulesError, What};
+
+use super::error::CliError;
+use super::filter::Times;
+use super::junit::{self, Case, JunitError};
+use super::machine_option::label;
+use super::recording::{Framed, Frames, board, parse_device};
+use super::summary::extremes::{AxisExtremes, Extremes, named, seconds};
+use super::{machine_option, output, slot_size};
+
+/// Judge a recorded run by rules: limits of axes, the order of events, times
+///
+/// The rules are a TOML file. `fail_on` has conditions as `ecmsk summary --fail-on`; [axes.N] or [axes.NAME] limits, in
+/// counts or with the units of the machine file; [[events]] what has to come in that order: a state, an alarm, homing that is
+/// attained, with times; [[never]] what must not come. Standard output has a line for each rule. Times count from the first
+/// frame.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Example of RULES:
+  format = 1
+  fail_on = [\"state\", \"gap\"]
+  at_most = \"10s\"
+  [axes.1]
+  following_error = 5000
+  torque = 80
+  [[events]]
+  state = \"op\"
+  by = \"3s\"
+  [[events]]
+  homed = 1
+  within = \"5s\"
+  [[never]]
+  alarm = \"any\"
+
+Exit codes: 0 every rule is kept, 1 one is broken, 2 the run could not be judged, for example because the recording is not
+whole.")]
+pub struct Args {
+    /// The recording or capture; - for standard input
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    file: PathBuf,
+
+    /// The file of rules
+    #[arg(value_name = "RULES", value_hint = ValueHint::FilePath)]
+    rules: PathBuf,
+
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
+
+    /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+
+    /// In a capture with several boards, use the one at BUS.DEVICE
+    #[arg(long, value_name = "BUS.DEVICE", value_parser = parse_device)]
+    device: Option<Address>,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+
+    /// Write the result of each rule to this file, in the JUnit format
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    junit: Option<PathBuf>,
+}
+
+/// Why a run was not judged.
+#[derive(Debug, thiserror::Error)]
+pub enum AssertError {
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordError),
+    /// The machine file cannot be used.
+    #[error(transparent)]
+    Machine(#[from] ecmsk::machine_file::MachineFileError),
+    /// The rules cannot be used.
+    #[error(transparent)]
+    Rules(#[from] RulesError),
+    /// The results cannot be written.
+    #[error(transparent)]
+    Junit(#[from] JunitError),
+    /// The recording has no frame.
+    #[error("{0} holds no frame; record a program that opens a board")]
+    NoFrame(String),
+    /// The recording is not whole, and what it has breaks no rule.
+    #[error("no rule is broken, but the recording is not whole: {0}; record the run again")]
+    NotWhole(String),
+}
+
+/// The judgement of one rule.
+struct Judged {
+    /// The rule in words.
+    rule: String,
+    /// Whether the run keeps it.
+    is_kept: bool,
+    /// What the run did.
+    found: String,
+    /// When, nanoseconds since the first frame; 0 for rules of the whole run.
+    at_ns: i64,
+}
+
+/// What a run did.
+struct Run {
+    summary: Summary,
+    extremes: Extremes,
+    found: Vec<Occurrence>,
+    last_ns: i64,
+    /// What the recording lacks; `None`: it is whole.
+    lacks: Option<String>,
+}
+
+/// Runs `ecmsk assert`: reads the rules and the recording, and prints how each rule fares.
+///
+/// # Errors
+/// [`AssertError`] if the run could not be judged; [`CliError::Output`] if standard output cannot be written to.
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let machine = machine_option::load(args.machine.as_deref()).map_err(AssertError::from)?;
+    let machine = machine.as_ref();
+    let rules = Rules::load(&args.rules, machine).map_err(AssertError::from)?;
+    let run = read(args)?;
+    let judged = judge(&rules, &run, machine);
+    let broken = judged.iter().filter(|judged| !judged.is_kept).count();
+    let text = if args.json { json_line(args, &judged, &run) } else { lines(&judged) };
+    output::print(text)?;
+    if let Some(file) = &args.junit {
+        junit::write(file, &format!("ecmsk assert {}", args.file.display()), &cases(&judged, &run, broken))
+            .map_err(AssertError::from)?;
+    }
+    match run.lacks {
+        _ if broken > 0 => Ok(ExitCode::FAILURE),
+        Some(lacks) => Err(AssertError::NotWhole(lacks).into()),
+        None => Ok(ExitCode::SUCCESS),
+    }
+}
+
+fn read(args: &Args) -> Result<Run, AssertError> {
+    let is_file = args.file.as_os_str() != "-";
+    let device = if is_file { board(&args.file, args.device)? } else { args.device };
+    let mut frames = Frames::open(&args.file, args.slot_size, device)?;
+    let (mut order, mut watch) = (InOrder::default(), None);
+    let mut run =
+        Run { summary: Summary::default(), extremes: Extremes::new(Times::default()), found: Vec::new(), last_ns: 0, lacks: None };
+    let mut finder = Finder::new();
+    let mut take = |run: &mut Run, framed: Framed| {
+        let (at_ns, frame) = (framed.time_ns, &framed.recorded.frame);
+        run.extremes.frame(&framed);
+        run.last_ns = at_ns;
+        let watch = watch.get_or_insert_with(|| FrameWatch::new(framed.size));
+        match framed.recorded.dir {
+            Dir::Write => watch.command(at_ns, frame),
+            Dir::Read => watch.report(at_ns, frame, &mut |event| {
+                run.summary.add_event(event);
+                finder.event(at_ns, event);
+            }),
+        }
+        finder.frame(&framed);
+    };
+    for framed in &mut frames {
+        match framed {
+            Ok(framed) => {
+                if let Some(framed) = order.push(framed.time_ns, framed) {
+                    take(&mut run, framed);
+                }
+            }
+            // The frames before the damage may break rules.
+            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
+                run.lacks = Some(error.to_string());
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    while let Some(framed) = order.pop() {
+        take(&mut run, framed);
+    }
+    let Some(watch) = watch else { return Err(AssertError::NoFrame(args.file.display().to_string())) };
+    run.summary.set_frame_counts(&watch.counts());
+    run.lacks = run.lacks.or_else(|| Some(frames.lacks()?.to_string()));
+    run.found = finder.found;
+    Ok(run)
+}
+
+fn judge(rules: &Rules, run: &Run, machine: Option<&MachineFile>) -> Vec<Judged> {
+    let axes: Vec<(usize, &AxisExtremes)> = run.extremes.axes().collect();
+    let mut judged = Vec::new();
+    for (text, reason) in &rules.fail_on {
+        let failures = reason.failures(&run.summary, run.lacks.is_none(), &axes, machine);
+        let found = if failures.is_empty() { "none".to_owned() } else { failures.join("; ") };
+        judged.push(Judged { rule: format!("no {text}"), is_kept: failures.is_empty(), found, at_ns: 0 });
+    }
+    let lasts = ns(run.last_ns);
+    for (limit, words, is_kept) in [
+        (rules.at_least, "at least", rules.at_least.is_none_or(|limit| lasts >= limit)),
+        (rules.at_most, "at most", rules.at_most.is_none_or(|limit| lasts <= limit)),
+    ] {
+        if let Some(limit) = limit {
+            let rule = format!("the run lasts {words} {}", words_of(limit));
+            judged.push(Judged { rule, is_kept, found: seconds(run.last_ns), at_ns: 0 });
+        }
+    }
+    judged.extend(rules.limits.iter().map(|limit| judge_limit(limit, run, &axes, machine)));
+    judge_events(&rules.events, run, machine, &mut judged);
+    for what in &rules.never {
+        let came = run.found.iter().find(|seen| seen.what.is(*what));
+        let found = came.map_or_else(|| "it did not come".to_owned(), |came| format!("at {}", seconds(came.at_ns)));
+        let rule = format!("never: {}", words_of_event(*what, machine));
+        judged.push(Judged { rule, is_kept: came.is_none(), found, at_ns: came.map_or(0, |came| came.at_ns) });
+    }
+    judged
+}
+
+fn judge_limit(limit: &Limit, run: &Run, axes: &[(usize, &AxisExtremes)], machine: Option<&MachineFile>) -> Judged {
+    let name = limit.quantity.word().replace('-', " ");
+    let meant: Vec<_> = axes
+        .iter()
+        .filter(|(slave, _)| limit.slave.is_none_or(|wanted| usize::from(wanted) == *slave))
+        .copied()
+        .collect();
+    let whose = limit.slave.map_or_else(|| "all axes".to_owned(), |slave| format!("axis {}", label(machine, slave)));
+    let rule = format!("{whose}: {name} at most {}", limit.text);
+    if meant.is_empty() {
+        // A limit of an axis that was never moved would be kept whatever happened.
+        return Judged {
+            rule,
+            is_kept: false,
+            found: "no command for such an axis is in the recording".into(),
+            at_ns: 0,
+        };
+    }
+    let failures = limit.above.failures(&run.summary, true, &meant, machine);
+    let is_kept = failures.is_empty();
+    let largest = meant.iter().max_by_key(|(_, extremes)| extremes.of(limit.quantity).value);
+    let (slave, peak) = largest.map_or((0, Default::default()), |(slave, axis)| (*slave, axis.of(limit.quantity)));
+    let found = match failures.is_empty() {
+        true => format!("{} at {}", limit.quantity.shown(peak.value, named(slave, machine).0), seconds(peak.at_ns)),
+        false => failures.join("; "),
+    };
+    Judged { rule, is_kept, found, at_ns: peak.at_ns }
+}
+
+/// Judges the events: each has to come after the one before. After one that did not come, the next is looked for from the
+/// last one that did.
+fn judge_events(events: &[Event], run: &Run, machine: Option<&MachineFile>, judged: &mut Vec<Judged>) {
+    let (mut next, mut before_ns) = (0, 0);
+    for (number, event) in (1..).zip(events) {
+        let mut rule = format!("event {number}: {}", words_of_event(event.what, machine));
+        let times = [("within", event.within), ("by", event.by), ("not before", event.not_before)];
+        for (word, time) in times.into_iter().filter_map(|(word, time)| Some((word, time?))) {
+            rule += &format!(", {word} {}", words_of(time));
+        }
+        let came = run.found[next..].iter().position(|seen| seen.what.is(event.what)).map(|at| next + at);
+        let Some(at) = came else {
+            let earlier = run.found[..next].iter().rfind(|seen| seen.what.is(event.what));
+            let found = match earlier {
+                Some(earlier) => {
+                    format!("it came at {}, before the event before, and not again", seconds(earlier.at_ns))
+                }
+                None => "it did not come".to_owned(),
+            };
+            judged.push(Judged { rule, is_kept: false, found, at_ns: 0 });
+            continue;
+        };
+        let at_ns = run.found[at].at_ns;
+        let (after, since) = (ns(at_ns), ns(at_ns.saturating_sub(before_ns)));
+        let is_kept = event.within.is_none_or(|within| since <= within)
+            && event.by.is_none_or(|by| after <= by)
+            && event.not_before.is_none_or(|earliest| after >= earliest);
+        let since =
+            if event.within.is_some() { format!(", after {}", seconds(at_ns - before_ns)) } else { String::new() };
+        judged.push(Judged { rule, is_kept, found: format!("at {}{since}", seconds(at_ns)), at_ns });
+        (next, before_ns) = (at + 1, at_ns);
+    }
+}
+
+fn ns(time_ns: i64) -> Duration {
+    Duration::from_nanos(u64::try_from(time_ns).unwrap_or_default())
+}
+
+fn words_of(time: Duration) -> String {
+    format!("{} s", time.as_secs_f64())
+}
+
+fn words_of_event(what: What, machine: Option<&MachineFile>) -> String {
+    match what {
+        What::State(state) => format!("{state} is reached"),
+        What::Homed(slave) => format!("axis {} is homed", label(machine, slave)),
+        What::Alarm { slave, code } => {
+            let who = slave.map_or_else(|| "any axis".to_owned(), |slave| format!("axis {}", label(machine, slave)));
+            let which = code.map_or_else(|| "an alarm".to_owned(), |code| format!("alarm {}", ErrorCode(code)));
+            format!("{who} has {which}")
+        }
+    }
+}
+
+fn lines(judged: &[Judged]) -> String {
+    let word = |judged: &Judged| if judged.is_kept { "kept" } else { "broken" };
+    judged.iter().map(|judged| format!("{}: {}: {}\n", word(judged), judged.rule, judged.found)).collect()
+}
+
+fn json_line(args: &Args, judged: &[Judged], run: &Run) -> String {
+    let rule = |judged: &Judged| {
+        let Judged { rule, is_kept, found, at_ns } = judged;
+        json!({"rule": rule, "kept": is_kept, "found": found, "at_s": *at_ns as f64 / 1e9})
+    };
+    let rules: Vec<_> = judged.iter().map(rule).collect();
+    let broken = judged.iter().filter(|judged| !judged.is_kept).count();
+    let file = args.file.display().to_string();
+    format!("{}\n", json!({"verb": "assert", "file": file, "broken": broken, "lacks": run.lacks, "rules": rules}))
+}
+
+fn cases(judged: &[Judged], run: &Run, broken: usize) -> Vec<Case> {
+    let case = |judged: &Judged| Case {
+        name: judged.rule.clone(),
+        failure: (!judged.is_kept).then(|| judged.found.clone()),
+        time: Duration::ZERO,
+    };
+    let mut cases: Vec<_> = judged.iter().map(case).collect();
+    if let Some(lacks) = run.lacks.as_ref().filter(|_| broken == 0) {
+        let name = "the recording is whole".to_owned();
+        cases.push(Case { name, failure: Some(lacks.clone()), time: Duration::ZERO });
+    }
+    cases
+}

@@ -162,8 +162,13 @@ fn read(args: &Args) -> Result<Run, AssertError> {
     let device = if is_file { board(&args.file, args.device)? } else { args.device };
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
     let (mut order, mut watch) = (InOrder::default(), None);
-    let mut run =
-        Run { summary: Summary::default(), extremes: Extremes::new(Times::default()), found: Vec::new(), last_ns: 0, lacks: None };
+    let mut run = Run {
+        summary: Summary::default(),
+        extremes: Extremes::new(Times::default()),
+        found: Vec::new(),
+        last_ns: 0,
+        lacks: None,
+    };
     let mut finder = Finder::new();
     let mut take = |run: &mut Run, framed: Framed| {
         let (at_ns, frame) = (framed.time_ns, &framed.recorded.frame);

@@ -122,6 +122,9 @@ pub enum SummaryError {
     /// Standard input is named, but the page needs its recording twice.
     #[error("the page of --html needs the recording twice, and standard input can be read once; save it to a file")]
     Stdin,
+    /// The results of --junit cannot be written.
+    #[error(transparent)]
+    Junit(#[from] junit::JunitError),
 }
 
 /// Runs `ecmsk summary`: reads the recording to its end and prints what went wrong in it. The exit code is 1 if

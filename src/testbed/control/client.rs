@@ -62,7 +62,8 @@ impl Injection {
     pub fn wait(&mut self, limit: Duration) -> Result<Happened, ControlError> {
         let Some(answer) = self.next(limit)? else { return Err(ControlError::Unanswered(limit)) };
         let numbers = answer.strip_prefix("done ").and_then(|numbers| numbers.split_once(' '));
-        let happened = numbers.and_then(|(cycle, at)| Some(Happened { cycle: cycle.parse().ok()?, at_ns: at.parse().ok()? }));
+        let happened =
+            numbers.and_then(|(cycle, at)| Some(Happened { cycle: cycle.parse().ok()?, at_ns: at.parse().ok()? }));
         happened.ok_or_else(|| self.refused(&answer))
     }
 
@@ -72,11 +73,15 @@ impl Injection {
         loop {
             // A timeout of zero would be none.
             let left = deadline.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
-            let read = self.connection.get_ref().set_read_timeout(Some(left)).and_then(|()| {
-                self.connection.read_line(&mut self.line)
-            });
+            let read = self
+                .connection
+                .get_ref()
+                .set_read_timeout(Some(left))
+                .and_then(|()| self.connection.read_line(&mut self.line));
             match read {
-                Ok(_) if self.line.ends_with('\n') => return Ok(Some(std::mem::take(&mut self.line).trim_end().to_owned())),
+                Ok(_) if self.line.ends_with('\n') => {
+                    return Ok(Some(std::mem::take(&mut self.line).trim_end().to_owned()));
+                }
                 Ok(_) => return Err(failed(&self.path, "it was closed".to_owned())),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {

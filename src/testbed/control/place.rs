@@ -28,17 +28,16 @@ pub fn place(name: &str) -> Result<PathBuf, ControlError> {
         return Err(ControlError::Name(name.to_owned()));
     }
     let folder = folder();
-    owned(&folder).map_err(|error| ControlError::Folder {
-        folder: folder.display().to_string(),
-        message: error.to_string(),
-    })?;
+    owned(&folder)
+        .map_err(|error| ControlError::Folder { folder: folder.display().to_string(), message: error.to_string() })?;
     Ok(folder.join(format!("{name}.{EXTENSION}")))
 }
 
 /// The names of the boards that listen, sorted.
 pub(super) fn running() -> Vec<String> {
     let entries = fs::read_dir(folder()).into_iter().flatten().flatten();
-    let listens = |path: &Path| path.extension().is_some_and(|end| end == EXTENSION) && UnixStream::connect(path).is_ok();
+    let listens =
+        |path: &Path| path.extension().is_some_and(|end| end == EXTENSION) && UnixStream::connect(path).is_ok();
     let name = |path: PathBuf| Some(path.file_stem()?.to_str()?.to_owned());
     let mut names: Vec<_> = entries.map(|entry| entry.path()).filter(|path| listens(path)).filter_map(name).collect();
     names.sort();

@@ -165,7 +165,10 @@ impl Thread {
                 return Some(match outcome {
                     Outcome::Done { cycle, at } => format!("done {cycle} {at}\n"),
                     Outcome::TooMany => {
-                        format!("failed {} events with `for` are in force; end one with `end VERB`\n", Slot::LASTING_MAX)
+                        format!(
+                            "failed {} events with `for` are in force; end one with `end VERB`\n",
+                            Slot::LASTING_MAX
+                        )
                     }
                 });
             }

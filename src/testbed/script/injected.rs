@@ -4,10 +4,10 @@
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use super::ScriptOrigin;
 use super::run::{RunningScript, Step};
 use super::verbs;
 use super::words::Words;
-use super::ScriptOrigin;
 use crate::address::slaves::SlaveSpec;
 use crate::address::text::visible;
 use crate::engine::{self, BoardHandle, Event};
@@ -41,7 +41,8 @@ impl Injected {
     pub(crate) fn parse(text: &str, slaves: &[SlaveSpec], abilities: Abilities) -> Result<Self, String> {
         let wrong = |(column, message): (usize, String)| format!("column {column}: {}", visible(&message));
         if let Some(word) = Words::of(text).peek().filter(|word| matches!(word.text, "at" | "from")) {
-            let message = format!("`{}` is of scripts; an injected event happens in the next cycle, leave it out", word.text);
+            let message =
+                format!("`{}` is of scripts; an injected event happens in the next cycle, leave it out", word.text);
             return Err(wrong((word.column, message)));
         }
         let (mut steps, mut origin) = (Vec::new(), ScriptOrigin::Start);
@@ -51,7 +52,10 @@ impl Injected {
             return Err(wrong((1, format!("VERB is missing; allowed: {}", verbs::names(false).join(", ")))));
         };
         if begin.action.is_of_frames() && !abilities.has_frames {
-            return Err(format!("`{}` happens to frames, and this board reaches its simulated slaves without any", begin.verb));
+            return Err(format!(
+                "`{}` happens to frames, and this board reaches its simulated slaves without any",
+                begin.verb
+            ));
         }
         Ok(Self { begin, end: steps.next() })
     }
@@ -188,8 +192,6 @@ impl engine::Script for InjectedScript {
 
     /// An event that nobody has asked for yet does not count: a board that is silent for good says so.
     fn is_over(&self) -> bool {
-        self.script.as_ref().is_none_or(engine::Script::is_over)
-            && self.lasting.is_empty()
-            && !self.slot.is_asked()
+        self.script.as_ref().is_none_or(engine::Script::is_over) && self.lasting.is_empty() && !self.slot.is_asked()
     }
 }

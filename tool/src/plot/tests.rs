@@ -34,7 +34,7 @@ fn a_part_of_a_recording_is_read_once_more_up_to_its_end() {
     };
     let all = {
         let mut recording = Frames::open(&file, None, None).expect("a recording");
-        walk(&mut recording, i64::MAX, |_| {}).expect("frames").frames
+        recording.walk(i64::MAX, |_| {}).expect("frames").frames
     };
     assert!(all > 20_000, "{all}");
     // Each reading may continue up to a second after the part, and the sorting by time reads some frames ahead.

@@ -91,7 +91,8 @@ impl Reason {
         Ok(Self::Above(quantity, limit.floor() as u64))
     }
 
-    fn failures(
+    /// The lines that say why the run has failed, as [`FailOn::failures`].
+    pub fn failures(
         self,
         summary: &Summary,
         is_whole: bool,

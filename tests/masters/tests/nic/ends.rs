@@ -35,7 +35,8 @@ mod needs_network_namespace {
         #[test]
         fn a_program_that_exits_takes_its_slaves_out_of_op() {
             // Each program has a network of its own, which is that of a thread.
-            let on_a_card = |how, code| thread::scope(|scope| scope.spawn(|| ends(how, code)).join().expect("no panic"));
+            let on_a_card =
+                |how, code| thread::scope(|scope| scope.spawn(|| ends(how, code)).join().expect("no panic"));
             for (how, code) in [("close", 0), ("return", 0), ("exit", 3)] {
                 let said = (0..TRIES).map(|_| on_a_card(how, Some(code))).find(|(_, expired)| !expired);
                 let (said, _) = said.unwrap_or_else(|| panic!("{how}: the watchdog has stopped the axis"));

@@ -6,6 +6,7 @@
 //! the library which board to open.
 
 mod child;
+mod clock;
 mod library;
 mod link;
 mod reasons;
@@ -22,6 +23,7 @@ use ecmsk::summary::writer::FILE_VARIABLE;
 
 use super::stderr::say;
 use super::{record_option, recording_end};
+use clock::ProgramClock;
 use library::LibraryFolder;
 pub use library::find as find_library;
 use reasons::{ReasonReader, ReportMode};
@@ -37,6 +39,7 @@ use reasons::{ReasonReader, ReportMode};
 Examples:
   ecmsk exec --link 'sim:?slaves=drive*2' -- ./program
   ecmsk exec --link 'sim:?slaves=drive*2' --record run.pcapng -- ./program --its-own-option
+  ecmsk exec --link 'sim:?slaves=drive*2' --clock virtual -- ./program_that_sleeps
 
 Exit code: the program's, 128 + n if signal n ended it; 124 if it ended with 0 and its recording is not whole; 125 if it could not be started because of something else than
 PROGRAM, 126 if PROGRAM cannot be executed, 127 if it is not found; 2 if the command line is wrong.")]
@@ -53,6 +56,11 @@ pub struct Args {
     /// Replace an existing recording; without this option an existing file is an error, and the program is not started
     #[arg(long, requires = "record")]
     overwrite: bool,
+
+    /// Time of the program and its board: as the link says, or virtual, so that the program's waits take none and it runs as
+    /// fast as it can (Linux, simulated boards)
+    #[arg(long, value_enum, value_name = "CLOCK")]
+    clock: Option<ProgramClock>,
 
     /// The library, or its folder [default: beside this tool, then ../lib, then its sub-folder of Debian's libraries,
     /// e.g. x86_64-linux-gnu]
@@ -122,6 +130,22 @@ pub enum ExecError {
         /// The path of the private folder.
         folder: PathBuf,
     },
+    /// `--clock virtual` with a link to a board that is not simulated.
+    #[error("--clock virtual takes a simulated board, and the link is `{link}`; name one with --link, e.g. sim:?slaves=drive*2")]
+    ClockOfHardware {
+        /// The link that was to be opened.
+        link: LinkUri,
+    },
+    /// The library for `--clock virtual` is not beside the other one.
+    #[error("no {} beside {}, which --clock virtual needs; build it with `cargo build -p ecmsk-sleep`", clock::FILE_NAME, .library.display())]
+    NoSleepLibrary {
+        /// The path of NEXTWUSBLib.
+        library: PathBuf,
+    },
+    /// This system has no way to put the program's waits on another clock.
+    #[cfg(not(target_os = "linux"))]
+    #[error("--clock virtual is for programs of Linux; here give the link clock=virtual, which lets time pass by the program's calls")]
+    NoSuchClock,
     /// This build cannot open the link.
     #[error("link `{link}` is not in this build; {}", .link.scheme().instead())]
     NotInBuild {
@@ -169,7 +193,10 @@ impl ExecError {
         match self {
             Self::NotFound { .. } => 127,
             Self::NotExecutable { .. } => 126,
-            Self::Uri(_) | Self::Record(record_option::RecordError::Uri(_)) | Self::NotInBuild { .. } => 2,
+            Self::Uri(_)
+            | Self::Record(record_option::RecordError::Uri(_))
+            | Self::NotInBuild { .. }
+            | Self::ClockOfHardware { .. } => 2,
             _ => 125,
         }
     }
@@ -191,7 +218,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     // clap requires at least one word, so there is a first one.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
     let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
-    let link = link::for_program(args.link.as_ref(), args.record.as_deref(), Path::new(program), &file)?;
+    let link = link::for_program(args.link.as_ref(), args.record.as_deref(), args.clock, Path::new(program), &file)?;
     if let Some(file) = &args.record {
         record_option::make_room(file, args.overwrite)?;
     }
@@ -208,6 +235,10 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     if let Some(link) = &link {
         command.env(LINK_VARIABLE, link.to_string());
     }
+    let sleeps = match args.clock {
+        Some(ProgramClock::Virtual) => Some(clock::Preloaded::set(&mut command, &library)?),
+        None => None,
+    };
     if args.verbose {
         say("library", &library.library().display());
         say(library::SEARCH_PATH, &search_path.display());
@@ -217,6 +248,9 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     }
     let ended = child::run(&mut command, Path::new(program))?;
     let summary = reasons.end();
+    if let Some(sleeps) = sleeps {
+        sleeps.say(Path::new(program), args.verbose);
+    }
     if args.verbose {
         say("program", &ended);
     }

@@ -14,7 +14,7 @@ mod system {
     use std::sync::OnceLock;
     use std::time::Duration;
 
-    use ecmsk::link::{Link, PASS_MAX};
+    use ecmsk::link::{Link, PASS_MAX, use_program_clock};
 
     use super::table::{GetTable, NAME, Table, VERSION};
     use crate::floating_point::FloatingPoint;
@@ -34,6 +34,7 @@ mod system {
             // SAFETY: the table is never freed, and its first member is the same in all versions.
             let table = unsafe { get_table().as_ref() }.filter(|table| table.version == VERSION)?;
             (table.use_boards)(pass_to);
+            use_program_clock(|| preloaded().map_or(0, |table| (table.now)()));
             Some(table)
         })
     }

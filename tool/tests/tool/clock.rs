@@ -86,10 +86,12 @@ mod needs_cxx {
         let by_calls = exec(&["--link", "sim:?slaves=drive&clock=virtual"], &program, &["by-calls"]).expect_quiet();
         assert!(by_calls.ends_with("ok\n"), "{by_calls}");
         let folder = tempfile::tempdir().expect("a folder");
-        let runs = ["one.pcapng", "two.pcapng"].map(|name| {
-            let file = folder.path().join(name);
-            let record = ["-v", "--clock", "virtual", "--link", LINK, "--record", file.to_str().expect("UTF-8")];
-            let ran = exec(&record, &program, &[]);
+        // A recording contains its path.
+        let file = folder.path().join("run.pcapng");
+        let path = file.to_str().expect("UTF-8");
+        let runs = [(); 2].map(|()| {
+            let options = ["-v", "--clock", "virtual", "--link", LINK, "--record", path, "--overwrite"];
+            let ran = exec(&options, &program, &[]);
             assert_eq!((ran.code, &ran.out), (Some(0), &by_calls), "{}", ran.err);
             let own = ran.err.lines().find(|line| line.contains(" sleeps, ")).expect("the program's line").to_owned();
             let (sleeps, time) = own.split_once(" sleeps, ").expect("two numbers");
@@ -98,7 +100,7 @@ mod needs_cxx {
             assert!(waits >= 20_000, "{waits}");
             let time = time.strip_suffix(" s").expect("a time").replace('.', "").parse::<u64>().expect("a number");
             assert!(time >= 20_000_000 && passed_us >= time && passed_us >= waits * 1_000, "{own}, {passed_us} us");
-            (own, passed_us, fs::read(file).expect("the recording"))
+            (own, passed_us, fs::read(&file).expect("the recording"))
         });
         let [(own, passed_us, recording), (own_again, passed_again_us, recording_again)] = runs;
         assert_eq!((own, passed_us), (own_again, passed_again_us));
@@ -114,6 +116,14 @@ mod needs_cxx {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
         let (waits, passed_us) = counts(&ran.err);
         assert!(waits >= 3_000 && passed_us >= 3_000_000, "{}", ran.err);
+    }
+
+    /// A board starts up while it is closed and the program sleeps.
+    #[test]
+    fn a_board_that_was_reset_is_there_after_a_sleep() {
+        let program = program("sleeping_reset.c");
+        let ran = exec(&["--quiet", "--clock", "virtual", "--link", LINK], &program, &[]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), "ok\n"), "{}", ran.err);
     }
 
     /// Each function by which a program waits sets its clocks on by the time that it waits for, a day included. So do a

@@ -16,6 +16,10 @@ const BLOCKED_NS: u64 = 2_000_000;
 /// gets no processor on a busy machine lets no time pass.
 const HELD_UP_MAX_NS: u64 = 50_000_000;
 
+/// How long time stands still on the real clock at most \[OURS], in nanoseconds. From then on it passes as the real clock does.
+/// That is for threads which real time alone wakes every few milliseconds, as timers that send signals do.
+const STANDSTILL_MAX_NS: u64 = 5_000_000_000;
+
 /// What the threads are doing.
 enum Standstill {
     /// All wait.
@@ -34,18 +38,22 @@ impl Threads {
         }
         match self.standstill() {
             Standstill::Whole => {
-                if self.end_ready() {
+                if self.end_ready() || self.retry_locks() {
                     return true;
                 }
                 self.end_standstill();
             }
             Standstill::HeldUp { for_ns } => {
-                let from = *self.stands_still_from.get_or_insert(clock::now());
-                if for_ns < HELD_UP_MAX_NS || earliest > from.saturating_add(for_ns) {
+                let real = system::real_ns(libc::CLOCK_MONOTONIC);
+                let (from, since) = *self.stands_still_from.get_or_insert((clock::now(), real));
+                let real = real.saturating_sub(since);
+                let passed = if real < STANDSTILL_MAX_NS { for_ns } else { real.max(for_ns) };
+                if passed < HELD_UP_MAX_NS || earliest > from.saturating_add(passed) {
                     return false;
                 }
             }
         }
+        self.entries.iter_mut().for_each(|entry| entry.is_retried = false);
         if earliest > clock::now() {
             boards::pass_to(earliest);
             clock::set_on(earliest);
@@ -100,6 +108,19 @@ impl Threads {
     fn end_standstill(&mut self) {
         self.stands_still_from = None;
         self.entries.iter_mut().for_each(|entry| entry.used_ns = None);
+    }
+
+    /// Ends the waits for locks, once before time goes on: another thread of the program may have released them.
+    fn retry_locks(&mut self) -> bool {
+        let mut is_any = false;
+        for entry in &mut self.entries {
+            if matches!(entry.state, State::Waiting { what: What::Lock, .. }) && !entry.is_retried {
+                entry.is_retried = true;
+                entry.end_wait(Outcome::Woken);
+                is_any = true;
+            }
+        }
+        is_any
     }
 
     /// Ends the waits for descriptors that are ready: another thread of the program may have written to them.

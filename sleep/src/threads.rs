@@ -39,6 +39,8 @@ pub enum What {
     Condition(usize),
     /// The semaphore at this address.
     Semaphore(usize),
+    /// A lock, which only the thread itself can try.
+    Lock,
     /// One of these descriptors.
     Descriptors(Arc<[libc::pollfd]>),
 }
@@ -80,6 +82,16 @@ pub struct Entry {
     pub blocked: Option<(u64, u64)>,
     /// The time of the processor that it had used when it was first found running while time stands still, in nanoseconds.
     pub used_ns: Option<u64>,
+    /// Whether it has tried its lock since time went on.
+    pub is_retried: bool,
+}
+
+impl Entry {
+    /// Ends its wait.
+    pub fn end_wait(&mut self, outcome: Outcome) {
+        self.state = State::Ended(outcome);
+        system::wake(&self.thread.word);
+    }
 }
 
 /// The threads of the program.
@@ -87,8 +99,8 @@ pub struct Entry {
 pub struct Threads {
     pub entries: Vec<Entry>,
     tickets: u64,
-    /// The virtual time at which time stands still because a thread runs.
-    pub stands_still_from: Option<u64>,
+    /// The virtual and the real time since when time stands still because a thread runs, in nanoseconds.
+    pub stands_still_from: Option<(u64, u64)>,
     /// Condition variables that measure another clock than CLOCK_REALTIME; `None`: shared with other processes, so that
     /// their waits stay real.
     pub condition_clocks: BTreeMap<usize, Option<c_int>>,
@@ -144,7 +156,7 @@ pub fn add() -> Arc<Thread> {
         word: AtomicU32::new(0),
         inside: AtomicU32::new(0),
     });
-    lock().entries.push(Entry { thread: Arc::clone(&thread), state: State::Running, blocked: None, used_ns: None });
+    lock().entries.push(Entry { thread: Arc::clone(&thread), state: State::Running, blocked: None, used_ns: None, is_retried: false });
     thread
 }
 
@@ -220,8 +232,7 @@ impl Threads {
             if let State::Waiting { deadline, what, .. } = &entry.state
                 && ends(*deadline, what)
             {
-                entry.state = State::Ended(outcome);
-                system::wake(&entry.thread.word);
+                entry.end_wait(outcome);
                 count += 1;
             }
         }
@@ -349,8 +360,7 @@ pub fn cancelled(handle: libc::pthread_t) {
     if let Some(entry) = threads.entries.iter_mut().find(is_it)
         && matches!(entry.state, State::Waiting { .. })
     {
-        entry.state = State::Ended(Outcome::Interrupted);
-        system::wake(&entry.thread.word);
+        entry.end_wait(Outcome::Interrupted);
     }
     threads.note_earliest();
 }

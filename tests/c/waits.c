@@ -66,6 +66,14 @@ static void *write_later(void *unused)
     return NULL;
 }
 
+static void *hold(void *mutex)
+{
+    pthread_mutex_lock(mutex);
+    CHECK(usleep(30000) == 0);
+    pthread_mutex_unlock(mutex);
+    return NULL;
+}
+
 static volatile int is_set;
 
 static void *set_later(void *unused)
@@ -168,6 +176,18 @@ int main(void)
     time = in_ms(CLOCK_MONOTONIC, 18);
     CHECK(sem_clockwait(&semaphore, CLOCK_MONOTONIC, &time) == -1 && errno == ETIMEDOUT);
     took("sem_clockwait");
+
+    /* A lock that another thread holds for 30 ms: after 19 ms it is not free, and later it is. */
+    CHECK(pthread_create(&thread, NULL, hold, &mutex) == 0);
+    CHECK(usleep(1000) == 0);
+    time = in_ms(CLOCK_REALTIME, 19);
+    CHECK(pthread_mutex_timedlock(&mutex, &time) == ETIMEDOUT);
+    took("pthread_mutex_timedlock");
+    time = in_ms(CLOCK_MONOTONIC, 60000);
+    CHECK(pthread_mutex_clocklock(&mutex, CLOCK_MONOTONIC, &time) == 0);
+    CHECK(pthread_join(thread, NULL) == 0);
+    pthread_mutex_unlock(&mutex);
+    took("and a lock that comes");
 
     /* What another thread of the program does ends a wait. */
     CHECK(pthread_create(&thread, NULL, write_later, NULL) == 0);

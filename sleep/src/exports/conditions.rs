@@ -161,7 +161,7 @@ unsafe extern "C-unwind" fn pthread_cond_destroy(condition: *mut pthread_cond_t)
 }
 
 /// What functions of C11 return for an error number, as in threads.h.
-fn of_c11(error: c_int) -> c_int {
+pub fn of_c11(error: c_int) -> c_int {
     match error {
         0 => 0,
         libc::ETIMEDOUT => 4,

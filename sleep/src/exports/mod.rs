@@ -5,11 +5,12 @@
 //! these calls such a function for the program, and where it calls [`test_cancel`].
 //!
 //! Not here, and so on the real clock: timers that send signals (alarm, setitimer, timer_create), descriptors of
-//! timerfd_create, and locks with a time limit (pthread_mutex_timedlock).
+//! timerfd_create, and limits of calls that receive (SO_RCVTIMEO, sigtimedwait, mq_timedreceive).
 
 mod clocks;
 mod conditions;
 mod descriptors;
+mod locks;
 mod semaphores;
 mod sleeps;
 mod threads;

@@ -57,8 +57,7 @@ pub struct Args {
     #[arg(long, requires = "record")]
     overwrite: bool,
 
-    /// Time of the program and its board: as the link says, or virtual, so that the program's waits take none and it runs as
-    /// fast as it can (Linux, simulated boards)
+    /// Put the program's waits and clocks on the simulated board's virtual clock, so that it runs as fast as it can (Linux)
     #[arg(long, value_enum, value_name = "CLOCK")]
     clock: Option<ProgramClock>,
 
@@ -67,7 +66,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR|FILE", value_hint = ValueHint::AnyPath)]
     library: Option<PathBuf>,
 
-    /// Print on standard error which variables are set for the program
+    /// Print on standard error which variables are set for the program, and with --clock how long its waits were
     #[arg(short, long)]
     verbose: bool,
 

@@ -9,10 +9,10 @@ pub use linux::{FILE_NAME, Preloaded};
 #[cfg(not(target_os = "linux"))]
 pub use other::{FILE_NAME, Preloaded};
 
-/// Which clock the program and its board have.
+/// The clock of the program and its board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum ProgramClock {
-    /// A virtual one, which goes on when the program waits.
+    /// It goes on when all threads of the program wait
     Virtual,
 }
 

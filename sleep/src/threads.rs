@@ -156,7 +156,13 @@ pub fn add() -> Arc<Thread> {
         word: AtomicU32::new(0),
         inside: AtomicU32::new(0),
     });
-    lock().entries.push(Entry { thread: Arc::clone(&thread), state: State::Running, blocked: None, used_ns: None, is_retried: false });
+    lock().entries.push(Entry {
+        thread: Arc::clone(&thread),
+        state: State::Running,
+        blocked: None,
+        used_ns: None,
+        is_retried: false,
+    });
     thread
 }
 
@@ -263,8 +269,12 @@ pub fn wake_due() {
 }
 
 /// Waits until `deadline`, or until `is_done`, which is asked from time to time, or until another thread ends the wait.
-/// `begun` is called when other threads can end it.
-pub fn wait(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: impl FnMut() -> bool) -> Outcome {
+pub fn wait(what: What, deadline: u64, is_done: impl FnMut() -> bool) -> Outcome {
+    wait_and(what, deadline, || (), is_done)
+}
+
+/// [`wait`], where `begun` is called when other threads can end the wait.
+pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: impl FnMut() -> bool) -> Outcome {
     let thread = current();
     let is_turn = matches!(what, What::Turn);
     if !is_turn {
@@ -309,7 +319,7 @@ pub fn turn() {
     }
     current();
     if lock().entries.len() > 1 {
-        wait(What::Turn, clock::now(), || (), || false);
+        wait(What::Turn, clock::now(), || false);
     }
 }
 

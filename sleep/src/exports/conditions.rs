@@ -9,7 +9,7 @@ use super::{is_passed_on, test_cancel};
 use crate::clock::{self, NEVER};
 use crate::mode::{self, Mode, Own};
 use crate::system::{nanoseconds, real};
-use crate::threads::{Outcome, What, lock, signal, wait};
+use crate::threads::{Outcome, What, lock, signal, wait_and};
 
 /// Waits until a deadline; an error number, or 0.
 ///
@@ -24,7 +24,7 @@ unsafe fn wait_until(condition: *mut pthread_cond_t, mutex: *mut pthread_mutex_t
             // SAFETY: the caller's promise.
             unsafe { libc::pthread_mutex_unlock(mutex) };
         };
-        let outcome = wait(What::Condition(condition as usize), deadline, release, || false);
+        let outcome = wait_and(What::Condition(condition as usize), deadline, release, || false);
         // SAFETY: the caller's promise.
         let error = unsafe { libc::pthread_mutex_lock(mutex) };
         if error == 0 && outcome == Outcome::Reached { libc::ETIMEDOUT } else { error }

@@ -25,7 +25,7 @@ fn limited(descriptors: Arc<[pollfd]>, limit_ns: u64, mut attempt: impl FnMut() 
         let deadline = clock::in_ns(limit_ns);
         let what = if descriptors.is_empty() { What::Time } else { What::Descriptors(descriptors) };
         loop {
-            let outcome = wait(what.clone(), deadline, || (), || {
+            let outcome = wait(what.clone(), deadline, || {
                 (result, errno) = (attempt(), mode::errno());
                 result != 0
             });
@@ -73,9 +73,9 @@ unsafe extern "C-unwind" fn poll(descriptors: *mut pollfd, count: nfds_t, limit_
     };
     let none: c_int = 0;
     // SAFETY: the caller gives so many descriptors.
-    let result = limited(unsafe { listed(descriptors, count) }, limit, || {
-        real!(poll(descriptors: *mut pollfd, count: nfds_t, none: c_int) -> c_int)
-    });
+    let listed = unsafe { listed(descriptors, count) };
+    let call = || real!(poll(descriptors: *mut pollfd, count: nfds_t, none: c_int) -> c_int);
+    let result = limited(listed, limit, call);
     test_cancel();
     result
 }
@@ -111,7 +111,8 @@ unsafe extern "C-unwind" fn ppoll(
     let Some(given) = (unsafe { limit.as_ref() }) else { return outside(|| call(limit)) };
     let Some(ns) = nanoseconds(given) else { return fail(libc::EINVAL) };
     // SAFETY: the caller gives so many descriptors.
-    let result = limited(unsafe { listed(descriptors, count) }, ns, || call(&NO_TIME));
+    let listed = unsafe { listed(descriptors, count) };
+    let result = limited(listed, ns, || call(&NO_TIME));
     test_cancel();
     result
 }
@@ -207,9 +208,7 @@ unsafe extern "C-unwind" fn select(
     };
     let ns = seconds.saturating_mul(1_000_000_000).saturating_add(micros.saturating_mul(1_000));
     // SAFETY: the caller gives NULL or sets.
-    let result = unsafe {
-        select_limited(count, sets, ns, |sets| call(sets, &mut timeval { tv_sec: 0, tv_usec: 0 }))
-    };
+    let result = unsafe { select_limited(count, sets, ns, |sets| call(sets, &mut timeval { tv_sec: 0, tv_usec: 0 })) };
     test_cancel();
     result
 }
@@ -262,9 +261,7 @@ fn epoll_limited(epoll: c_int, limit_ms: c_int, mut call: impl FnMut(c_int) -> c
 /// epoll_wait(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn epoll_wait(epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int) -> c_int {
-    let call = |limit_ms: c_int| {
-        real!(epoll_wait(epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int) -> c_int)
-    };
+    let call = |limit_ms: c_int| real!(epoll_wait(epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int) -> c_int);
     if is_passed_on() { call(limit_ms) } else { epoll_limited(epoll, limit_ms, call) }
 }
 

@@ -25,7 +25,7 @@ unsafe fn lock_until(clock: clockid_t, until: *const timespec, attempt: impl Fn(
     let until = unsafe { until.as_ref() }.and_then(nanoseconds).and_then(|ns| clock::deadline(clock, ns));
     let Some(deadline) = until else { return libc::EINVAL };
     loop {
-        let outcome = wait(What::Lock, deadline, || (), || {
+        let outcome = wait(What::Lock, deadline, || {
             error = attempt();
             error != libc::EBUSY
         });

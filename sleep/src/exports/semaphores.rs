@@ -30,7 +30,7 @@ unsafe fn wait_until(semaphore: *mut sem_t, clock: clockid_t, until: *const time
         let _own = Own::begin();
         let mut is_taken = false;
         loop {
-            let outcome = wait(What::Semaphore(semaphore as usize), deadline, || (), || {
+            let outcome = wait(What::Semaphore(semaphore as usize), deadline, || {
                 is_taken = attempt() == 0;
                 is_taken
             });

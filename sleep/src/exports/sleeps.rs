@@ -15,7 +15,7 @@ fn sleep_until(deadline: u64) -> u64 {
     test_cancel();
     let outcome = {
         let _own = Own::begin();
-        wait(What::Time, deadline, || (), || false)
+        wait(What::Time, deadline, || false)
     };
     test_cancel();
     if outcome == Outcome::Interrupted { deadline.saturating_sub(clock::now()) } else { 0 }

@@ -20,10 +20,16 @@ fn the_program_gets_a_link_on_virtual_time_and_the_library() {
         assert!(lines[1].starts_with(place.tmp().to_str().expect("UTF-8")), "{}", lines[1]);
         assert!(lines[1].ends_with("/libecmsk_sleep.so"), "{}", lines[1]);
     }
-    let script = ["--clock", "virtual", "--", "sh", "-c", ": > \"$ECMSK_OPENED\"; echo \"$ECMSK_LINK\"; echo \"$LD_PRELOAD\""];
+    let script =
+        ["--clock", "virtual", "--", "sh", "-c", ": > \"$ECMSK_OPENED\"; echo \"$ECMSK_LINK\"; echo \"$LD_PRELOAD\""];
     let mut command = place.exec(&script);
-    let ran = Ran::from(command.env("ECMSK_LINK", "xf-sim:").env("LD_PRELOAD", "others").output().expect("the tool starts"));
-    assert!(ran.out.starts_with("xf-sim:?clock=virtual\n") && ran.out.ends_with("/libecmsk_sleep.so:others\n"), "{}", ran.out);
+    let ran =
+        Ran::from(command.env("ECMSK_LINK", "xf-sim:").env("LD_PRELOAD", "others").output().expect("the tool starts"));
+    assert!(
+        ran.out.starts_with("xf-sim:?clock=virtual\n") && ran.out.ends_with("/libecmsk_sleep.so:others\n"),
+        "{}",
+        ran.out
+    );
     place.is_clean();
 }
 
@@ -41,7 +47,11 @@ fn boards_that_are_not_simulated_are_refused() {
     command.env("HOME", &nowhere).env("XDG_CONFIG_HOME", &nowhere).env_remove("ECMSK_LINK");
     let ran = Ran::from(command.output().expect("the tool starts"));
     ran.expect_failure(2, &["takes a simulated board", "`usb:`"], "sim:?slaves=drive*2");
-    place.run(&["--clock", "virtual", "--link", "sim:?rate=2"], "echo started").expect_failure(2, &["rate"], "link help");
+    place.run(&["--clock", "virtual", "--link", "sim:?rate=2"], "echo started").expect_failure(
+        2,
+        &["rate"],
+        "link help",
+    );
 }
 
 /// Without the library for it the program is not started.

@@ -65,9 +65,10 @@ impl Preloaded {
 /// The library: beside NEXTWUSBLib, or in the folder `ecmsk` there. NEXTWUSBLib may be a symbolic link.
 fn find(library: &Path) -> Result<PathBuf, ExecError> {
     let files = [Some(library.to_owned()), fs::canonicalize(library).ok()];
-    let mut places = files.into_iter().flatten().flat_map(|library| {
-        [library.with_file_name(FILE_NAME), library.with_file_name("ecmsk").join(FILE_NAME)]
-    });
+    let mut places = files
+        .into_iter()
+        .flatten()
+        .flat_map(|library| [library.with_file_name(FILE_NAME), library.with_file_name("ecmsk").join(FILE_NAME)]);
     places.find(|file| file.is_file()).ok_or_else(|| ExecError::NoSleepLibrary { library: library.to_owned() })
 }
 
@@ -100,7 +101,7 @@ fn is_static(file: &Path) -> Option<bool> {
     let word = |at: usize| Some(u16::from_ne_bytes(*bytes.get(at..)?.first_chunk()?));
     let first = usize::try_from(u64::from_ne_bytes(*bytes.get(32..)?.first_chunk()?)).ok()?;
     let (size, count) = (usize::from(word(54)?), usize::from(word(56)?));
-    let kind = |number: usize| Some(u32::from_ne_bytes(*bytes.get(first.checked_add(number * size)?..)?.first_chunk()?));
+    let kind =
+        |number: usize| Some(u32::from_ne_bytes(*bytes.get(first.checked_add(number * size)?..)?.first_chunk()?));
     Some((0..count).all(|number| kind(number) != Some(INTERPRETER)))
 }
-

@@ -279,8 +279,10 @@ mod needs_cxx {
     /// With `ecmsk exec --clock virtual` programs that sleep print the same at each run, also one with two threads.
     #[test]
     fn programs_that_sleep_on_a_virtual_clock() {
-        for name in ["habit_set_axis_burst", "habit_two_writes_fifo_mark", "habit_reader_writer_threads", "two_axes_12b"] {
-            let exec = ["exec", "--clock", "virtual", "--link", "sim:?slaves=drive*2", "--library"];
+        for name in
+            ["habit_set_axis_burst", "habit_two_writes_fifo_mark", "habit_reader_writer_threads", "two_axes_12b"]
+        {
+            let exec = ["exec", "--quiet", "--clock", "virtual", "--link", "sim:?slaves=drive*2", "--library"];
             let printed = || {
                 let mut tool = support::tool_without_link(&exec);
                 let ended = support::run(tool.arg(&support::library().shared).arg("--").arg(program(name).exe));

@@ -47,18 +47,18 @@ fn boards_that_are_not_simulated_are_refused() {
     command.env("HOME", &nowhere).env("XDG_CONFIG_HOME", &nowhere).env_remove("ECMSK_LINK");
     let ran = Ran::from(command.output().expect("the tool starts"));
     ran.expect_failure(2, &["takes a simulated board", "`usb:`"], "sim:?slaves=drive*2");
-    place.run(&["--clock", "virtual", "--link", "sim:?rate=2"], "echo started").expect_failure(
-        2,
-        &["rate"],
-        "link help",
-    );
+    let paced = place.run(&["--clock", "virtual", "--link", "sim:?rate=0.5"], "echo started");
+    paced.expect_failure(2, &["`rate` does not take `0.5`", "clock=virtual"], "link help");
 }
 
 /// Without the library for it the program is not started.
 #[test]
 fn without_the_library_nothing_starts() {
-    let place = ExecFolder::new();
-    let ran = place.run(&["--clock", "virtual", "--link", "sim:"], "echo started");
+    let folder = tempfile::tempdir().expect("a folder");
+    let library = folder.path().join("libNEXTWUSBLib.so");
+    fs::write(&library, "\x7fELF").expect("a file");
+    let mut command = ecmsk(["exec", "--clock", "virtual", "--link", "sim:", "--library"]);
+    let ran = Ran::from(command.arg(&library).args(["--", "echo", "started"]).output().expect("the tool starts"));
     ran.expect_failure(125, &["no libecmsk_sleep.so beside"], "cargo build -p ecmsk-sleep");
     assert_eq!(ran.out, "");
 }

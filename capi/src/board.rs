@@ -6,13 +6,14 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use ecmsk::link::{Link, Wait};
+use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::{Frame, SlotSize};
 use ecmsk::threads::CallingThread;
 
 use crate::error::{CallError, lock};
 use crate::forked::{self, MayHoldLock};
 use crate::module::ModuleReference;
+use crate::program_clock::{self, BoardClock};
 
 /// An open link with the default timeouts of its URI.
 pub struct OpenBoard {
@@ -25,6 +26,8 @@ pub struct OpenBoard {
     /// The length of this board's frames in bytes. 0 means that the length of written frames is not checked: the link
     /// does not know the board's slot size, or the warning about a wrong length was logged already.
     frame_len: AtomicUsize,
+    /// The clock of a program whose waits take virtual time; `None`: they take real time, or the board's does.
+    clock: Option<BoardClock>,
     /// A reference to this library's module, which keeps it in memory while the board is open: the link's threads execute code
     /// of it.
     module: Mutex<Option<ModuleReference>>,
@@ -34,6 +37,7 @@ impl OpenBoard {
     /// Makes an open board of a link that was just opened.
     pub fn new(link: Arc<dyn Link>) -> Arc<Self> {
         let info = link.info();
+        let clock = BoardClock::begin(link.as_ref());
         forked::note_opened();
         Arc::new(Self {
             link,
@@ -41,8 +45,44 @@ impl OpenBoard {
             write_wait: info.write_wait,
             closed: AtomicBool::new(false),
             frame_len: AtomicUsize::new(info.slot.map_or(0, SlotSize::frame_len)),
+            clock,
             module: Mutex::new(Some(ModuleReference::begin())),
         })
+    }
+
+    /// Writes a command frame.
+    ///
+    /// # Errors
+    /// Those of [`Link::write`].
+    pub fn write(&self, frame: &Frame, wait: Wait) -> Result<(), LinkError> {
+        self.in_time(|link| link.write(frame, wait)).map(drop)
+    }
+
+    /// Waits for a report.
+    ///
+    /// # Errors
+    /// Those of [`Link::read`].
+    pub fn read(&self, report: &mut Frame, wait: Wait) -> Result<(), LinkError> {
+        self.in_time(|link| link.read(report, wait)).map(drop)
+    }
+
+    /// Runs a call that lets the board's time pass.
+    fn in_time<T>(&self, call: impl FnOnce(&dyn Link) -> T) -> T {
+        let link = self.link.as_ref();
+        let Some(clock) = &self.clock else { return call(link) };
+        program_clock::turn();
+        clock.before(link);
+        let result = call(link);
+        clock.after(link);
+        result
+    }
+
+    /// Lets the board's time pass up to a time of the program's clock.
+    #[cfg(target_os = "linux")]
+    pub fn pass_to(&self, time: u64) {
+        if let Some(clock) = &self.clock {
+            clock.pass_to(self.link.as_ref(), time);
+        }
     }
 
     /// Closes the link. Closing it again changes nothing.
@@ -247,7 +287,7 @@ impl VendorBoard {
     pub fn write(&self, frame: &Frame, length: usize) -> Result<(), Box<CallError>> {
         self.with_board(|board| {
             board.check_length(length);
-            Ok(board.link.write(frame, board.write_wait).map(|_| ())?)
+            Ok(board.write(frame, board.write_wait)?)
         })
     }
 
@@ -257,7 +297,7 @@ impl VendorBoard {
     /// [`CallError::NotOpen`]: no board is open. [`CallError::Link`]: the link has failed or reached its timeout.
     /// `report` is unchanged then.
     pub fn read(&self, report: &mut Frame) -> Result<(), Box<CallError>> {
-        self.with_board(|board| Ok(board.link.read(report, board.read_wait).map(|_| ())?))
+        self.with_board(|board| Ok(board.read(report, board.read_wait)?))
     }
 }
 

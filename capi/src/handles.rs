@@ -56,6 +56,12 @@ impl Handles {
         table.boards.remove(&handle).ok_or_else(|| CallError::Handle { handle }.into())
     }
 
+    /// All boards in the table.
+    #[cfg(target_os = "linux")]
+    pub fn all(&self) -> Vec<Arc<OpenBoard>> {
+        self.table.read().unwrap_or_else(PoisonError::into_inner).boards.values().cloned().collect()
+    }
+
     /// Removes all boards and returns them.
     #[cfg(unix)]
     pub fn drain(&self) -> Vec<Arc<OpenBoard>> {

@@ -14,6 +14,7 @@
 //! | `error.rs`, `last_error.rs` | why a call failed, as text and for Windows' GetLastError |
 //! | `logger.rs` | the log |
 //! | `memory.rs` | a system without memory |
+//! | `program_clock.rs` | the clock of a program whose waits take virtual time |
 //! | `module/` | the library as a file: its folder, and how it is unloaded on Windows |
 //! | `shutdown.rs`, `forked.rs`, `cancellation.rs`, `floating_point.rs` | the end of the process, fork, cancelled threads, the caller's floating-point state |
 #![allow(non_snake_case, reason = "the library is named as the vendor's is")]
@@ -33,6 +34,7 @@ mod logger;
 mod memory;
 mod module;
 mod open_boards;
+mod program_clock;
 mod shutdown;
 
 use exported::boards::{ecmsk_close, ecmsk_open, ecmsk_read, ecmsk_vendor_board, ecmsk_write};

@@ -1,5 +1,7 @@
 //! The boards that this process has opened.
 
+#[cfg(target_os = "linux")]
+use crate::board::OpenBoard;
 use crate::board::VendorBoard;
 use crate::handles::Handles;
 
@@ -8,6 +10,15 @@ pub static VENDOR_BOARD: VendorBoard = VendorBoard::new();
 
 /// The boards that `ecmsk_open` has opened, by handle.
 pub static HANDLES: Handles = Handles::new();
+
+/// Calls `look` with each open board.
+#[cfg(target_os = "linux")]
+pub fn each(mut look: impl FnMut(&OpenBoard)) {
+    if let Ok(board) = VENDOR_BOARD.get() {
+        look(&board);
+    }
+    HANDLES.all().iter().for_each(|board| look(board));
+}
 
 /// Ends the links of all boards that are still open when the process exits ([`VendorBoard::vanish`]).
 #[cfg(unix)]

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 #[cfg(unix)]
 use crate::forked;
 #[cfg(target_os = "linux")]
-use crate::{logger, open_boards};
+use crate::{logger, open_boards, program_clock::InLibrary};
 
 /// The id of the process that opened boards; 0 if none has.
 #[cfg(unix)]
@@ -46,6 +46,7 @@ static AT_EXIT: extern "C" fn() = at_exit;
 
 #[cfg(target_os = "linux")]
 extern "C" fn at_exit() {
+    let _in_library = InLibrary::begin();
     // A child of fork must not release the boards, which belong to its parent.
     if process::id() == OWNER.load(Ordering::Relaxed) && !forked::is_forked() {
         let _ = std::panic::catch_unwind(open_boards::vanish_all);

@@ -3,7 +3,7 @@
 
 #[cfg(feature = "sim")]
 #[doc(hidden)]
-pub use crate::testbed::forget_parked;
+pub use crate::testbed::{forget_parked, use_program_clock};
 
 pub use crate::address::{Fraction, config, slaves, travel, uri};
 #[cfg(all(feature = "spi", target_os = "linux"))]

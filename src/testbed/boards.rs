@@ -2,15 +2,17 @@
 //! its link is closed.
 //!
 //! A board without a link is parked: its state and the time of parking are kept, and no thread runs for it. On the real
-//! clock, the next link advances it by the time that has passed (`catch_up_ms=`).
+//! clock, the next link advances it by the time that has passed (`catch_up_ms=`). So it does on a virtual clock if the
+//! program's waits take virtual time.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
 use super::options::SimOptions;
 use crate::engine::Board;
 use crate::fieldbus::sim::SimHandle;
 use crate::link::LinkError;
+use crate::recording::Clock;
 
 /// What a later link must have in common with the link that has parked a board to get this board.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,7 +37,42 @@ fn boards() -> MutexGuard<'static, Vec<Entry>> {
 }
 
 /// A parked board, the handle of its network, and the time of parking.
-pub(crate) type Parked = (Board, SimHandle, Instant);
+pub(crate) type Parked = (Board, SimHandle, Since);
+
+/// The clock of a program whose waits take virtual time, in nanoseconds.
+static PROGRAM_CLOCK: OnceLock<fn() -> u64> = OnceLock::new();
+
+/// Sets the clock of a program whose waits take virtual time, for boards that no link uses. For the C library; the first
+/// clock counts.
+#[doc(hidden)]
+pub fn use_program_clock(clock: fn() -> u64) {
+    let _ = PROGRAM_CLOCK.set(clock);
+}
+
+/// The time of parking.
+pub(crate) struct Since {
+    real: Instant,
+    /// [`PROGRAM_CLOCK`]; 0 without one.
+    program_ns: u64,
+}
+
+impl Since {
+    fn now() -> Self {
+        Self { real: Instant::now(), program_ns: program_ns() }
+    }
+
+    /// The time since then for a board on this clock. Without [`PROGRAM_CLOCK`] none passes on a virtual one.
+    pub(crate) fn elapsed(&self, clock: Clock) -> Duration {
+        match clock {
+            Clock::Real => self.real.elapsed(),
+            Clock::Virtual => Duration::from_nanos(program_ns().saturating_sub(self.program_ns)),
+        }
+    }
+}
+
+fn program_ns() -> u64 {
+    PROGRAM_CLOCK.get().map_or(0, |clock| clock())
+}
 
 /// Reserves the board with the key `key` for a link, until [`park`] or [`forget`]. Returns the parked board, or `None` if there
 /// is none yet and the caller has to make one. An error if another link uses the board, or if it has other options. `uri` is
@@ -63,11 +100,11 @@ pub(crate) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option
 
 /// Parks the board of a link that was closed, with the present time, so that the next link can let it catch up.
 pub(crate) fn park(key: &Key, board: Board, network: SimHandle) {
-    park_since(key, board, network, Instant::now());
+    park_since(key, board, network, Since::now());
 }
 
 /// Parks a board with the time of its parking, for a link that has claimed it and does not open.
-pub(crate) fn park_since(key: &Key, board: Board, network: SimHandle, since: Instant) {
+pub(crate) fn park_since(key: &Key, board: Board, network: SimHandle, since: Since) {
     if let Some(entry) = boards().iter_mut().find(|entry| entry.key == *key) {
         entry.parked = Some(Box::new((board, network, since)));
     }

@@ -21,4 +21,4 @@ mod shared_options;
 pub(crate) mod sim;
 pub mod simulated_slaves;
 
-pub use boards::forget_parked;
+pub use boards::{forget_parked, use_program_clock};

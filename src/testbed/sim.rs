@@ -65,7 +65,7 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
                 board.set_script(None);
                 script::undo_all(&network, &board.handle());
             }
-            (catch_up(board, since.elapsed(), &options), network)
+            (catch_up(board, since.elapsed(options.clock), &options), network)
         }
     };
     let (control, slot) = control.unzip();
@@ -218,17 +218,20 @@ fn bus(
     })
 }
 
-/// Advances a board by the time in which no link used it, on the real clock by `catch_up_ms=` at most. A board on a
-/// virtual clock is not advanced, unless it is still starting up; then it is advanced by [`FAILED_OPEN`].
+/// Advances a board by the time in which no link used it, by `catch_up_ms=` at most. On a virtual clock none has passed,
+/// unless the program's waits take virtual time; a board that is still starting up is advanced by [`FAILED_OPEN`] at least.
 fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
     let away = rate(options).slowed(away);
-    let away = match (options.clock, board.engine().talks()) {
-        (Clock::Real, true) => away.min(options.catch_up).as_nanos() as Ns,
+    let away = if board.engine().talks() {
+        away.min(options.catch_up).as_nanos() as Ns
+    } else {
         // A board that is still starting up is advanced without the limit of `catch_up_ms=`: otherwise it might never
         // finish its start-up, and could not be opened.
-        (Clock::Real, false) => Ns::try_from(away.as_nanos()).unwrap_or(Ns::MAX).min(BOOT_LIMIT_NS),
-        (Clock::Virtual, true) => 0,
-        (Clock::Virtual, false) => FAILED_OPEN.as_nanos() as Ns,
+        let away = Ns::try_from(away.as_nanos()).unwrap_or(Ns::MAX).min(BOOT_LIMIT_NS);
+        match options.clock {
+            Clock::Real => away,
+            Clock::Virtual => away.max(FAILED_OPEN.as_nanos() as Ns),
+        }
     };
     let now = board.now() + away;
     board.advance(now, &mut |_, _| {});

@@ -276,6 +276,25 @@ mod needs_cxx {
         assert!(said.ends_with("servos off, PreOP, closed\n"), "{said}");
     }
 
+    /// With `ecmsk exec --clock virtual` programs that sleep print the same at each run, also one with two threads.
+    #[test]
+    fn programs_that_sleep_on_a_virtual_clock() {
+        for name in
+            ["habit_set_axis_burst", "habit_two_writes_fifo_mark", "habit_reader_writer_threads", "two_axes_12b"]
+        {
+            let exec = ["exec", "--quiet", "--clock", "virtual", "--link", "sim:?slaves=drive*2", "--library"];
+            let printed = || {
+                let mut tool = support::tool_without_link(&exec);
+                let ended = support::run(tool.arg(&support::library().shared).arg("--").arg(program(name).exe));
+                assert_eq!(ended.stderr, "", "{name}");
+                ended.success()
+            };
+            let first = printed();
+            assert!(!first.is_empty(), "{name}");
+            assert_eq!(first, printed(), "{name}");
+        }
+    }
+
     /// LIB-19 The programs are C++98, those with threads C++11, and C99; no warning in any standard.
     #[test]
     fn programs_compile_in_old_and_new_standards() {

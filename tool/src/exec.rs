@@ -6,6 +6,7 @@
 //! the library which board to open.
 
 mod child;
+mod clock;
 mod library;
 mod link;
 mod reasons;
@@ -22,6 +23,7 @@ use ecmsk::summary::writer::FILE_VARIABLE;
 
 use super::stderr::say;
 use super::{control_option, record_option, recording_end};
+use clock::ProgramClock;
 use library::LibraryFolder;
 pub use library::find as find_library;
 use reasons::{ReasonReader, ReportMode};
@@ -39,6 +41,7 @@ Examples:
   ecmsk exec --link 'sim:?slaves=drive*2' --record run.pcapng -- ./program --its-own-option
   ecmsk exec --link 'sim:?slaves=drive*2' --control press -- ./press
       meanwhile:  ecmsk fault press alarm 2 0x7500
+  ecmsk exec --link 'sim:?slaves=drive*2' --clock virtual -- ./program_that_sleeps
 
 Exit code: the program's, 128 + n if signal n ended it; 124 if it ended with 0 and its recording is not whole; 125 if it could not be started because of something else than
 PROGRAM, 126 if PROGRAM cannot be executed, 127 if it is not found; 2 if the command line is wrong.")]
@@ -59,12 +62,16 @@ pub struct Args {
     #[arg(long, value_name = "NAME", help = control_option::HELP)]
     control: Option<String>,
 
+    /// Put the program's waits and clocks on the simulated board's virtual clock, so that it runs as fast as it can (Linux)
+    #[arg(long, value_enum, value_name = "CLOCK")]
+    clock: Option<ProgramClock>,
+
     /// The library, or its folder [default: beside this tool, then ../lib, then its sub-folder of Debian's libraries,
     /// e.g. x86_64-linux-gnu]
     #[arg(long, value_name = "DIR|FILE", value_hint = ValueHint::AnyPath)]
     library: Option<PathBuf>,
 
-    /// Print on standard error which variables are set for the program
+    /// Print on standard error which variables are set for the program, and with --clock how long its waits were
     #[arg(short, long)]
     verbose: bool,
 
@@ -127,6 +134,22 @@ pub enum ExecError {
         /// The path of the private folder.
         folder: PathBuf,
     },
+    /// `--clock virtual` with a link to a board that is not simulated.
+    #[error("--clock virtual takes a simulated board, and the link is `{link}`; name one with --link, e.g. sim:?slaves=drive*2")]
+    ClockOfHardware {
+        /// The link that was to be opened.
+        link: LinkUri,
+    },
+    /// The library for `--clock virtual` is not beside the other one.
+    #[error("no {} beside {}, which --clock virtual needs; build it with `cargo build -p ecmsk-sleep`", clock::FILE_NAME, .library.display())]
+    NoSleepLibrary {
+        /// The path of NEXTWUSBLib.
+        library: PathBuf,
+    },
+    /// This system has no way to put the program's waits on another clock.
+    #[cfg(not(target_os = "linux"))]
+    #[error("--clock virtual is for programs of Linux; here give the link clock=virtual, which lets time pass by the program's calls")]
+    NoSuchClock,
     /// This build cannot open the link.
     #[error("link `{link}` is not in this build; {}", .link.scheme().instead())]
     NotInBuild {
@@ -180,7 +203,8 @@ impl ExecError {
             Self::Uri(_)
             | Self::Record(record_option::RecordError::Uri(_))
             | Self::Control(_)
-            | Self::NotInBuild { .. } => 2,
+            | Self::NotInBuild { .. }
+            | Self::ClockOfHardware { .. } => 2,
             _ => 125,
         }
     }
@@ -206,6 +230,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
         args.link.as_ref(),
         args.record.as_deref(),
         args.control.as_deref(),
+        args.clock,
         Path::new(program),
         &file,
     )?;
@@ -225,6 +250,10 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     if let Some(link) = &link {
         command.env(LINK_VARIABLE, link.to_string());
     }
+    let sleeps = match args.clock {
+        Some(ProgramClock::Virtual) => Some(clock::Preloaded::set(&mut command, &library)?),
+        None => None,
+    };
     if args.verbose {
         say("library", &library.library().display());
         say(library::SEARCH_PATH, &search_path.display());
@@ -234,6 +263,9 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     }
     let ended = child::run(&mut command, Path::new(program))?;
     let summary = reasons.end();
+    if let Some(sleeps) = sleeps {
+        sleeps.say(Path::new(program), args.verbose);
+    }
     if args.verbose {
         say("program", &ended);
     }

@@ -22,9 +22,13 @@ pub struct Arguments {
 }
 
 /// The packages that are installed, in the order in which they are built.
-pub const PACKAGES: [&str; 2] = ["NEXTWUSBLib", TOOL_PACKAGE];
+pub const PACKAGES: [&str; 3] = ["NEXTWUSBLib", SLEEP_PACKAGE, TOOL_PACKAGE];
 /// The name of the tool's cargo package.
 pub const TOOL_PACKAGE: &str = "ecmsk-tool";
+/// The cargo package of the library that `ecmsk exec --clock virtual` preloads.
+pub const SLEEP_PACKAGE: &str = "ecmsk-sleep";
+/// That library below the folder of libraries. It is in a folder of its own, because no program links it.
+pub const SLEEP_LIBRARY: &str = "ecmsk/libecmsk_sleep.so";
 /// The SONAME: the name by which programs load the library. The library's build script sets the same.
 pub const SONAME: &str = "libNEXTWUSBLib.so.0";
 /// The file name that the linker searches for `-lNEXTWUSBLib`.
@@ -53,7 +57,7 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
         command::run(project.cargo().args(["build", "--profile", profile, "--package", package]))?;
     }
     install_into(project, &project.target.join(profile_folder(profile)), None, prefix)?;
-    split_debug(&prefix.join("lib").join(SONAME))
+    [SONAME, SLEEP_LIBRARY].iter().try_for_each(|library| split_debug(&prefix.join("lib").join(library)))
 }
 
 /// Builds with the profile and features of the tests, and installs into a folder, whose path is returned.
@@ -61,7 +65,7 @@ pub fn build_for_tests(project: &Project) -> Result<PathBuf, Error> {
     command::run(&mut project.cargo_as_in_tests("build", GROUP, &["--lib", "--bins"]))?;
     let prefix = project.target.join("xtask/stage");
     install_into(project, &project.target.join(profile_folder("dev")), None, &prefix)?;
-    split_debug(&prefix.join("lib").join(SONAME))?;
+    [SONAME, SLEEP_LIBRARY].iter().try_for_each(|library| split_debug(&prefix.join("lib").join(library)))?;
     Ok(prefix)
 }
 
@@ -98,6 +102,11 @@ pub fn install_into(project: &Project, built: &Path, tool: Option<&Path>, prefix
     copy(&built.join(LINK_NAME), &lib.join(SONAME))?;
     copy(&built.join(ARCHIVE), &lib.join(ARCHIVE))?;
     link(SONAME, &lib.join(LINK_NAME))?;
+    let sleep = lib.join(SLEEP_LIBRARY);
+    if let (Some(folder), Some(name)) = (sleep.parent(), sleep.file_name()) {
+        fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
+        copy(&built.join(name), &sleep)?;
+    }
     install_headers(project, &include)?;
 
     // udev looks into this folder if the prefix is /usr or /usr/local.

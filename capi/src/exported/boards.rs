@@ -143,7 +143,7 @@ pub unsafe extern "C" fn ecmsk_write(
         // SAFETY: the caller's promise for `data`.
         unsafe { fill_frame(&mut frame, data, length) }?;
         let board = find(handle)?;
-        board.link.write(&frame, wait(timeout_ms, board.write_wait)?)?;
+        board.write(&frame, wait(timeout_ms, board.write_wait)?)?;
         Ok(())
     }))
 }
@@ -166,7 +166,7 @@ pub unsafe extern "C" fn ecmsk_read(
         let buffer = unsafe { ReportBuffer::new(data, length) }?;
         let board = find(handle)?;
         let mut report = Frame::new();
-        board.link.read(&mut report, wait(timeout_ms, board.read_wait)?)?;
+        board.read(&mut report, wait(timeout_ms, board.read_wait)?)?;
         buffer.fill(&report);
         Ok(())
     }))

@@ -14,6 +14,7 @@ use crate::forked::{self, MayHoldLock};
 use crate::logger;
 use crate::memory;
 use crate::module::{Call, LastError};
+use crate::program_clock::InLibrary;
 
 /// Runs the body of an exported function: `entry!(ECMUSBRead(dwlength), { ... })`.
 ///
@@ -55,6 +56,7 @@ pub fn guard<T: Debug>(
     let _may_hold_lock = (!forked::any_open()).then(MayHoldLock::begin);
     // These guards are dropped in the reverse order, so cancellation is deferred until all others have ended.
     let _cancellation = CancellationDeferred::begin();
+    let _in_library = InLibrary::begin();
     let _last_error = LastError::keep();
     let _floating_point = FloatingPoint::begin();
     let result = set_up().and_then(|()| {

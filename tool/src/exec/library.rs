@@ -79,6 +79,12 @@ impl LibraryFolder {
         }
     }
 
+    /// The private folder.
+    #[cfg(target_os = "linux")]
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
     /// The value of the search path variable with the library's folder in front of `path`, its present value.
     pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
         let mut all = system::first(self.folder.path(), &self.library).as_os_str().to_owned();

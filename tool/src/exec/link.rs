@@ -8,30 +8,50 @@ use ecmsk::link::config::{self, Environment};
 use ecmsk::link::uri::LinkUri;
 
 use super::ExecError;
+use super::clock::ProgramClock;
 use crate::{control_option, record_option};
 
-/// The link to set for `program`: the user's, with the recording and the control socket if there are any. `None` leaves the
-/// choice to the library.
+/// The link to set for `program`: the user's, with the recording, the control socket and the clock if they are given. `None`
+/// leaves the choice to the library.
 ///
-/// The keys `record=` and `control=` are part of a link. So if the user has given no link, they are added to the link that
-/// the library would choose.
+/// The keys `record=`, `control=` and `clock=` are part of a link. So if the user has given no link, they are added to the
+/// link that the library would choose.
 pub fn for_program(
     link: Option<&LinkUri>,
     record: Option<&Path>,
     control: Option<&str>,
+    clock: Option<ProgramClock>,
     program: &Path,
     library: &Path,
 ) -> Result<Option<LinkUri>, ExecError> {
     let link = match link {
         Some(link) => link.clone(),
-        None if record.is_none() && control.is_none() => return Ok(None),
+        None if record.is_none() && control.is_none() && clock.is_none() => return Ok(None),
         None => configured(program, library)?,
     };
     if !link.scheme().in_build() {
         return Err(ExecError::NotInBuild { link });
     }
     let link = control_option::controlled(link, control)?;
+    let link = match clock {
+        Some(ProgramClock::Virtual) => virtual_time(link)?,
+        None => link,
+    };
     record.map_or(Ok(link.clone()), |file| Ok(record_option::with_record(&link, file)?)).map(Some)
+}
+
+/// The link with its board on virtual time.
+fn virtual_time(link: LinkUri) -> Result<LinkUri, ExecError> {
+    if !link.scheme().is_model() {
+        return Err(ExecError::ClockOfHardware { link });
+    }
+    if link.value("clock") == Some("virtual") {
+        return Ok(link);
+    }
+    // The normal form leaves out clock=real, which is the default.
+    let uri = link.to_string();
+    let joint = if uri.contains('?') { '&' } else { '?' };
+    Ok(LinkUri::parse(&format!("{uri}{joint}clock=virtual"))?)
 }
 
 /// The link that the library would choose for the program.

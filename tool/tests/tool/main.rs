@@ -5,7 +5,8 @@
 //! - `command_line.rs`, `details.rs`, `words.rs`, `bad_input.rs`: help, options, units, and errors of the command line
 //! - `page.rs`, `recordings_page.rs`, `readme_picture.rs`, `card_picture.rs`: the pages of `docs/` and README show the tool's
 //!   output
-//! - `exec.rs`, `exec_library.rs`, `exec_reasons.rs`: `ecmsk exec`: the program, its library, and reports of what went wrong
+//! - `exec.rs`, `exec_library.rs`, `exec_reasons.rs`, `clock.rs`: `ecmsk exec`: the program, its library, reports of what went
+//!   wrong, and programs that sleep
 //! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
 //!   captures, shown, drawn, compared, replayed, and judged
 //! - `summary_axes.rs`, `bad_moments.rs`, `find.rs`: `ecmsk summary` and `ecmsk find`
@@ -37,6 +38,7 @@ mod bus;
 mod captures;
 mod card_picture;
 mod cards;
+mod clock;
 mod command_line;
 mod common;
 mod compare;

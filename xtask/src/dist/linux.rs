@@ -62,7 +62,8 @@ pub fn build_into(
     }
     let built = if machine.is_foreign() { target.join(machine.target()) } else { target }.join(PROFILE);
     stage::install_into(project, &built, tool, prefix)?;
-    for file in [Path::new("bin").join("ecmsk"), Path::new("lib").join(stage::SONAME)] {
+    let lib = Path::new("lib");
+    for file in [Path::new("bin").join("ecmsk"), lib.join(stage::SONAME), lib.join(stage::SLEEP_LIBRARY)] {
         strip(machine, &["--strip-all"], &prefix.join(file))?;
     }
     strip(machine, &["--strip-debug", "--enable-deterministic-archives"], &prefix.join("lib").join(stage::ARCHIVE))

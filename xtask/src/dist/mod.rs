@@ -38,7 +38,7 @@ use crate::needs::{
     ROOT, RUSTC_DEBIAN, STRIP, UNZIP, ZIP,
 };
 use crate::project::Project;
-use crate::stage::TOOL_PACKAGE;
+use crate::stage::{SLEEP_PACKAGE, TOOL_PACKAGE};
 use crate::windows::Width;
 use crate::{command, debian_rust, dotnet, features, needs, windows};
 use crates::{Crate, Known};
@@ -307,6 +307,7 @@ fn artefacts(project: &Project, known: &Known, linux: &[ForLinux], zip: &Tree) -
         ("bin/ecmsk", TOOL_PACKAGE),
         ("lib/libNEXTWUSBLib.so.0", "NEXTWUSBLib"),
         ("lib/libNEXTWUSBLib.a", "NEXTWUSBLib"),
+        ("lib/ecmsk/libecmsk_sleep.so", SLEEP_PACKAGE),
     ];
     for ForLinux { machine, tree, .. } in linux {
         for (file, package) in files {

@@ -26,7 +26,7 @@ pub const UNOPENED: &str =
     "if it should have, see by `ldd` whether it links libNEXTWUSBLib.so, and not the static library";
 
 /// Why a folder cannot be on the search path, with the next step.
-pub const UNLINKABLE: &str = "it takes no `:`, `;` or `$`; set TMPDIR to another folder";
+pub const UNLINKABLE: &str = "it takes no `:`, `;` or `$`, and with --clock no blank; set TMPDIR to another folder";
 
 /// The usual folders of the library: that of this tool, `../lib` from there, and the sub-folder of the latter with
 /// Debian's libraries for this architecture.

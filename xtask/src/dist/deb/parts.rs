@@ -9,7 +9,7 @@ use crate::dist::machine::Machine;
 use crate::dist::tree::{DATA, PROGRAM, Tree};
 use crate::error::Error;
 use crate::project::Project;
-use crate::stage::{ARCHIVE, LINK_NAME, SONAME, UDEV_RULE};
+use crate::stage::{ARCHIVE, LINK_NAME, SLEEP_LIBRARY, SONAME, UDEV_RULE};
 
 /// Replaces `@` in a path of a package by the name of the sub-folder of `/usr/lib` for libraries of the machine, such as
 /// `x86_64-linux-gnu`.
@@ -95,7 +95,7 @@ pub const PARTS: &[Part] = &[
              compares what happened, and shares a board with other programs and machines. Users get the right to open \
              a board by a rule for udev.",
         ),
-        programs: &["usr/bin/ecmsk"],
+        programs: &["usr/bin/ecmsk", "usr/lib/@/ecmsk/libecmsk_sleep.so"],
         control: &[("conffiles", "/etc/ecmsk-board.conf\n")],
         fill: tool,
     },
@@ -131,8 +131,10 @@ fn pkgconfig(text: &str, machine: Machine) -> String {
     lines.map(|line| line + "\n").collect()
 }
 
-fn tool(project: &Project, _: Machine, stage: &Path, tree: &Tree) -> Result<(), Error> {
+fn tool(project: &Project, machine: Machine, stage: &Path, tree: &Tree) -> Result<(), Error> {
     tree.copy(&stage.join("bin/ecmsk"), "usr/bin/ecmsk", PROGRAM)?;
+    let sleep = path(machine, &format!("usr/lib/@/{SLEEP_LIBRARY}"));
+    tree.copy(&stage.join("lib").join(SLEEP_LIBRARY), &sleep, DATA)?;
     let rule = project.root.join("share/udev").join(UDEV_RULE);
     tree.copy(&rule, &format!("usr/lib/udev/rules.d/{UDEV_RULE}"), DATA)?;
     // The package does not enable the service. The administrator does that on a machine that is to be a board.

@@ -1,0 +1,141 @@
+//! When time goes on.
+
+use std::sync::atomic::Ordering;
+
+use crate::clock::{self, NEVER};
+use crate::task::{self, Task};
+use crate::threads::{Outcome, State, Threads, What};
+use crate::{boards, system};
+
+/// How long a thread has to be blocked on the real clock until it counts as waiting \[OURS], in nanoseconds: threads block
+/// for a moment whenever they use a file. It counts at once, as long as it does not run in between.
+const BLOCKED_NS: u64 = 2_000_000;
+
+/// How long a thread may run while others wait and time stands still \[OURS], in nanoseconds of the processor. From then on
+/// time passes as it does for that thread, so that a thread that waits in a loop, without a call, sees it pass. A thread that
+/// gets no processor on a busy machine lets no time pass.
+const HELD_UP_MAX_NS: u64 = 50_000_000;
+
+/// How long time stands still on the real clock at most \[OURS], in nanoseconds. From then on it passes as the real clock does.
+/// That is for threads which real time alone wakes every few milliseconds, as timers that send signals do.
+const STANDSTILL_MAX_NS: u64 = 5_000_000_000;
+
+/// What the threads are doing.
+enum Standstill {
+    /// All wait.
+    Whole,
+    /// Some run, and each of them for that long since time stands still, in nanoseconds of the processor.
+    HeldUp { for_ns: u64 },
+}
+
+impl Threads {
+    /// Lets time go on to the earliest deadline if all threads wait, and ends the waits whose deadline that is. Returns
+    /// whether any wait has ended.
+    pub fn advance(&mut self) -> bool {
+        let earliest = self.earliest();
+        if earliest == NEVER {
+            return false;
+        }
+        match self.standstill() {
+            Standstill::Whole => {
+                if self.end_ready() || self.retry_locks() {
+                    return true;
+                }
+                self.end_standstill();
+            }
+            Standstill::HeldUp { for_ns } => {
+                let real = system::real_ns(libc::CLOCK_MONOTONIC);
+                let (from, since) = *self.stands_still_from.get_or_insert((clock::now(), real));
+                let real = real.saturating_sub(since);
+                let passed = if real < STANDSTILL_MAX_NS { for_ns } else { real.max(for_ns) };
+                if passed < HELD_UP_MAX_NS || earliest > from.saturating_add(passed) {
+                    return false;
+                }
+            }
+        }
+        self.entries.iter_mut().for_each(|entry| entry.is_retried = false);
+        if earliest > clock::now() {
+            boards::pass_to(earliest);
+            clock::set_on(earliest);
+        }
+        let now = clock::now();
+        self.end_waits(Outcome::Reached, |deadline, _| deadline <= now) > 0
+    }
+
+    fn standstill(&mut self) -> Standstill {
+        let mut buffer = std::mem::take(&mut self.buffer);
+        let (mut is_gone, mut held_up) = (false, None::<u64>);
+        for entry in &mut self.entries {
+            let number = entry.thread.number.load(Ordering::Relaxed);
+            let task = match entry.state {
+                State::Waiting { .. } => continue,
+                State::Ended(_) => Task::Runs,
+                _ if number == 0 || entry.thread.inside.load(Ordering::Relaxed) > 0 => Task::Runs,
+                _ => task::look(number, &mut buffer),
+            };
+            let for_ns = match task {
+                Task::Gone => {
+                    is_gone = true;
+                    continue;
+                }
+                Task::Blocked { .. } if matches!(entry.state, State::Outside) => continue,
+                Task::Blocked { switches } => {
+                    let real = system::real_ns(libc::CLOCK_MONOTONIC);
+                    let since = entry.blocked.filter(|(known, _)| *known == switches).map_or(real, |(_, since)| since);
+                    entry.blocked = Some((switches, since));
+                    if real.saturating_sub(since) >= BLOCKED_NS {
+                        continue;
+                    }
+                    0
+                }
+                Task::Runs => {
+                    entry.blocked = None;
+                    let used = task::processor_ns(number);
+                    used.saturating_sub(*entry.used_ns.get_or_insert(used))
+                }
+            };
+            held_up = Some(held_up.map_or(for_ns, |least| least.min(for_ns)));
+        }
+        if is_gone {
+            let mut is_there = |number: i32| number == 0 || task::look(number, &mut buffer) != Task::Gone;
+            self.entries.retain(|entry| is_there(entry.thread.number.load(Ordering::Relaxed)));
+        }
+        self.buffer = buffer;
+        held_up.map_or(Standstill::Whole, |for_ns| Standstill::HeldUp { for_ns })
+    }
+
+    /// Time goes on: forgets since when it stood still.
+    fn end_standstill(&mut self) {
+        self.stands_still_from = None;
+        self.entries.iter_mut().for_each(|entry| entry.used_ns = None);
+    }
+
+    /// Ends the waits for locks, once before time goes on: another thread of the program may have released them.
+    fn retry_locks(&mut self) -> bool {
+        let mut is_any = false;
+        for entry in &mut self.entries {
+            if matches!(entry.state, State::Waiting { what: What::Lock, .. }) && !entry.is_retried {
+                entry.is_retried = true;
+                entry.end_wait(Outcome::Woken);
+                is_any = true;
+            }
+        }
+        is_any
+    }
+
+    /// Ends the waits for descriptors that are ready: another thread of the program may have written to them.
+    fn end_ready(&mut self) -> bool {
+        let is_ready = |what: &What| match what {
+            What::Descriptors(descriptors) => is_any_ready(descriptors),
+            _ => false,
+        };
+        self.end_waits(Outcome::Woken, |_, what| is_ready(what)) > 0
+    }
+}
+
+/// Whether a descriptor is ready, or broken.
+fn is_any_ready(descriptors: &[libc::pollfd]) -> bool {
+    let mut copy = descriptors.to_vec();
+    let (to, count, timeout) = (copy.as_mut_ptr(), copy.len() as libc::nfds_t, 0);
+    system::real!(poll(to: *mut libc::pollfd, count: libc::nfds_t, timeout: std::ffi::c_int) -> std::ffi::c_int) != 0
+}

@@ -1,0 +1,60 @@
+//! The connection to NEXTWUSBLib.
+
+use std::sync::atomic::{AtomicPtr, Ordering};
+
+use crate::mode::Own;
+use crate::table::{GetTable, NAME, Table, VERSION};
+use crate::{clock, mode, threads};
+
+static TABLE: Table = Table { version: VERSION, enter, leave, turn, now, reached, use_boards };
+
+/// The function of [`Table::use_boards`]; null: no board was opened yet.
+static PASS: AtomicPtr<()> = AtomicPtr::new(std::ptr::null_mut());
+
+/// The functions for NEXTWUSBLib.
+#[unsafe(no_mangle)]
+pub extern "C" fn ecmsk_sleep_table() -> *const Table {
+    &raw const TABLE
+}
+
+// NEXTWUSBLib looks for this name and this type.
+const _: (&std::ffi::CStr, GetTable) = (NAME, ecmsk_sleep_table);
+
+extern "C" fn enter() {
+    mode::count_library(1);
+}
+
+extern "C" fn leave() {
+    mode::count_library(-1);
+}
+
+extern "C" fn turn() {
+    let _own = Own::begin();
+    threads::turn();
+}
+
+extern "C" fn now() -> u64 {
+    clock::now()
+}
+
+extern "C" fn reached(time: u64) {
+    let _own = Own::begin();
+    clock::reach(time);
+}
+
+extern "C" fn use_boards(pass: extern "C" fn(u64)) {
+    PASS.store(pass as *mut (), Ordering::Release);
+}
+
+/// Lets the time of all boards pass up to this time.
+pub fn pass_to(time: u64) {
+    let pass = PASS.load(Ordering::Acquire);
+    if pass.is_null() {
+        return;
+    }
+    // SAFETY: stored by `use_boards`, from a function of this type in a library that is never unloaded.
+    let pass = unsafe { std::mem::transmute::<*mut (), extern "C" fn(u64)>(pass) };
+    mode::count_library(1);
+    pass(time);
+    mode::count_library(-1);
+}

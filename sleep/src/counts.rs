@@ -1,0 +1,70 @@
+//! What `ecmsk exec` reports at the end: three numbers of 8 bytes in a file that it has made, in the machine's byte order.
+//! Processes of the program share them.
+
+use std::ffi::CString;
+use std::os::unix::ffi::OsStringExt;
+use std::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
+
+/// The environment variable with the path of the file.
+const VARIABLE: &str = "ECMSK_SLEEP_COUNTS";
+
+/// The content of the file.
+#[repr(C)]
+struct Counts {
+    /// How many processes have loaded this library.
+    loads: AtomicU64,
+    /// How many waits were passed on the virtual clock.
+    waits: AtomicU64,
+    /// The furthest that the virtual clock of a process has come, in nanoseconds.
+    time: AtomicU64,
+}
+
+static COUNTS: AtomicPtr<Counts> = AtomicPtr::new(std::ptr::null_mut());
+
+/// Maps the file. Without one nothing is counted.
+pub fn open() {
+    let Some(path) = std::env::var_os(VARIABLE).and_then(|path| CString::new(path.into_vec()).ok()) else { return };
+    // SAFETY: the path ends with 0.
+    let file = unsafe { libc::open(path.as_ptr(), libc::O_RDWR | libc::O_CLOEXEC | libc::O_NOFOLLOW) };
+    if file < 0 {
+        return;
+    }
+    let length = size_of::<Counts>();
+    // SAFETY: the structure and the file exist. An error leaves the size 0.
+    let is_whole = unsafe {
+        let mut about: libc::stat = std::mem::zeroed();
+        libc::fstat(file, &raw mut about) == 0 && about.st_size >= length as libc::off_t
+    };
+    if is_whole {
+        let access = libc::PROT_READ | libc::PROT_WRITE;
+        // SAFETY: the system chooses the place, and the file has that length.
+        let place = unsafe { libc::mmap(std::ptr::null_mut(), length, access, libc::MAP_SHARED, file, 0) };
+        if place != libc::MAP_FAILED {
+            COUNTS.store(place.cast(), Ordering::Release);
+        }
+    }
+    // SAFETY: opened above, and the mapping does not need it.
+    unsafe { libc::close(file) };
+    if let Some(counts) = counts() {
+        counts.loads.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+fn counts() -> Option<&'static Counts> {
+    // SAFETY: null, or the mapping, which stays until the process ends; all of it is atomic.
+    unsafe { COUNTS.load(Ordering::Acquire).as_ref() }
+}
+
+/// Counts a wait.
+pub fn wait() {
+    if let Some(counts) = counts() {
+        counts.waits.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Notes how far the virtual clock has come.
+pub fn time(now: u64) {
+    if let Some(counts) = counts() {
+        counts.time.fetch_max(now, Ordering::Relaxed);
+    }
+}

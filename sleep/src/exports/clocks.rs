@@ -1,0 +1,75 @@
+//! Reading clocks.
+
+use std::ffi::{c_int, c_void};
+
+use libc::{clockid_t, time_t, timespec, timeval};
+
+use crate::clock;
+use crate::mode::{self, Mode, Own};
+use crate::system::{real, timespec};
+
+/// What the clock of the program shows, in nanoseconds. `None`: the clock stays real.
+fn shown(clock: clockid_t) -> Option<u64> {
+    let mode = mode::current();
+    if mode == Mode::Real {
+        return None;
+    }
+    let _own = Own::begin();
+    let start = clock::start(clock)?;
+    let passed = if mode == Mode::Program { clock::read() } else { clock::now() };
+    Some(start + passed)
+}
+
+/// clock_gettime(3).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn clock_gettime(clock: clockid_t, to: *mut timespec) -> c_int {
+    match shown(clock) {
+        Some(shown) if !to.is_null() => {
+            // SAFETY: the caller gives room for a time.
+            unsafe { to.write(timespec(shown)) };
+            0
+        }
+        _ => real!(clock_gettime(clock: clockid_t, to: *mut timespec) -> c_int),
+    }
+}
+
+/// gettimeofday(2).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn gettimeofday(to: *mut timeval, zone: *mut c_void) -> c_int {
+    match shown(libc::CLOCK_REALTIME) {
+        Some(shown) if !to.is_null() => {
+            let time = timespec(shown);
+            // SAFETY: the caller gives room for a time.
+            unsafe { to.write(timeval { tv_sec: time.tv_sec, tv_usec: time.tv_nsec / 1000 }) };
+            0
+        }
+        _ => real!(gettimeofday(to: *mut timeval, zone: *mut c_void) -> c_int),
+    }
+}
+
+/// time(2).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn time(to: *mut time_t) -> time_t {
+    let Some(shown) = shown(libc::CLOCK_REALTIME) else { return real!(time(to: *mut time_t) -> time_t) };
+    let seconds = timespec(shown).tv_sec;
+    if !to.is_null() {
+        // SAFETY: the caller gives NULL or room for a time.
+        unsafe { to.write(seconds) };
+    }
+    seconds
+}
+
+/// timespec_get(3), of C11.
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn timespec_get(to: *mut timespec, base: c_int) -> c_int {
+    /// TIME_UTC.
+    const UTC: c_int = 1;
+    match shown(libc::CLOCK_REALTIME) {
+        Some(shown) if base == UTC && !to.is_null() => {
+            // SAFETY: the caller gives room for a time.
+            unsafe { to.write(timespec(shown)) };
+            base
+        }
+        _ => real!(timespec_get(to: *mut timespec, base: c_int) -> c_int),
+    }
+}

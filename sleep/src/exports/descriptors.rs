@@ -1,0 +1,285 @@
+//! Waiting for descriptors, with a time limit. What comes from outside the program comes in real time, so that a limit of the
+//! program may end first.
+
+use std::ffi::{c_int, c_short};
+use std::sync::Arc;
+
+use libc::{epoll_event, fd_set, nfds_t, pollfd, sigset_t, timespec, timeval};
+
+use super::{fail, is_passed_on, test_cancel};
+use crate::clock;
+use crate::mode::{self, Own};
+use crate::system::{nanoseconds, real};
+use crate::threads::{Outcome, What, outside, wait};
+
+/// Waits for descriptors: `attempt` is the C library's function without a wait. `None`: the limit is no time.
+///
+/// Only for the program, which may be cancelled here.
+fn limited(descriptors: Arc<[pollfd]>, limit_ns: u64, mut attempt: impl FnMut() -> c_int) -> c_int {
+    let (mut result, mut errno) = (attempt(), mode::errno());
+    if result != 0 || limit_ns == 0 {
+        return result;
+    }
+    {
+        let _own = Own::begin();
+        let deadline = clock::in_ns(limit_ns);
+        let what = if descriptors.is_empty() { What::Time } else { What::Descriptors(descriptors) };
+        loop {
+            let outcome = wait(what.clone(), deadline, || {
+                (result, errno) = (attempt(), mode::errno());
+                result != 0
+            });
+            if result == 0 && outcome == Outcome::Interrupted {
+                (result, errno) = (-1, libc::EINTR);
+            }
+            if result == 0 {
+                (result, errno) = (attempt(), mode::errno());
+            }
+            if result != 0 || outcome == Outcome::Reached {
+                break;
+            }
+        }
+    }
+    mode::set_errno(errno);
+    result
+}
+
+/// A limit in milliseconds; negative: none.
+fn milliseconds(limit: c_int) -> Option<u64> {
+    Some(u64::try_from(limit).ok()? * 1_000_000)
+}
+
+/// The caller's descriptors.
+///
+/// # Safety
+/// `descriptors` points to so many, or is invalid and then not used by the C library either.
+unsafe fn listed(descriptors: *const pollfd, count: nfds_t) -> Arc<[pollfd]> {
+    if descriptors.is_null() || count == 0 {
+        return Arc::new([]);
+    }
+    // SAFETY: the caller's promise.
+    unsafe { std::slice::from_raw_parts(descriptors, count as usize) }.into()
+}
+
+/// poll(2).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn poll(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int) -> c_int {
+    if is_passed_on() || limit_ms == 0 {
+        return real!(poll(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int) -> c_int);
+    }
+    test_cancel();
+    let Some(limit) = milliseconds(limit_ms) else {
+        return outside(|| real!(poll(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int) -> c_int));
+    };
+    let none: c_int = 0;
+    // SAFETY: the caller gives so many descriptors.
+    let listed = unsafe { listed(descriptors, count) };
+    let call = || real!(poll(descriptors: *mut pollfd, count: nfds_t, none: c_int) -> c_int);
+    let result = limited(listed, limit, call);
+    test_cancel();
+    result
+}
+
+/// poll(2), as programs call it that are compiled with checks (_FORTIFY_SOURCE).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn __poll_chk(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int, room: usize) -> c_int {
+    if room / size_of::<pollfd>() < count as usize {
+        return real!(__poll_chk(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int, room: usize) -> c_int);
+    }
+    // SAFETY: the caller's arguments.
+    unsafe { poll(descriptors, count, limit_ms) }
+}
+
+/// ppoll(2).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn ppoll(
+    descriptors: *mut pollfd,
+    count: nfds_t,
+    limit: *const timespec,
+    mask: *const sigset_t,
+) -> c_int {
+    let call = |limit: *const timespec| {
+        real!(
+            ppoll(descriptors: *mut pollfd, count: nfds_t, limit: *const timespec, mask: *const sigset_t) -> c_int
+        )
+    };
+    if is_passed_on() {
+        return call(limit);
+    }
+    test_cancel();
+    // SAFETY: the caller gives NULL or a time.
+    let Some(given) = (unsafe { limit.as_ref() }) else { return outside(|| call(limit)) };
+    let Some(ns) = nanoseconds(given) else { return fail(libc::EINVAL) };
+    // SAFETY: the caller gives so many descriptors.
+    let listed = unsafe { listed(descriptors, count) };
+    let result = limited(listed, ns, || call(&NO_TIME));
+    test_cancel();
+    result
+}
+
+/// ppoll(2), as programs call it that are compiled with checks.
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn __ppoll_chk(
+    descriptors: *mut pollfd,
+    count: nfds_t,
+    limit: *const timespec,
+    mask: *const sigset_t,
+    room: usize,
+) -> c_int {
+    if room / size_of::<pollfd>() < count as usize {
+        return real!(
+            __ppoll_chk(
+                descriptors: *mut pollfd, count: nfds_t, limit: *const timespec, mask: *const sigset_t, room: usize
+            ) -> c_int
+        );
+    }
+    // SAFETY: the caller's arguments.
+    unsafe { ppoll(descriptors, count, limit, mask) }
+}
+
+const NO_TIME: timespec = timespec { tv_sec: 0, tv_nsec: 0 };
+
+/// The three sets of select: to read, to write, with an exception.
+type Sets = [*mut fd_set; 3];
+
+/// The descriptors of the sets.
+///
+/// # Safety
+/// Each set is NULL or valid.
+unsafe fn selected(count: c_int, sets: Sets) -> Arc<[pollfd]> {
+    const EVENTS: [c_short; 3] = [libc::POLLIN, libc::POLLOUT, libc::POLLPRI];
+    let count = count.clamp(0, libc::FD_SETSIZE as c_int);
+    let found = (0..count).filter_map(|fd| {
+        let is_in = |set: *mut fd_set| {
+            // SAFETY: NULL or valid, and the descriptor is one that a set has room for.
+            !set.is_null() && unsafe { libc::FD_ISSET(fd, set) }
+        };
+        let events = sets.into_iter().zip(EVENTS).filter(|(set, _)| is_in(*set)).fold(0, |all, (_, event)| all | event);
+        (events != 0).then_some(pollfd { fd, events, revents: 0 })
+    });
+    found.collect()
+}
+
+/// Waits for sets of descriptors. `call` is the C library's function with these sets, without a wait.
+///
+/// # Safety
+/// Each set is NULL or valid.
+unsafe fn select_limited(count: c_int, sets: Sets, limit_ns: u64, mut call: impl FnMut(Sets) -> c_int) -> c_int {
+    // SAFETY: the caller's promise.
+    let wanted = sets.map(|set| unsafe { set.as_ref() }.copied());
+    // SAFETY: the caller's promise.
+    limited(unsafe { selected(count, sets) }, limit_ns, || {
+        // Each attempt overwrites the sets.
+        for (set, wanted) in sets.into_iter().zip(wanted) {
+            if let Some(wanted) = wanted {
+                // SAFETY: valid, since it was copied above.
+                unsafe { set.write(wanted) };
+            }
+        }
+        call(sets)
+    })
+}
+
+/// select(2). The time that is left is not written back: POSIX leaves that open, and the whole limit has passed.
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn select(
+    count: c_int,
+    reads: *mut fd_set,
+    writes: *mut fd_set,
+    exceptions: *mut fd_set,
+    limit: *mut timeval,
+) -> c_int {
+    let call = |[reads, writes, exceptions]: Sets, limit: *mut timeval| {
+        real!(
+            select(
+                count: c_int, reads: *mut fd_set, writes: *mut fd_set, exceptions: *mut fd_set, limit: *mut timeval
+            ) -> c_int
+        )
+    };
+    let sets = [reads, writes, exceptions];
+    if is_passed_on() {
+        return call(sets, limit);
+    }
+    test_cancel();
+    // SAFETY: the caller gives NULL or a time.
+    let Some(given) = (unsafe { limit.as_ref() }) else { return outside(|| call(sets, limit)) };
+    let (Ok(seconds), Ok(micros)) = (u64::try_from(given.tv_sec), u64::try_from(given.tv_usec)) else {
+        return fail(libc::EINVAL);
+    };
+    let ns = seconds.saturating_mul(1_000_000_000).saturating_add(micros.saturating_mul(1_000));
+    // SAFETY: the caller gives NULL or sets.
+    let result = unsafe { select_limited(count, sets, ns, |sets| call(sets, &mut timeval { tv_sec: 0, tv_usec: 0 })) };
+    test_cancel();
+    result
+}
+
+/// pselect(2).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn pselect(
+    count: c_int,
+    reads: *mut fd_set,
+    writes: *mut fd_set,
+    exceptions: *mut fd_set,
+    limit: *const timespec,
+    mask: *const sigset_t,
+) -> c_int {
+    let call = |[reads, writes, exceptions]: Sets, limit: *const timespec| {
+        real!(
+            pselect(
+                count: c_int,
+                reads: *mut fd_set,
+                writes: *mut fd_set,
+                exceptions: *mut fd_set,
+                limit: *const timespec,
+                mask: *const sigset_t
+            ) -> c_int
+        )
+    };
+    let sets = [reads, writes, exceptions];
+    if is_passed_on() {
+        return call(sets, limit);
+    }
+    test_cancel();
+    // SAFETY: the caller gives NULL or a time.
+    let Some(given) = (unsafe { limit.as_ref() }) else { return outside(|| call(sets, limit)) };
+    let Some(ns) = nanoseconds(given) else { return fail(libc::EINVAL) };
+    // SAFETY: the caller gives NULL or sets.
+    let result = unsafe { select_limited(count, sets, ns, |sets| call(sets, &NO_TIME)) };
+    test_cancel();
+    result
+}
+
+/// Waits on an epoll descriptor, which is ready to be read when it has events.
+fn epoll_limited(epoll: c_int, limit_ms: c_int, mut call: impl FnMut(c_int) -> c_int) -> c_int {
+    test_cancel();
+    let Some(limit) = milliseconds(limit_ms) else { return outside(|| call(limit_ms)) };
+    let result = limited(Arc::new([pollfd { fd: epoll, events: libc::POLLIN, revents: 0 }]), limit, || call(0));
+    test_cancel();
+    result
+}
+
+/// epoll_wait(2).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn epoll_wait(epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int) -> c_int {
+    let call = |limit_ms: c_int| real!(epoll_wait(epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int) -> c_int);
+    if is_passed_on() { call(limit_ms) } else { epoll_limited(epoll, limit_ms, call) }
+}
+
+/// epoll_pwait(2).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn epoll_pwait(
+    epoll: c_int,
+    events: *mut epoll_event,
+    room: c_int,
+    limit_ms: c_int,
+    mask: *const sigset_t,
+) -> c_int {
+    let call = |limit_ms: c_int| {
+        real!(
+            epoll_pwait(
+                epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int, mask: *const sigset_t
+            ) -> c_int
+        )
+    };
+    if is_passed_on() { call(limit_ms) } else { epoll_limited(epoll, limit_ms, call) }
+}

@@ -1,0 +1,41 @@
+//! The functions of the C library that the program calls. Each passes calls on unchanged that are not the program's
+//! ([`Mode`](crate::mode::Mode)).
+//!
+//! A thread may be cancelled in the C library's functions, which unwinds it. So no value with a destructor exists where one of
+//! these calls such a function for the program, and where it calls [`test_cancel`].
+//!
+//! Not here, and so on the real clock: timers that send signals (alarm, setitimer, timer_create), descriptors of
+//! timerfd_create, and limits of calls that receive (SO_RCVTIMEO, sigtimedwait, mq_timedreceive).
+
+mod clocks;
+mod conditions;
+mod descriptors;
+mod locks;
+mod semaphores;
+mod sleeps;
+mod threads;
+
+use std::ffi::c_int;
+
+use crate::mode::{self, Mode};
+
+unsafe extern "C-unwind" {
+    fn pthread_testcancel();
+}
+
+/// Whether the calling function has to pass its call on.
+fn is_passed_on() -> bool {
+    mode::current() != Mode::Program
+}
+
+/// Ends the thread here if it was cancelled.
+fn test_cancel() {
+    // SAFETY: the function has no arguments. If it unwinds the thread, this function and its callers have nothing to drop.
+    unsafe { pthread_testcancel() }
+}
+
+/// Sets errno and returns -1.
+fn fail(errno: c_int) -> c_int {
+    mode::set_errno(errno);
+    -1
+}

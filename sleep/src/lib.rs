@@ -1,0 +1,44 @@
+//! The library that `ecmsk exec --clock virtual` preloads (LD_PRELOAD): it has functions of the C library by which a program
+//! waits and reads clocks, and passes them on the virtual clock of the simulated board.
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `clock.rs` | the virtual clock, and the clocks of the program that are derived from it |
+//! | `threads.rs`, `advance.rs` | the threads of the program: which run, which wait and for what; when time goes on |
+//! | `task.rs` | whether a thread is blocked in the kernel, from `/proc` |
+//! | `mode.rs` | whose call it is: the program's, the board's library's, or this library's own |
+//! | `boards.rs`, `table.rs` | the connection to NEXTWUSBLib, whose boards keep the time; `table.rs` is compiled there, too |
+//! | `counts.rs` | what `ecmsk exec` reports at the end |
+//! | `system.rs` | the functions of the C library behind these here |
+//! | `exports/` | the functions that the program calls |
+//!
+//! Time goes on only when every thread of the program waits, and then to the earliest end of a wait
+//! (docs/decisions/sleeping-programs-are-preloaded.md).
+#![cfg(all(target_os = "linux", target_env = "gnu"))]
+
+mod advance;
+mod boards;
+mod clock;
+mod counts;
+mod exports;
+mod mode;
+mod system;
+mod table;
+mod task;
+mod threads;
+
+/// The loader calls this before the program's main.
+#[used]
+#[unsafe(link_section = ".init_array")]
+static AT_START: extern "C" fn() = at_start;
+
+extern "C" fn at_start() {
+    let _own = mode::Own::begin();
+    clock::begin();
+    counts::open();
+    // Makes the table of threads: a signal handler may be the first that uses it, and must not allocate.
+    drop(threads::lock());
+    // SAFETY: the function replaces a pointer and allocates, which a child of fork may do with the GNU C library. Without
+    // memory for the registration a child of fork waits for threads that it does not have, at the pace of the real clock.
+    unsafe { libc::pthread_atfork(None, None, Some(threads::begin_anew)) };
+}

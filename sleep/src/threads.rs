@@ -1,0 +1,376 @@
+//! The threads of the program, and their waits.
+
+use std::collections::BTreeMap;
+use std::ffi::{c_int, c_void};
+use std::sync::atomic::{AtomicI32, AtomicPtr, AtomicU32, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Duration;
+
+use crate::clock::{self, NEVER};
+use crate::mode::{self, Own};
+use crate::{counts, system};
+
+/// How long a thread that waits sleeps on the real clock before it looks whether time goes on: for the first time, and at
+/// most \[OURS]. Other threads wake it when its wait ends. It looks by itself because nobody says when a thread has blocked
+/// in the kernel.
+const FIRST_PAUSE: Duration = Duration::from_micros(20);
+const PAUSE_MAX: Duration = Duration::from_millis(1);
+
+/// A thread of the program.
+pub struct Thread {
+    /// The kernel's number; 0 until the thread has begun.
+    pub number: AtomicI32,
+    /// The pthread_t; 0 until the thread has begun.
+    handle: AtomicUsize,
+    /// Changes to end a wait of the thread.
+    word: AtomicU32,
+    /// How many calls of NEXTWUSBLib the thread is in. In them it counts as running.
+    pub inside: AtomicU32,
+}
+
+/// What a thread waits for, beside its deadline.
+#[derive(Clone)]
+pub enum What {
+    /// Nothing.
+    Time,
+    /// That all others wait; its deadline has come already.
+    Turn,
+    /// The condition variable at this address.
+    Condition(usize),
+    /// The semaphore at this address.
+    Semaphore(usize),
+    /// A lock, which only the thread itself can try.
+    Lock,
+    /// One of these descriptors.
+    Descriptors(Arc<[libc::pollfd]>),
+}
+
+/// How a wait has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The virtual clock has reached the deadline.
+    Reached,
+    /// It has come, or may have.
+    Woken,
+    /// A signal handler has run, or the thread is to end (pthread_cancel).
+    Interrupted,
+}
+
+/// What a thread is doing.
+pub enum State {
+    /// It runs, or is blocked in a call that this library does not know.
+    Running,
+    /// It is in a call that ends by something else than time. It waits while it is blocked in the kernel.
+    Outside,
+    /// It waits.
+    Waiting {
+        /// On the virtual clock.
+        deadline: u64,
+        what: What,
+        /// Waits with lower numbers began earlier.
+        ticket: u64,
+    },
+    /// Its wait has ended, which it has not seen yet.
+    Ended(Outcome),
+}
+
+/// A thread with what it is doing.
+pub struct Entry {
+    pub thread: Arc<Thread>,
+    pub state: State,
+    /// The number of context switches, and the real time, at which a running thread was first found blocked.
+    pub blocked: Option<(u64, u64)>,
+    /// The time of the processor that it had used when it was first found running while time stands still, in nanoseconds.
+    pub used_ns: Option<u64>,
+    /// Whether it has tried its lock since time went on.
+    pub is_retried: bool,
+}
+
+impl Entry {
+    /// Ends its wait.
+    pub fn end_wait(&mut self, outcome: Outcome) {
+        self.state = State::Ended(outcome);
+        system::wake(&self.thread.word);
+    }
+}
+
+/// The threads of the program.
+#[derive(Default)]
+pub struct Threads {
+    pub entries: Vec<Entry>,
+    tickets: u64,
+    /// The virtual and the real time since when time stands still because a thread runs, in nanoseconds.
+    pub stands_still_from: Option<(u64, u64)>,
+    /// Condition variables that measure another clock than CLOCK_REALTIME; `None`: shared with other processes, so that
+    /// their waits stay real.
+    pub condition_clocks: BTreeMap<usize, Option<c_int>>,
+    /// Room for files of `/proc`.
+    pub buffer: Vec<u8>,
+}
+
+/// The present table. A child of fork gets a new one, because another thread may have held the lock of the old one.
+static THREADS: AtomicPtr<Mutex<Threads>> = AtomicPtr::new(std::ptr::null_mut());
+
+/// The table. To be locked only while the calling thread is in [`Own`].
+pub fn lock() -> MutexGuard<'static, Threads> {
+    let mut table = THREADS.load(Ordering::Acquire);
+    if table.is_null() {
+        let new = Box::into_raw(Box::default());
+        table = match THREADS.compare_exchange(std::ptr::null_mut(), new, Ordering::AcqRel, Ordering::Acquire) {
+            Ok(_) => new,
+            // Another thread was faster. The unused table stays allocated, once.
+            Err(other) => other,
+        };
+    }
+    // SAFETY: tables are never freed.
+    unsafe { &*table }.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// In a child of fork: it has one thread.
+pub extern "C" fn begin_anew() {
+    let _own = Own::begin();
+    THREADS.store(Box::into_raw(Box::default()), Ordering::Release);
+    clock::set_earliest(NEVER);
+    // The record of the parent's thread stays allocated.
+    mode::set_thread(std::ptr::null());
+}
+
+/// The record of the calling thread, which is made with its first call. It exists until the thread ends.
+pub fn current() -> &'static Thread {
+    let known = mode::thread();
+    // SAFETY: null or the record of this thread, which exists until it ends.
+    if let Some(thread) = unsafe { known.as_ref() } {
+        return thread;
+    }
+    let thread = add();
+    begin(&thread);
+    // SAFETY: as above, since `begin` keeps a reference.
+    unsafe { &*Arc::as_ptr(&thread) }
+}
+
+/// Adds a thread that is about to begin. It counts as running.
+pub fn add() -> Arc<Thread> {
+    let thread = Arc::new(Thread {
+        number: AtomicI32::new(0),
+        handle: AtomicUsize::new(0),
+        word: AtomicU32::new(0),
+        inside: AtomicU32::new(0),
+    });
+    lock().entries.push(Entry {
+        thread: Arc::clone(&thread),
+        state: State::Running,
+        blocked: None,
+        used_ns: None,
+        is_retried: false,
+    });
+    thread
+}
+
+/// Removes a thread that has not begun.
+pub fn remove(thread: &Thread) {
+    let mut threads = lock();
+    threads.entries.retain(|entry| !std::ptr::eq(&*entry.thread, thread));
+}
+
+/// Makes `thread` the record of the calling thread, until it ends.
+pub fn begin(thread: &Arc<Thread>) {
+    /// The key whose value is the record. Its destructor runs when a thread ends, but not when the process does: exit
+    /// handlers of the program still wait and read clocks.
+    static KEY: OnceLock<Option<libc::pthread_key_t>> = OnceLock::new();
+
+    thread.number.store(system::thread_number(), Ordering::Relaxed);
+    // SAFETY: the function has no arguments and cannot fail.
+    thread.handle.store(unsafe { libc::pthread_self() } as usize, Ordering::Relaxed);
+    let key = KEY.get_or_init(|| {
+        let mut key = 0;
+        // SAFETY: the key exists, and the function is in a library that is not unloaded.
+        (unsafe { libc::pthread_key_create(&raw mut key, Some(end)) } == 0).then_some(key)
+    });
+    let record = Arc::into_raw(Arc::clone(thread));
+    if let Some(key) = key {
+        // SAFETY: the key was made above. Without memory for the value the record is removed when `/proc` has the thread no
+        // more, and stays allocated.
+        unsafe { libc::pthread_setspecific(*key, record.cast()) };
+    }
+    mode::set_thread(record);
+}
+
+/// The end of a thread, whose record this is.
+unsafe extern "C" fn end(record: *mut c_void) {
+    let _own = Own::begin();
+    mode::set_thread(std::ptr::null());
+    // What the thread still calls is real: nobody would see its second end.
+    mode::set_real();
+    // SAFETY: the reference that `begin` has kept.
+    let thread = unsafe { Arc::from_raw(record.cast::<Thread>()) };
+    remove(&thread);
+}
+
+impl Threads {
+    fn entry(&mut self, thread: &Thread) -> Option<&mut Entry> {
+        self.entries.iter_mut().find(|entry| std::ptr::eq(&*entry.thread, thread))
+    }
+
+    fn set(&mut self, thread: &Thread, state: State) {
+        if let Some(entry) = self.entry(thread) {
+            (entry.state, entry.blocked, entry.used_ns) = (state, None, None);
+        }
+        self.note_earliest();
+    }
+
+    /// The earliest deadline of all waits; [`NEVER`]: none has one.
+    pub fn earliest(&self) -> u64 {
+        let deadlines = self.entries.iter().map(|entry| match entry.state {
+            State::Waiting { deadline, .. } => deadline,
+            _ => NEVER,
+        });
+        deadlines.min().unwrap_or(NEVER)
+    }
+
+    fn note_earliest(&self) {
+        clock::set_earliest(self.earliest());
+    }
+
+    /// Ends the waits that `ends` chooses by their deadline and what they are for.
+    pub fn end_waits(&mut self, outcome: Outcome, mut ends: impl FnMut(u64, &What) -> bool) -> usize {
+        let mut count = 0;
+        for entry in &mut self.entries {
+            if let State::Waiting { deadline, what, .. } = &entry.state
+                && ends(*deadline, what)
+            {
+                entry.end_wait(outcome);
+                count += 1;
+            }
+        }
+        self.note_earliest();
+        count
+    }
+
+    /// Ends the waits whose deadline has come. Those for a turn end in [`Self::advance`] alone.
+    fn end_due(&mut self) {
+        let now = clock::now();
+        self.end_waits(Outcome::Reached, |deadline, what| deadline <= now && !matches!(what, What::Turn));
+    }
+
+    fn outcome(&mut self, thread: &Thread) -> Option<Outcome> {
+        match self.entry(thread).map(|entry| &entry.state) {
+            Some(State::Ended(outcome)) => Some(*outcome),
+            Some(State::Waiting { .. }) => None,
+            // The table is another one since a fork.
+            _ => Some(Outcome::Woken),
+        }
+    }
+}
+
+/// Wakes the threads whose deadline has come.
+pub fn wake_due() {
+    let _own = Own::begin();
+    lock().end_due();
+}
+
+/// Waits until `deadline`, or until `is_done`, which is asked from time to time, or until another thread ends the wait.
+pub fn wait(what: What, deadline: u64, is_done: impl FnMut() -> bool) -> Outcome {
+    wait_and(what, deadline, || (), is_done)
+}
+
+/// [`wait`], where `begun` is called when other threads can end the wait.
+pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: impl FnMut() -> bool) -> Outcome {
+    let thread = current();
+    let is_turn = matches!(what, What::Turn);
+    if !is_turn {
+        counts::wait();
+    }
+    let mut threads = lock();
+    threads.tickets += 1;
+    let ticket = threads.tickets;
+    threads.set(thread, State::Waiting { deadline, what, ticket });
+    begun();
+    let mut pause = FIRST_PAUSE;
+    let outcome = loop {
+        if let Some(outcome) = threads.outcome(thread) {
+            break outcome;
+        }
+        if is_done() {
+            break Outcome::Woken;
+        }
+        if !is_turn && deadline <= clock::now() {
+            break Outcome::Reached;
+        }
+        if threads.advance() {
+            continue;
+        }
+        let seen = thread.word.load(Ordering::Acquire);
+        drop(threads);
+        let is_interrupted = system::wait_on(&thread.word, seen, pause);
+        pause = (pause * 2).min(PAUSE_MAX);
+        threads = lock();
+        if is_interrupted && threads.outcome(thread).is_none() {
+            break Outcome::Interrupted;
+        }
+    };
+    threads.set(thread, State::Running);
+    outcome
+}
+
+/// Waits until all other threads wait.
+pub fn turn() {
+    if mode::is_real() {
+        return;
+    }
+    current();
+    if lock().entries.len() > 1 {
+        wait(What::Turn, clock::now(), || false);
+    }
+}
+
+/// Runs a call of the C library that ends by something else than time. No destructor of this library runs if the thread is
+/// cancelled in it.
+pub fn outside<T>(call: impl FnOnce() -> T) -> T {
+    set_state(State::Outside);
+    let result = call();
+    set_state(State::Running);
+    result
+}
+
+fn set_state(state: State) {
+    let _own = Own::begin();
+    let thread = current();
+    lock().set(thread, state);
+}
+
+/// Ends the oldest wait for a condition variable, or all of them. Returns how many.
+pub fn signal(condition: usize, is_all: bool) -> usize {
+    let mut threads = lock();
+    let is_it = |what: &What| matches!(what, What::Condition(of) if *of == condition);
+    let oldest = threads.entries.iter().filter_map(|entry| match &entry.state {
+        State::Waiting { what, ticket, .. } if is_it(what) => Some((*ticket, Arc::clone(&entry.thread))),
+        _ => None,
+    });
+    let oldest = oldest.min_by_key(|(ticket, _)| *ticket).map(|(_, thread)| thread);
+    match oldest {
+        None => 0,
+        Some(_) if is_all => threads.end_waits(Outcome::Woken, |_, what| is_it(what)),
+        Some(thread) => {
+            threads.set(&thread, State::Ended(Outcome::Woken));
+            system::wake(&thread.word);
+            1
+        }
+    }
+}
+
+/// Lets the threads that wait for a semaphore try again.
+pub fn posted(semaphore: usize) {
+    lock().end_waits(Outcome::Woken, |_, what| matches!(what, What::Semaphore(of) if *of == semaphore));
+}
+
+/// Ends the wait of a thread that is cancelled.
+pub fn cancelled(handle: libc::pthread_t) {
+    let mut threads = lock();
+    let is_it = |entry: &&mut Entry| entry.thread.handle.load(Ordering::Relaxed) == handle as usize;
+    if let Some(entry) = threads.entries.iter_mut().find(is_it)
+        && matches!(entry.state, State::Waiting { .. })
+    {
+        entry.end_wait(Outcome::Interrupted);
+    }
+    threads.note_earliest();
+}

@@ -1,0 +1,107 @@
+//! Preloading on Linux.
+
+use std::fs::{self, File};
+use std::io::Read;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{MetadataExt, symlink};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::exec::ExecError;
+use crate::exec::library::LibraryFolder;
+use crate::exec::link::program_file;
+use crate::stderr::say;
+
+/// The file name of the library.
+pub const FILE_NAME: &str = "libecmsk_sleep.so";
+/// The variable with the libraries that the dynamic linker loads before all others.
+const PRELOAD: &str = "LD_PRELOAD";
+/// The variable with the path of the file for the counts. The library reads it.
+const COUNTS_VARIABLE: &str = "ECMSK_SLEEP_COUNTS";
+/// The numbers in that file: how often the library was loaded, the waits that it has passed on, and how far the virtual
+/// clock has come, in nanoseconds. The library's `counts.rs` has the same.
+const COUNTS: usize = 3;
+
+/// The preloaded library and the file with its counts.
+pub struct Preloaded {
+    counts: PathBuf,
+}
+
+impl Preloaded {
+    /// Makes `command` preload the library.
+    pub fn set(command: &mut Command, library: &LibraryFolder) -> Result<Self, ExecError> {
+        let failed = |source| ExecError::Folder { place: library.folder().to_owned(), source };
+        // Blanks separate the entries of the variable, as colons do.
+        if library.folder().as_os_str().as_bytes().iter().any(u8::is_ascii_whitespace) {
+            return Err(ExecError::UnlinkableFolder { folder: library.folder().to_owned() });
+        }
+        let file = library.folder().join(FILE_NAME);
+        symlink(find(library.library())?, &file).map_err(failed)?;
+        let counts = library.folder().join(".slept");
+        fs::write(&counts, [0; COUNTS * size_of::<u64>()]).map_err(failed)?;
+        let mut all = file.into_os_string();
+        if let Some(others) = std::env::var_os(PRELOAD).filter(|others| !others.is_empty()) {
+            all.push(":");
+            all.push(others);
+        }
+        command.env(PRELOAD, all).env(COUNTS_VARIABLE, &counts);
+        Ok(Self { counts })
+    }
+
+    /// Says after the program's end what the library has passed on, if the user wants details, and why it did nothing.
+    pub fn say(self, program: &Path, is_verbose: bool) {
+        let bytes = fs::read(&self.counts).unwrap_or_default();
+        let mut numbers = bytes.as_chunks().0.iter().map(|bytes| u64::from_ne_bytes(*bytes));
+        let [loads, waits, time_ns] = [(); COUNTS].map(|()| numbers.next().unwrap_or(0));
+        if loads == 0 {
+            say("warning", &format_args!("{} {}: its waits take real time", program.display(), not_loaded(program)));
+        } else if is_verbose {
+            let (seconds, micros) = (time_ns / 1_000_000_000, time_ns / 1_000 % 1_000_000);
+            say("clock", &format_args!("{waits} waits, {seconds}.{micros:06} s of virtual time"));
+        }
+    }
+}
+
+/// The library: beside NEXTWUSBLib, or in the folder `ecmsk` there. NEXTWUSBLib may be a symbolic link.
+fn find(library: &Path) -> Result<PathBuf, ExecError> {
+    let files = [Some(library.to_owned()), fs::canonicalize(library).ok()];
+    let mut places = files
+        .into_iter()
+        .flatten()
+        .flat_map(|library| [library.with_file_name(FILE_NAME), library.with_file_name("ecmsk").join(FILE_NAME)]);
+    places.find(|file| file.is_file()).ok_or_else(|| ExecError::NoSleepLibrary { library: library.to_owned() })
+}
+
+/// Why the dynamic linker has not loaded the library into the program.
+fn not_loaded(program: &Path) -> &'static str {
+    let file = program_file(program);
+    let mode = file.as_ref().and_then(|file| fs::metadata(file).ok()).map_or(0, |about| about.mode());
+    // The set-user-id and set-group-id bits.
+    if mode & 0o6000 != 0 {
+        return "runs with the rights of another user, into which nothing is preloaded";
+    }
+    match file.as_deref().and_then(is_static) {
+        Some(true) => "is statically linked",
+        _ => "has not loaded the library for --clock virtual",
+    }
+}
+
+/// Whether a program of this machine has no dynamic linker. `None`: it is no such program.
+///
+/// Source: the System V ABI, chapters 4 and 5 (ELF header, program header).
+fn is_static(file: &Path) -> Option<bool> {
+    /// The type of a program header that names the dynamic linker (PT_INTERP).
+    const INTERPRETER: u32 = 3;
+    let mut bytes = Vec::new();
+    File::open(file).ok()?.take(64 << 10).read_to_end(&mut bytes).ok()?;
+    // 64 bits, the width of this tool's machine.
+    if !bytes.starts_with(b"\x7fELF\x02") {
+        return None;
+    }
+    let word = |at: usize| Some(u16::from_ne_bytes(*bytes.get(at..)?.first_chunk()?));
+    let first = usize::try_from(u64::from_ne_bytes(*bytes.get(32..)?.first_chunk()?)).ok()?;
+    let (size, count) = (usize::from(word(54)?), usize::from(word(56)?));
+    let kind =
+        |number: usize| Some(u32::from_ne_bytes(*bytes.get(first.checked_add(number * size)?..)?.first_chunk()?));
+    Some((0..count).all(|number| kind(number) != Some(INTERPRETER)))
+}

@@ -92,7 +92,8 @@ fn two_stops_at_once() {
         let Wired { link, cable: _cable } = prepared(&server, &told);
         drive(link.as_ref(), 200);
         thread::scope(|scope| {
-            let stops = offs.map(|off| scope.spawn(|| stopped(&server, off)));
+            let server = &server;
+            let stops = offs.map(|off| scope.spawn(move || stopped(server, off)));
             for done in stops {
                 let done = done.join().unwrap();
                 assert!(matches!(done, Ok(Stopped { in_op: true, .. })), "{offs:?}: {done:?}");

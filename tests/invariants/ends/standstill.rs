@@ -37,6 +37,7 @@ impl End {
 
     /// Has another client stop the axes, and checks the same. `says_bye`: the writer closes its link before, so that
     /// there is none any more.
+    #[allow(dead_code, reason = "the fuzz target `settle` has writers that vanish")]
     pub fn of_stop(
         mut writer: InMemoryClient<'_>,
         says_bye: bool,

@@ -2,7 +2,7 @@
 
 use crate::common::{SECOND, cycles, enable, open};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, Homing, HomingPhase, Options, Slave};
-use ecmsk::link::{self, Link, Share};
+use ecmsk::link::{self, Share};
 use ecmsk::sk::MasterState;
 
 fn config(axis: Axis) -> Config {

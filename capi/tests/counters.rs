@@ -48,7 +48,7 @@ fn welcome() -> Vec<u8> {
     payload.push(b'x');
     // No slaves and no units are known.
     payload.extend([0; 4]);
-    [&b"ecmsktcp\x03\x00\x00\x01\x00\x00\x00\x00"[..], &message(WELCOME, &payload)].concat()
+    [&b"ecmsktcp\x04\x00\x00\x01\x00\x00\x00\x00"[..], &message(WELCOME, &payload)].concat()
 }
 
 /// A server that has dropped as many reports as can be counted, as it states in every report and every answer.

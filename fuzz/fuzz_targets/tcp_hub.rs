@@ -252,7 +252,7 @@ impl Hub<'_> {
                     assert!(link.inner.check().is_err(), "a good-bye, and the board is there");
                     continue;
                 }
-                ServerMessage::Other => continue,
+                ServerMessage::Other | ServerMessage::Stopped { .. } => continue,
             };
             if !any {
                 let asked = client.asked.pop_front();

@@ -8,9 +8,20 @@ use super::tcp::OnVanish;
 use crate::ecm::{Close, Ecm, EcmError, Options, Succeeded, Watch};
 use crate::link::{Link, Wait};
 use crate::sk::{FifoAction, Frame, MasterCommand};
+use crate::tcp::wire::StopEnd;
 
 /// The timeout for writing a frame to a board that makes no reports. \[OURS]
 const CLEAR_WRITE_MAX: Duration = Duration::from_millis(200);
+
+/// How bringing axes to a standstill has ended.
+#[derive(Clone, Debug)]
+pub(super) struct Standstill {
+    /// Whether the axes were switched off, too.
+    pub(super) off: bool,
+    pub(super) end: StopEnd,
+    /// The details, for a client that has asked for the stop; may be empty.
+    pub(super) text: String,
+}
 
 /// A board whose client or host, `who`, has vanished. Until the axes stand still, only the server uses `link`. Closing
 /// this link leaves the board open.
@@ -24,31 +35,42 @@ pub(super) struct LeftBoard<'a> {
 }
 
 impl LeftBoard<'_> {
-    /// Brings the axes to a standstill, within the time limits of [`Ecm::close`].
-    pub(super) fn bring_to_standstill(&self, on_vanish: OnVanish) {
+    /// Brings the axes to a standstill, within the time limits of [`Ecm::close`]. Returns how that has ended; `None`: the
+    /// axes are left as they are, or the board is lost.
+    pub(super) fn bring_to_standstill(&self, on_vanish: OnVanish) -> Option<Standstill> {
         let off = match on_vanish {
-            OnVanish::Leave => return (self.tell)("axes are left as they are (on-vanish=leave)"),
+            OnVanish::Leave => {
+                (self.tell)("axes are left as they are (on-vanish=leave)");
+                return None;
+            }
             OnVanish::Ramp => false,
             OnVanish::ServoOff => true,
         };
         if self.link.check().is_err() {
-            return;
+            return None;
         }
         let who = self.who;
-        match self.stop_axes(off) {
+        let (end, text) = match self.stop_axes(off) {
             Ok(Succeeded::Stand { discarded: entries }) => {
-                (self.tell)(&format!("axes stand still after {who}{}", dropped(entries)));
+                let dropped = dropped(entries);
+                (self.tell)(&format!("axes stand still after {who}{dropped}"));
+                (StopEnd::Stand, dropped.trim_start_matches("; ").to_owned())
             }
-            Ok(Succeeded::NotInOp) => {}
-            Ok(Succeeded::Unknown { discarded: entries }) => (self.tell)(&format!(
-                "the network was configured before this server came: what moves is not known to it and goes on{}; \
-                 use the emergency stop if axes move",
-                dropped(entries)
-            )),
+            Ok(Succeeded::NotInOp) => (StopEnd::NotInOp, String::new()),
+            Ok(Succeeded::Unknown { discarded: entries }) => {
+                (self.tell)(&format!(
+                    "the network was configured before this server came: what moves is not known to it and goes on{}; \
+                     use the emergency stop if axes move",
+                    dropped(entries)
+                ));
+                (StopEnd::Unknown, String::new())
+            }
             Err(error) => {
                 (self.tell)(&format!("axes may still move after {who}: {error}; use the emergency stop"));
+                (StopEnd::Failed, error.to_string())
             }
-        }
+        };
+        Some(Standstill { off, end, text })
     }
 
     fn stop_axes(&self, off: bool) -> Result<Succeeded, EcmError> {

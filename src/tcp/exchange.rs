@@ -179,6 +179,9 @@ impl Exchange {
                 let reason = match end {
                     End::Stopped => "its server was stopped".to_owned(),
                     End::Lost => text.to_owned(),
+                    End::Overruled => {
+                        format!("stopped by another client, {text}, and its server brings the axes to a standstill")
+                    }
                     End::Closed | End::Broken => format!("its server has ended the connection: {text}"),
                 };
                 // The server answers requests in the order in which it executes them, and Bye is its last message. So it has

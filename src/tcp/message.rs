@@ -13,6 +13,8 @@ pub enum Role {
     Writer,
     /// The client receives every report, but must not send commands.
     Reader,
+    /// The client has axes stopped ([`Message::Stop`]). It receives no reports, and takes no place of the other clients.
+    Stopper,
 }
 
 /// A client's first message.
@@ -80,6 +82,22 @@ pub enum End {
     Lost = 3,
     /// The other end has violated the protocol; the text has the details.
     Broken = 4,
+    /// Another client, which the text names, has the axes of this writer stopped.
+    Overruled = 5,
+}
+
+/// How a stop that a client has asked for has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum StopEnd {
+    /// All axes stand still.
+    Stand = 1,
+    /// The network is not in OP, so that no axis follows commands.
+    NotInOp = 2,
+    /// The server has not seen the configuration of the network, so it does not know the axes: what moves goes on.
+    Unknown = 3,
+    /// The stop has failed, and axes may still move; the text has the reason.
+    Failed = 4,
 }
 
 /// The counters that the server gives for its link to the board.
@@ -100,7 +118,7 @@ pub struct Failure<'a> {
     pub(super) text: &'a str,
 }
 
-/// A message. Clients send the variants from `Hello` to `Bye`, servers those from `Ping` to `Failed`, so both send `Ping` and
+/// A message. Clients send the variants from `Hello` to `Bye`, servers those from `Ping` to `Stopped`, so both send `Ping` and
 /// `Bye`. The client numbers its requests, and each answer repeats the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Message<'a> {
@@ -139,6 +157,14 @@ pub enum Message<'a> {
     Cancel {
         /// The number of the write request.
         request: u64,
+    },
+    /// A request of a stopper: the server ends the connection of the writer, if there is one, and brings the axes to a
+    /// standstill, as those of a writer that has vanished.
+    Stop {
+        /// The number of the request.
+        request: u64,
+        /// Whether the axes are switched off when they stand.
+        off: bool,
     },
     /// The keep-alive message, which both ends send if they have nothing else to send.
     Ping,
@@ -208,5 +234,16 @@ pub enum Message<'a> {
         now: Option<Stamp>,
         /// The reason of the failure.
         failure: Failure<'a>,
+    },
+    /// The answer to a request to stop the axes, once they stand.
+    Stopped {
+        /// The number of the request.
+        request: u64,
+        /// How the stop has ended.
+        end: StopEnd,
+        /// The name of the writer that was stopped; empty if there was none.
+        writer: &'a str,
+        /// The details as text, for example why the stop has failed; may be empty.
+        text: &'a str,
     },
 }

@@ -24,6 +24,7 @@
 //! - `client.rs`: [`TcpLink`], the link itself
 //! - `hang.rs`: a program that has stopped calling (`hang_ms=`); `forks.rs`: one that has forked
 //! - `reconnect.rs`: a reader that connects again (`reconnect_ms=`)
+//! - `stop.rs`: a client that has the axes of another one stopped
 
 mod channel;
 mod client;
@@ -41,6 +42,7 @@ mod message;
 mod options;
 mod proof;
 mod reconnect;
+mod stop;
 mod tls;
 #[cfg(test)]
 mod vectors;
@@ -65,6 +67,7 @@ pub(crate) use inbox::Inbox;
 pub use options::{DEFAULT_PORT, TcpOptions};
 pub(crate) use proof::{Material, PROOF_LEN, Side};
 pub use proof::{SECRET, Secret};
+pub use stop::{StopError, Stopped, stop};
 pub(crate) use tls::ServerTls;
 #[cfg(all(test, feature = "sim"))]
 pub(crate) use tls::connect as client_session;

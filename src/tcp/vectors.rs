@@ -4,7 +4,8 @@
 use proptest::prelude::*;
 
 use super::wire::{
-    Counts, End, Failure, Greeting, Hello, MESSAGE_MAX, Message, PAYLOAD_MAX, Refusal, Role, Welcome, WireError,
+    Counts, End, Failure, Greeting, Hello, MESSAGE_MAX, Message, PAYLOAD_MAX, Refusal, Role, StopEnd, Welcome,
+    WireError,
 };
 use crate::engine::Counters;
 use crate::link::{ReadMeta, Stamp, Wait};
@@ -35,8 +36,14 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
         (Message::Pass { request: 3, ns: 1000 }, "10000400 0300000000000000 e803000000000000"),
         (Message::Count { request: 4 }, "08000500 0400000000000000"),
         (Message::Cancel { request: 5 }, "08000600 0500000000000000"),
+        (Message::Stop { request: 6, off: true }, "09000700 0600000000000000 01"),
         (Message::Ping, "00004000"),
         (Message::Bye { end: End::Lost, text: "oh" }, "05004100 03 0200 6f68"),
+        (Message::Bye { end: End::Overruled, text: "p" }, "04004100 05 0100 70"),
+        (
+            Message::Hello(Hello { role: Role::Stopper, keepalive_ms: 500, pid: 2, program: "p", proof: &[7; 32] }),
+            "2c000100 02 f4010000 02000000 [07;32] 0100 70",
+        ),
         (
             Message::Welcome(Welcome {
                 proof: &[7; 32],
@@ -78,6 +85,10 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
             Message::Failed { request: 6, now: None, failure: Failure { code: 2, numbers: [1, 2], text: "" } },
             "23008800 0600000000000000 ffffffffffffffff 02 0100000000000000 0200000000000000 0000",
         ),
+        (
+            Message::Stopped { request: 6, end: StopEnd::Failed, writer: "w", text: "oh" },
+            "10008900 0600000000000000 04 0100 77 0200 6f68",
+        ),
     ]
 }
 
@@ -105,7 +116,7 @@ fn every_message_encodes_to_its_frozen_bytes_and_back() {
         assert_eq!(Message::decode(out[2], &out[4..length]), Ok(message));
     }
     let greeting = Greeting { tls: true, has_room: false };
-    assert_eq!(greeting.encode()[..], bytes("65636d736b746370 0300 01 00 00000000"));
+    assert_eq!(greeting.encode()[..], bytes("65636d736b746370 0400 01 00 00000000"));
     assert_eq!(Greeting::decode(&greeting.encode()), Ok(greeting));
 }
 

@@ -8,7 +8,7 @@
 
 use super::counts::{get_counters, put_counters};
 use super::fields::{Get, Put};
-pub use super::message::{Counts, End, Failure, Hello, Message, Refusal, Role, Welcome};
+pub use super::message::{Counts, End, Failure, Hello, Message, Refusal, Role, StopEnd, Welcome};
 pub use super::wire_error::{PAYLOAD_MAX, VERSION, WireError};
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::SlotSize;
@@ -70,6 +70,7 @@ const READ: u8 = 0x03;
 const PASS: u8 = 0x04;
 const COUNT: u8 = 0x05;
 const CANCEL: u8 = 0x06;
+const STOP: u8 = 0x07;
 const PING: u8 = 0x40;
 const BYE: u8 = 0x41;
 const WELCOME: u8 = 0x81;
@@ -80,6 +81,7 @@ const GOT: u8 = 0x85;
 const PASSED: u8 = 0x86;
 const COUNTED: u8 = 0x87;
 const FAILED: u8 = 0x88;
+const STOPPED: u8 = 0x89;
 
 impl<'a> Message<'a> {
     /// The code of the message's kind in the header.
@@ -91,6 +93,7 @@ impl<'a> Message<'a> {
             Self::Pass { .. } => PASS,
             Self::Count { .. } => COUNT,
             Self::Cancel { .. } => CANCEL,
+            Self::Stop { .. } => STOP,
             Self::Ping => PING,
             Self::Bye { .. } => BYE,
             Self::Welcome(_) => WELCOME,
@@ -101,6 +104,7 @@ impl<'a> Message<'a> {
             Self::Passed { .. } => PASSED,
             Self::Counted { .. } => COUNTED,
             Self::Failed { .. } => FAILED,
+            Self::Stopped { .. } => STOPPED,
         }
     }
 
@@ -137,6 +141,10 @@ impl<'a> Message<'a> {
                 put.u64(ns);
             }
             Self::Count { request } | Self::Cancel { request } => put.u64(request),
+            Self::Stop { request, off } => {
+                put.u64(request);
+                put.u8(off.into());
+            }
             Self::Ping => {}
             Self::Bye { end, text } => {
                 put.u8(end as u8);
@@ -188,6 +196,12 @@ impl<'a> Message<'a> {
                 failure.numbers.iter().for_each(|number| put.u64(*number));
                 put.text(failure.text);
             }
+            Self::Stopped { request, end, writer, text } => {
+                put.u64(request);
+                put.u8(end as u8);
+                put.text(writer);
+                put.text(text);
+            }
         }
     }
 
@@ -205,7 +219,12 @@ impl<'a> Message<'a> {
     fn get(kind: u8, get: &mut Get<'a>) -> Result<Self, WireError> {
         Ok(match kind {
             HELLO => Self::Hello(Hello {
-                role: if get.flag()? { Role::Reader } else { Role::Writer },
+                role: match get.u8()? {
+                    0 => Role::Writer,
+                    1 => Role::Reader,
+                    2 => Role::Stopper,
+                    found => return Err(get.value("a role", found.into())),
+                },
                 keepalive_ms: get.u32()?,
                 pid: get.u32()?,
                 proof: get.array()?,
@@ -216,6 +235,7 @@ impl<'a> Message<'a> {
             PASS => Self::Pass { request: get.u64()?, ns: get.u64()? },
             COUNT => Self::Count { request: get.u64()? },
             CANCEL => Self::Cancel { request: get.u64()? },
+            STOP => Self::Stop { request: get.u64()?, off: get.flag()? },
             PING => Self::Ping,
             BYE => {
                 let end = match get.u8()? {
@@ -223,6 +243,7 @@ impl<'a> Message<'a> {
                     2 => End::Stopped,
                     3 => End::Lost,
                     4 => End::Broken,
+                    5 => End::Overruled,
                     found => return Err(get.value("the reason of an end", found.into())),
                 };
                 Self::Bye { end, text: get.text()? }
@@ -266,6 +287,18 @@ impl<'a> Message<'a> {
                 request: get.u64()?,
                 now: get.stamp()?,
                 failure: Failure { code: get.u8()?, numbers: [get.u64()?, get.u64()?], text: get.text()? },
+            },
+            STOPPED => Self::Stopped {
+                request: get.u64()?,
+                end: match get.u8()? {
+                    1 => StopEnd::Stand,
+                    2 => StopEnd::NotInOp,
+                    3 => StopEnd::Unknown,
+                    4 => StopEnd::Failed,
+                    found => return Err(get.value("the end of a stop", found.into())),
+                },
+                writer: get.text()?,
+                text: get.text()?,
             },
             kind => return Err(WireError::Kind { kind }),
         })

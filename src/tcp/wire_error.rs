@@ -1,7 +1,7 @@
 //! Errors in received bytes, and the limits of the protocol.
 
 /// The version of the protocol, which must be the same at both ends.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 /// The maximum length of a message's payload in bytes. \[OURS]
 pub const PAYLOAD_MAX: usize = 1024;
 

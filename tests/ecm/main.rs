@@ -9,6 +9,7 @@
 //! - `threads.rs`, `answers.rs`, `ends.rs`, `interrupt.rs`: several threads, lost frames, calls that something comes
 //!   between, or that the program interrupts
 //! - `bad_states.rs`, `bad_boards.rs`: every call in every state, and with every failure of a board
+//! - `stop.rs`: what another program has left moving
 //! - `safety.rs`, `example.rs`: the statements of docs/SAFETY.md; the programs of `examples/rust/`
 //! - `common/`: programs and links that the tests share
 
@@ -28,6 +29,7 @@ mod kinds;
 mod safety;
 mod sdo;
 mod states;
+mod stop;
 mod stream;
 mod targets;
 mod threads;

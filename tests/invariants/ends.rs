@@ -55,6 +55,7 @@ struct Done {
     slow: u64,
     spoiled: u64,
     broken: u64,
+    stopped: u64,
     stood: u64,
     stood_before: u64,
     /// Commands of brakes' own.
@@ -76,6 +77,7 @@ impl AddAssign for Done {
         self.slow += other.slow;
         self.spoiled += other.spoiled;
         self.broken += other.broken;
+        self.stopped += other.stopped;
         self.stood += other.stood;
         self.stood_before += other.stood_before;
         self.own += other.own;
@@ -138,7 +140,13 @@ fn schedule(seed: u64, may_break: bool) -> Done {
     if may_break && stalls.one_in(4) {
         eyes.stand_still(stalls, 20);
     }
-    let end = End::of(caller, &server, &eyes, cycle);
+    let mut stops = Dice(seed ^ 0x5374_6F70_7321);
+    let is_stopped = may_break && stops.one_in(4);
+    let end = if is_stopped {
+        End::of_stop(caller, stops.one_in(2), &server, &eyes, cycle)
+    } else {
+        End::of(caller, &server, &eyes, cycle)
+    };
     let own = course::check(&units, bounds.accepted());
     let was_broken = heal(&eyes, cycle);
     if !was_broken {
@@ -183,6 +191,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
         slow: u64::from(cycle > 8000),
         spoiled: u64::from(life.spoiled > 0),
         broken: was_broken.into(),
+        stopped: is_stopped.into(),
         stood: stood.into(),
         stood_before: stood_before.into(),
         own,
@@ -218,7 +227,7 @@ fn writers_that_die() {
     let (schedules, all) = run_all("writers_that_die", SCHEDULES, |seed| schedule(seed, true));
     if schedules >= SCHEDULES {
         let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, broken, stood, .. } = all;
-        let Done { stood_before, own, usual, .. } = all;
+        let Done { stood_before, own, usual, stopped, .. } = all;
         for (what, n, of) in [
             ("moving", moving, 3),
             ("full", full, 12),
@@ -230,6 +239,7 @@ fn writers_that_die() {
             ("slow", slow, 12),
             ("spoiled", spoiled, 10),
             ("broken", broken, 20),
+            ("stopped", stopped, 8),
             ("stood", stood, 8),
             ("stood before", stood_before, 10),
             ("commands of brakes", own, 1),

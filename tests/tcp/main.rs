@@ -8,10 +8,12 @@
 //! - `secret.rs`: TLS and the shared secret
 //! - `bounded.rs`: long virtual times
 //! - `vanish.rs`: moving axes whose writer has vanished
+//! - `stop.rs`: axes that another client has stopped
 
 mod bounded;
 mod link;
 mod peers;
 mod secret;
+mod stop;
 mod strangers;
 mod vanish;

@@ -235,7 +235,7 @@ fn another_server_or_another_version_is_refused() {
     for (first, part) in [
         (b"HTTP/1.1 400 Bad Request\r\n".to_vec(), "no `ecmsk serve tcp`"),
         (version.to_vec(), "version 9"),
-        (b"ecmsktcp\x01\x00\x00\x01\x00\x00\x00\x00".to_vec(), "version 1 of the protocol, this one 3"),
+        (b"ecmsktcp\x01\x00\x00\x01\x00\x00\x00\x00".to_vec(), "version 1 of the protocol, this one 4"),
         (Vec::new(), "closed the connection"),
         (GREETING[..7].to_vec(), "closed the connection"),
         ([&GREETING[..], &message(PING, b"")].concat(), "out of turn"),

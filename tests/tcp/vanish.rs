@@ -22,19 +22,19 @@ use support::tcp::{LIMIT, SIZE, Told, connect, connect_next, options, own, serve
 const KEEPALIVE: Duration = Duration::from_millis(500);
 
 /// A writer's link, and its cable.
-struct Wired {
-    link: Arc<dyn Link>,
-    cable: Cable,
+pub(super) struct Wired {
+    pub(super) link: Arc<dyn Link>,
+    pub(super) cable: Cable,
 }
 
-fn served(clock: &str, on_vanish: OnVanish) -> (Server, Told) {
+pub(super) fn served(clock: &str, on_vanish: OnVanish) -> (Server, Told) {
     let (options, told) = options();
     let server = serve_with(&format!("sim:?slaves=drive*3&clock={clock}"), ServeOptions { on_vanish, ..options });
     (server, told)
 }
 
 /// A writer with axes 1 in CSP, 2 in CSV, 3 in CST, switched on.
-fn config() -> Config {
+pub(super) fn config() -> Config {
     let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Drive(Axis::CST)];
     Config { slaves, ..Config::default() }
 }
@@ -43,7 +43,7 @@ fn config() -> Config {
 const AHEAD: i32 = 100;
 
 /// Moves axes 1 and 2 through a link until `frames` were taken.
-fn drive(link: &dyn Link, frames: i32) {
+pub(super) fn drive(link: &dyn Link, frames: i32) {
     for n in 1..=frames {
         let mut frame = Frame::new();
         frame.put_slave(SIZE, 1, &SlaveCommand::Csp(Motion::to(n * 100)).into());
@@ -59,7 +59,7 @@ fn drive(link: &dyn Link, frames: i32) {
 
 /// Brings the network to OP with every axis on, leaves it in that state, and returns a link that has seen nothing of
 /// it.
-fn prepared(server: &Server, told: &Told) -> Wired {
+pub(super) fn prepared(server: &Server, told: &Told) -> Wired {
     let options = Options { close: Close::Leave, ..Options::default() };
     let ecm = Ecm::open_with(&uri(server, ""), options).unwrap();
     ecm.configure(&config()).unwrap();
@@ -72,7 +72,7 @@ fn prepared(server: &Server, told: &Told) -> Wired {
 }
 
 /// Positions of the axes, and whether they are on.
-type Axes = Vec<(i32, bool)>;
+pub(super) type Axes = Vec<(i32, bool)>;
 
 fn look(server: &Server) -> Axes {
     let ecm = until("place for a writer", || Ecm::open(&uri(server, "")).ok());
@@ -88,7 +88,7 @@ fn look(server: &Server) -> Axes {
 }
 
 /// The axes now, and 100 cycles later.
-fn after(server: &Server) -> (Axes, Axes) {
+pub(super) fn after(server: &Server) -> (Axes, Axes) {
     let first = look(server);
     let ecm = Ecm::open(&uri(server, "")).unwrap();
     for _ in 0..100 {

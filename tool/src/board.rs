@@ -44,18 +44,18 @@ use network::Network;
 const HEADING: &str = "Board";
 
 // No doc comment: clap would show it as the help of every verb.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug, Default, clap::Args)]
 #[group(skip)]
 pub struct Args {
     /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
-    link: Option<LinkUri>,
+    pub link: Option<LinkUri>,
 
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, global = true, help_heading = HEADING, help = machine_option::HELP)]
-    machine: Option<PathBuf>,
+    pub machine: Option<PathBuf>,
 
     #[arg(long, value_name = "LIST", value_parser = Network::parse, global = true, help_heading = HEADING, help = network::help())]
-    slaves: Option<Network>,
+    pub slaves: Option<Network>,
 
     /// Bring the network up as far as the verb needs: configure it, enter OP, switch on the axes that it moves
     #[arg(long, global = true, help_heading = HEADING)]
@@ -63,11 +63,11 @@ pub struct Args {
 
     /// EtherCAT cycle, microseconds: 250, 500, 1000, 2000, 4000 .. [default: that of the machine file, else 1000]
     #[arg(long, value_name = "N", global = true, help_heading = HEADING)]
-    cycle_us: Option<u32>,
+    pub cycle_us: Option<u32>,
 
     /// Bytes of a slot, 12 or 16 [default: what the link says, else the size with which the CRCs of reports are right]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, help_heading = HEADING)]
-    slot_size: Option<SlotSize>,
+    pub slot_size: Option<SlotSize>,
 
     /// Former name of --slot-size
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, hide = true, conflicts_with = "slot_size")]
@@ -102,14 +102,21 @@ pub struct Args {
     /// What the axes do at the end: hold (stop and stay on), servo-off (stop and switch off), leave (change nothing)
     /// [default: hold; leave for a verb that moves nothing]
     #[arg(long, value_name = "HOW", value_parser = close, global = true, help_heading = HEADING)]
-    close: Option<Close>,
+    pub close: Option<Close>,
 
     /// Print one JSON object a line: results, and progress once a second
     #[arg(long, global = true, help_heading = HEADING)]
-    json: bool,
+    pub json: bool,
 }
 
 impl Args {
+    /// The options of a verb that has only some of them: those that `set` sets, and none of the others.
+    pub fn with(set: impl FnOnce(&mut Self)) -> Self {
+        let mut args = Self::default();
+        set(&mut args);
+        args
+    }
+
     /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory; `None` if there is
     /// neither.
     ///

@@ -190,7 +190,6 @@ fn failed_in_json(error: &str, code: u8) {
 const ELSEWHERE: &[(&str, &str)] = &[
     ("alarm", ALARMS),
     ("alarms", ALARMS),
-    ("jog", "`ecmsk move` moves axes; `ecmsk shell` does one move after the other on an open board"),
     ("record", "`--record FILE`, which each verb has that talks to a board, and `record=FILE` of a link record"),
     ("reset", ALARMS),
     ("scan", "`ecmsk bus scan` lists the slaves of a network, `ecmsk info --scan` those of a board"),

@@ -15,6 +15,7 @@
 //!   of them; `board.rs` is the code that they share
 //! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`:
 //!   one verb each; `image.rs` reads Windows programs for `doctor` and `exec`
+//! - `stop.rs`: `ecmsk stop`, which stops the axes of whatever program moves them
 //! - `params.rs`: `ecmsk params`, the parameters of drives, in `params/`
 //! - `machine.rs`: `ecmsk machine`, the machine file, in `machine/`
 //! - `bus.rs`: `ecmsk bus`, the look at any network, one file for each verb in `bus/`
@@ -74,6 +75,7 @@ mod slave;
 mod slot_size;
 mod stderr;
 mod step;
+mod stop;
 mod streams;
 mod summary;
 mod transfer;
@@ -113,6 +115,7 @@ Exit codes:
        0 the parameters are equal, 1 they differ, 2 they could not be compared (as diff)
   machine check
        0 nothing is wrong, 1 the network differs from the file, 2 it could not be compared
+  stop 0 axes stand still, or the network is not in OP; 1 axes may still move
   params restore
        0 all were written and read back, 1 some were not
   bus errors, bus dc
@@ -146,6 +149,8 @@ enum Verb {
     Assert(assert::Args),
     #[command(flatten)]
     Step(step::Verb),
+    Jog(step::OnBoard<step::jog::Args>),
+    Stop(stop::Args),
     Run(script::Args),
     Shell(shell::Args),
     Compare(compare::Args),
@@ -199,6 +204,8 @@ impl Verb {
             Self::Assert(args) => assert::run(&args),
             Self::Plot(args) => plot::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Step(verb) => Ok(step::run(verb).map(|()| ExitCode::SUCCESS)?),
+            Self::Jog(args) => Ok(step::jog::run(args).map(|()| ExitCode::SUCCESS)?),
+            Self::Stop(args) => Ok(stop::run(&args).map(|()| ExitCode::SUCCESS)?),
             Self::Run(args) => Ok(script::run(&args).map(|()| ExitCode::SUCCESS)?),
             Self::Shell(args) => Ok(shell::run(&args)?),
             Self::Compare(args) => Ok(compare::run(&args)?),

@@ -8,12 +8,14 @@
 //! - `info.rs`, `state.rs`, `sdo.rs`, `io.rs`, `servo.rs`, `home.rs`, `wait.rs`, `expect.rs`, `fault.rs`: one step each
 //! - `object.rs`: objects, types and values of `sdo`
 //! - `motion.rs`, `motion/`, `profile.rs`: `move`: its targets, the straight path of all axes, and the motion profile along it
+//! - `jog.rs`, `jog/`: `jog`, which is no step of a script, because it needs a hand
 
 mod expect;
 mod fault;
 mod home;
 mod info;
 mod io;
+pub mod jog;
 mod line;
 mod motion;
 pub mod object;

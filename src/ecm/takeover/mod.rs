@@ -8,10 +8,12 @@ use std::time::Duration;
 
 pub use watch::Watch;
 
+use super::config::{Axis, Config, Slave, modes};
 use super::standstill::{self, LeftBehind};
 use super::{Ecm, EcmError};
+use crate::ethercat::cia402::Mode;
 use crate::link::Stamp;
-use crate::sk::MasterState;
+use crate::sk::{CommandId, MasterState};
 
 /// The result of stopping the axes of a program that has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,6 +73,54 @@ impl Ecm {
         self.take_over(watch)?;
         self.bring_to_rest(off, &mut left)?;
         Ok(Succeeded::Stand { discarded: left.discarded })
+    }
+
+    /// Brings the axes of a network that another program has left running to a standstill, within the time limit of
+    /// [`Ecm::close`], and switches them off with `off`. `config` is the configuration of the network, where the modes are
+    /// those of axes whose reports do not show theirs. Homing is aborted; entries in the FIFO are executed first, as when
+    /// a board is closed, and a threshold for them is reset. Returns whether the network is in OP: if it is not, no axis
+    /// follows commands, and nothing is sent.
+    ///
+    /// ```
+    /// use ecmsk::ecm::{Config, Ecm};
+    ///
+    /// let ecm = Ecm::open("sim:?slaves=drive&clock=virtual")?;
+    /// assert!(!ecm.stop(&Config::drives(1), false)?, "the board was just switched on, and is in PreOP");
+    /// # Ok::<(), ecmsk::ecm::EcmError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`EcmError::Config`] if the configuration is invalid. As [`Ecm::close`] if axes may still be moving or on.
+    pub fn stop(&self, config: &Config, off: bool) -> Result<bool, EcmError> {
+        self.adopt(config)?;
+        self.next_of_now()?;
+        let session = self.exchange.lock()?;
+        if !session.in_op() {
+            return Ok(false);
+        }
+        let executed = |slave: u8| CommandId::from_code(session.slot(slave.into()).id);
+        let mut left = LeftBehind { is_foreign: true, has_threshold: true, ..LeftBehind::default() };
+        let mut seen = config.clone();
+        for (number, slave) in (1..).zip(&mut seen.slaves) {
+            let Some(axis) = slave.axis().copied() else { continue };
+            let mode = match executed(number) {
+                CommandId::GoHome => {
+                    left.homing.insert(number);
+                    continue;
+                }
+                CommandId::Csp => Mode::Csp,
+                CommandId::Csv => Mode::Csv,
+                CommandId::Cst => Mode::Cst,
+                _ => continue,
+            };
+            if modes(slave.kind()).contains(&mode) {
+                *slave = Slave::with_axis(slave.kind(), Axis { mode, ..axis });
+            }
+        }
+        drop(session);
+        self.adopt(&seen)?;
+        self.bring_to_rest(off, &mut left)?;
+        Ok(true)
     }
 
     /// Waits for a report that is made after this call began. Earlier reports do not show the effect of the ended

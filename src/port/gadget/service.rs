@@ -343,8 +343,9 @@ impl Service {
         let link = self.link();
         let watch = || link.watch();
         let shared: Arc<dyn Link> = link.clone();
-        LeftBoard { link: shared, watch: &watch, who: why, tell: &|line| self.tell(line) }
-            .bring_to_standstill(self.options.on_vanish);
+        let left = LeftBoard { link: shared, watch: &watch, who: why, tell: &|line| self.tell(line) };
+        // How it has ended is in the log.
+        let _ = left.bring_to_standstill(self.options.on_vanish);
     }
 
     /// Hides a lost board from its host, and makes it visible again when its link can be opened.

@@ -274,6 +274,7 @@ fn connection(client: Arc<Client>, board: &Arc<Board>, mut inbox: Inbox, shared:
             client.finish(End::Broken, &error.to_string());
             hub.tell(&format!("{} does not keep to the protocol: {error}", client.name));
         }
+        Left::Overruled(by) => hub.tell(&format!("{} was stopped by {by}", client.name)),
         Left::Dismissed if hub.has(board) && !hub.is_stopping() => {
             hub.tell(&format!("{} is gone: it does not take what is sent to it", client.name));
         }
@@ -286,6 +287,7 @@ const fn role_name(role: Role) -> &'static str {
     match role {
         Role::Writer => "writer",
         Role::Reader => "reader",
+        Role::Stopper => "client that asks for a stop",
     }
 }
 
@@ -315,6 +317,9 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
     let patience = patience(client.keepalive);
     let mut is_drained = false;
     loop {
+        if let Err(left) = session.check_overruled() {
+            return left;
+        }
         // The inbox may already contain messages that arrived together with the Hello.
         loop {
             match inbox.next() {

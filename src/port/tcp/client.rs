@@ -1,6 +1,7 @@
 //! A client as the server sees it: its connection and the messages that wait to be sent to it.
 
 use std::collections::VecDeque;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -30,6 +31,16 @@ pub(super) struct Client {
     blocked: AtomicBool,
     /// Whether the connection is over for the server: a Bye was sent, or the connection has failed.
     finished: AtomicBool,
+    /// The stop by which another client ends this connection.
+    overruled: OnceLock<Overruled>,
+}
+
+/// A stop that another client has asked for.
+pub(super) struct Overruled {
+    /// The name of the client that has asked for it.
+    pub(super) by: String,
+    /// Whether the axes are switched off when they stand.
+    pub(super) off: bool,
 }
 
 struct Outgoing {
@@ -51,7 +62,23 @@ impl Client {
             out: Mutex::new(Outgoing { out: Out::default(), reports, dropped: 0, last_sent: Instant::now() }),
             blocked: AtomicBool::new(false),
             finished: AtomicBool::new(false),
+            overruled: OnceLock::new(),
         }
+    }
+
+    /// Has this client's own thread end its connection, because another client has asked for a stop. A second call has
+    /// no effect.
+    pub(super) fn overrule(&self, by: &str, off: bool) {
+        if self.overruled.set(Overruled { by: by.to_owned(), off }).is_ok()
+            && let Some(channel) = &self.channel
+        {
+            channel.wake();
+        }
+    }
+
+    /// The stop by which another client ends this connection; `None`: there is none.
+    pub(super) fn overruled(&self) -> Option<&Overruled> {
+        self.overruled.get()
     }
 
     /// Whether nothing more is sent to the client: a Bye was sent, or the connection has failed.

@@ -12,11 +12,15 @@ use super::report_queue::ReportQueue;
 use crate::ecm::Watch;
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::notes::Notes;
+use crate::port::standstill::Standstill;
 use crate::sk::Frame;
 use crate::span::Seconds;
 use crate::summary::{FrameEvent, FrameWatch};
 use crate::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
 use crate::tcp::{Channel, PROOF_LEN};
+
+/// How many clients that ask for a stop are served at once, beside the other clients. \[OURS]
+const STOPPERS_MAX: usize = 4;
 
 /// A board that the server has open.
 pub(super) struct Board {
@@ -120,8 +124,40 @@ struct State {
     /// The reports that the server itself reads while it is the writer: it needs them to bring the axes of a vanished
     /// writer to a standstill. `None`: the server is not the writer.
     server_reports: Option<Arc<ReportQueue>>,
+    /// How often the server has brought the axes to a standstill, and how the newest time has ended.
+    standstills: u64,
+    newest_standstill: Option<Standstill>,
     is_stopping: bool,
     is_over: bool,
+}
+
+impl State {
+    /// Makes the server itself the writer, until [`Hub::end_standstill`]. Returns the queue of reports for it.
+    fn begin_standstill(&mut self, why: &str) -> Arc<ReportQueue> {
+        let queue = Arc::new(ReportQueue::default());
+        self.writer = Some(format!("the server itself, which brings axes to a standstill {why}"));
+        self.server_reports = Some(Arc::clone(&queue));
+        queue
+    }
+}
+
+/// How far a stop that a client has asked for has come.
+#[derive(Debug, Default)]
+pub(super) struct StopProgress {
+    /// The number of standstills before the one that this stop waits for.
+    since: Option<u64>,
+    /// The name of the writer that was overruled; empty if there was none.
+    pub(super) writer: String,
+}
+
+/// The next step of a stop that a client has asked for.
+pub(super) enum StopStep {
+    /// Another thread brings the axes to a standstill.
+    Wait,
+    /// The caller has to bring the axes to a standstill, and reads these reports for that.
+    Brake(Arc<ReportQueue>),
+    /// The stop has ended.
+    Done(Standstill),
 }
 
 /// The state that the threads of a server share. Its lock is held only briefly: a thread that holds it calls no link
@@ -150,8 +186,17 @@ pub(super) struct Joining<'a> {
 impl Hub {
     pub(super) fn new(options: ServeOptions) -> Self {
         let board = Err("it is being opened".to_owned());
-        let (clients, writer, server_reports) = (Vec::with_capacity(options.max_clients), None, None);
-        let state = State { board, clients, writer, server_reports, is_stopping: false, is_over: false };
+        let clients = Vec::with_capacity(options.max_clients.saturating_add(STOPPERS_MAX));
+        let state = State {
+            board,
+            clients,
+            writer: None,
+            server_reports: None,
+            standstills: 0,
+            newest_standstill: None,
+            is_stopping: false,
+            is_over: false,
+        };
         Self { options, notes: Notes::default(), state: Mutex::new(state), changed: Condvar::new() }
     }
 
@@ -212,9 +257,17 @@ impl Hub {
             Err(reason) => return Err((Refusal::NoBoard, reason.clone())),
             Ok(board) => Arc::clone(board),
         };
-        // While there is no writer, readers cannot have the last free place: it is kept for a writer.
+        // While there is no writer, readers cannot have the last free place: it is kept for a writer. Clients that ask for
+        // a stop have places of their own, so that the others cannot keep them out.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
-        if state.clients.len() + usize::from(kept) >= self.options.max_clients {
+        let stoppers = state.clients.iter().filter(|client| client.role == Role::Stopper).count();
+        let (taken, places) = match joining.role {
+            Role::Stopper => (stoppers, STOPPERS_MAX),
+            Role::Writer | Role::Reader => {
+                (state.clients.len() - stoppers + usize::from(kept), self.options.max_clients)
+            }
+        };
+        if taken >= places {
             return Err((Refusal::Full, String::new()));
         }
         if let (Role::Writer, Some(who)) = (joining.role, &state.writer) {
@@ -256,17 +309,43 @@ impl Hub {
         if is_trusted {
             return None;
         }
-        let queue = Arc::new(ReportQueue::default());
-        state.writer = Some(format!("the server itself, which brings axes to a standstill after {}", client.name));
-        state.server_reports = Some(Arc::clone(&queue));
-        Some(queue)
+        Some(state.begin_standstill(&format!("after {}", client.name)))
     }
 
     /// The server is no longer the writer, since it has brought the axes to a standstill: a client can become the
-    /// writer again.
-    pub(super) fn end_standstill(&self) {
+    /// writer again. `ended`: how that has ended; `None`: the axes were left as they are, or the board is lost.
+    pub(super) fn end_standstill(&self, ended: Option<Standstill>) {
         let mut state = self.state.lock();
         (state.writer, state.server_reports) = (None, None);
+        if ended.is_some() {
+            state.standstills += 1;
+            state.newest_standstill = ended;
+        }
+        drop(state);
+        self.changed.notify_all();
+    }
+
+    /// The next step of the stop that the client `by` has asked for. A writer is overruled, so that its own thread stops
+    /// the axes as those of a writer that has vanished. If the server stops axes already, this stop waits for that.
+    pub(super) fn step_stop(&self, by: &str, off: bool, progress: &mut StopProgress) -> StopStep {
+        let mut state = self.state.lock();
+        if let Some(ended) = &state.newest_standstill
+            && progress.since.is_some_and(|since| state.standstills > since)
+            && (ended.off || !off)
+        {
+            return StopStep::Done(ended.clone());
+        }
+        progress.since.get_or_insert(state.standstills);
+        if state.server_reports.is_some() {
+            return StopStep::Wait;
+        }
+        if let Some(writer) = state.clients.iter().find(|client| client.role == Role::Writer) {
+            progress.writer.clone_from(&writer.name);
+            writer.overrule(by, off);
+            return StopStep::Wait;
+        }
+        progress.since = Some(state.standstills);
+        StopStep::Brake(state.begin_standstill(&format!("for {by}")))
     }
 
     /// Logs the alarms and failed changes of state that a report shows. Their times count from the opening of the
@@ -290,7 +369,7 @@ impl Hub {
         // gives the number of the client's first report.
         board.note_report(frame, meta);
         for client in &state.clients {
-            if !(board.info.virtual_time && client.role == Role::Writer) {
+            if client.role == Role::Reader || client.role == Role::Writer && !board.info.virtual_time {
                 client.report(frame, meta);
             }
         }

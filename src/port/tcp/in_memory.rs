@@ -37,6 +37,11 @@ pub enum ClientMessage<'a> {
     Cancel,
     /// A keep-alive message.
     Ping,
+    /// A request of a client that joined by [`InMemoryServer::join_stopper`]: the axes are stopped.
+    Stop {
+        /// Whether the axes are switched off then.
+        off: bool,
+    },
     /// The client's last message: it closes its link.
     Bye,
 }
@@ -67,6 +72,13 @@ pub enum ServerMessage {
         request: u64,
         /// The board's time after the request; `None` if it is unknown.
         now: Option<Stamp>,
+    },
+    /// The answer to a stop: it has ended.
+    Stopped {
+        /// The number of the request, counted from 1.
+        request: u64,
+        /// The name of the writer that was stopped; empty if there was none.
+        writer: String,
     },
     /// The server's last message: it ends the connection.
     Bye,
@@ -102,7 +114,15 @@ impl InMemoryServer {
 
     /// Connects a client as a writer or a reader; `None` if it is refused.
     pub fn join(&self, is_writer: bool) -> Option<InMemoryClient<'_>> {
-        let role = if is_writer { Role::Writer } else { Role::Reader };
+        self.join_as(if is_writer { Role::Writer } else { Role::Reader })
+    }
+
+    /// Connects a client that asks for a stop; `None` if it is refused.
+    pub fn join_stopper(&self) -> Option<InMemoryClient<'_>> {
+        self.join_as(Role::Stopper)
+    }
+
+    fn join_as(&self, role: Role) -> Option<InMemoryClient<'_>> {
         let hello = Hello { role, keepalive_ms: 500, pid: 1, program: "unwired", proof: &[0; PROOF_LEN] };
         let Introduction { role, keepalive, name, .. } = Introduction::of(&Message::Hello(hello)).ok()?;
         let mut joining = Joining { who: name, role, keepalive, proof: &[0; PROOF_LEN], channel: None };
@@ -137,6 +157,7 @@ impl InMemoryClient<'_> {
             ClientMessage::Count => Message::Count { request },
             ClientMessage::Cancel => Message::Cancel { request: request - 1 },
             ClientMessage::Ping => Message::Ping,
+            ClientMessage::Stop { off } => Message::Stop { request, off },
             ClientMessage::Bye => Message::Bye { end: End::Closed, text: "" },
         };
         let mut said = [0; MESSAGE_MAX];
@@ -146,6 +167,9 @@ impl InMemoryClient<'_> {
 
     /// Sends any bytes to the server. Returns whether the client is still connected.
     pub fn hear(&mut self, mut bytes: &[u8]) -> bool {
+        if self.session.check_overruled().is_err() {
+            return false;
+        }
         while !bytes.is_empty() {
             bytes = self.inbox.fill(bytes);
             loop {
@@ -207,6 +231,7 @@ impl From<&Message<'_>> for ServerMessage {
             | Message::Got { request, now, .. }
             | Message::Passed { request, now } => Self::Done { request, now },
             Message::Failed { request, now, .. } => Self::Failed { request, now },
+            Message::Stopped { request, writer, .. } => Self::Stopped { request, writer: writer.to_owned() },
             Message::Counted { request, counts } => {
                 Self::Counted { request, reports_dropped: counts.reports_dropped, board: counts.board }
             }

@@ -5,14 +5,17 @@ use std::time::{Duration, Instant};
 
 use super::ServeOptions;
 use super::client::Client;
-use super::hub::{Board, Hub, Joining};
+use super::hub::{Board, Hub, Joining, StopProgress, StopStep};
+use super::vanish;
 use crate::link::{Dir, Link, LinkError, Wait, check_pass};
 use crate::sk::Frame;
-use crate::tcp::wire::{Counts, Failure, Hello, Message, Refusal, Role, WireError};
+use crate::tcp::wire::{Counts, End, Failure, Hello, Message, Refusal, Role, WireError};
 use crate::tcp::{Inbox, PROOF_LEN};
 
 /// How often a write that waits for the board checks whether its client has cancelled it. \[OURS]
 const WRITE_SLICE: Duration = Duration::from_millis(10);
+/// How long a stop waits for the thread that brings the axes to a standstill, until it handles messages again. \[OURS]
+const STOP_SLICE: Duration = Duration::from_millis(10);
 /// How far the board's time advances in one step of a request on virtual time, ns: 100 ms. Between two steps the server
 /// can notice that the client has gone. \[OURS]
 const TIME_STEP_NS: u64 = 100_000_000;
@@ -28,6 +31,8 @@ pub(super) enum Left {
     Gone(String),
     /// The client has violated the protocol.
     Broken(WireError),
+    /// Another client, which the text names, has asked for a stop.
+    Overruled(String),
     /// The server has ended the connection.
     Dismissed,
 }
@@ -40,7 +45,7 @@ impl From<WireError> for Left {
 
 /// The session of one client: its requests and the state that they need.
 pub(super) struct Session<'a> {
-    hub: &'a Hub,
+    hub: &'a Arc<Hub>,
     board: Arc<Board>,
     client: Arc<Client>,
     /// The counters of the board's link when the session began. Answers about counters give the increase since then.
@@ -66,6 +71,8 @@ enum Work {
     Read { left_ns: Option<u64> },
     /// On virtual time: advances the time by `left_ns` more.
     Pass { left_ns: u64 },
+    /// A stop of the axes; `off`: they are switched off then.
+    Stop { off: bool, progress: StopProgress },
 }
 
 /// What a client's first message, the Hello, says about it.
@@ -94,7 +101,7 @@ impl Introduction {
 }
 
 impl<'a> Session<'a> {
-    pub(super) fn new(hub: &'a Hub, board: Arc<Board>, client: Arc<Client>) -> Self {
+    pub(super) fn new(hub: &'a Arc<Hub>, board: Arc<Board>, client: Arc<Client>) -> Self {
         let before = board.counts();
         Self { hub, board, client, before, pending: None, frame: Frame::new(), text: String::new() }
     }
@@ -102,6 +109,15 @@ impl<'a> Session<'a> {
     /// Whether a request is in progress, which [`work`](Self::work) continues.
     pub(super) const fn is_busy(&self) -> bool {
         self.pending.is_some()
+    }
+
+    /// Ends the session if another client has asked for a stop. A request in progress is dropped: the board has not
+    /// executed it. The Bye is sent here, in the thread of the client, so that it comes after the answer to each request
+    /// that was executed.
+    pub(super) fn check_overruled(&self) -> Result<(), Left> {
+        let Some(stop) = self.client.overruled() else { return Ok(()) };
+        self.client.finish(End::Overruled, &stop.by);
+        Err(Left::Overruled(stop.by.clone()))
     }
 
     /// Handles a message of the client. The error ends the session.
@@ -124,6 +140,10 @@ impl<'a> Session<'a> {
                 let counts = self.board.counts().since(&self.before);
                 let reports_dropped = counts.reports_dropped + self.client.dropped();
                 self.client.reply(&Message::Counted { request, counts: Counts { reports_dropped, ..counts } });
+                return Ok(());
+            }
+            Message::Stop { request, off } if self.client.role == Role::Stopper => {
+                self.begin(request, Work::Stop { off, progress: StopProgress::default() });
                 return Ok(());
             }
             _ if self.client.role != Role::Writer => return Err(out_of_turn),
@@ -162,6 +182,7 @@ impl<'a> Session<'a> {
             Work::Write { until } => self.write(request, until),
             Work::Read { left_ns } => self.read(request, left_ns),
             Work::Pass { left_ns } => self.pass(request, left_ns),
+            Work::Stop { off, progress } => self.stop(request, off, progress),
         };
         self.pending = left.map(|work| Pending { request, work });
     }
@@ -209,6 +230,20 @@ impl<'a> Session<'a> {
         None
     }
 
+    fn stop(&self, request: u64, off: bool, mut progress: StopProgress) -> Option<Work> {
+        let by = &self.client.name;
+        match self.hub.step_stop(by, off, &mut progress) {
+            StopStep::Wait => self.hub.wait(STOP_SLICE),
+            StopStep::Brake(queue) => vanish::stop_for(self.hub, &self.board, queue, by, off),
+            StopStep::Done(ended) => {
+                let (end, writer, text) = (ended.end, &*progress.writer, &*ended.text);
+                self.client.reply(&Message::Stopped { request, end, writer, text });
+                return None;
+            }
+        }
+        Some(Work::Stop { off, progress })
+    }
+
     fn fail(&mut self, request: u64, error: &LinkError) {
         let now = self.board.now();
         let failure = Failure::of(error, &mut self.text);
@@ -223,7 +258,7 @@ impl<'a> Session<'a> {
 /// board. For tests that feed any bytes.
 #[doc(hidden)]
 pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
-    let hub = Hub::new(ServeOptions::default());
+    let hub = Arc::new(Hub::new(ServeOptions::default()));
     let board = hub.attach(link);
     let mut inbox = Inbox::default();
     let mut left = bytes;

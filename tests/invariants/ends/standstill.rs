@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use ecmsk::link::{Link, Wait};
-use ecmsk::port::tcp::in_memory::{ClientMessage, InMemoryClient, InMemoryServer};
+use ecmsk::port::tcp::in_memory::{ClientMessage, InMemoryClient, InMemoryServer, ServerMessage};
 use ecmsk::sk::{FIFO_ENTRIES, Frame};
 
 use super::eyes::Eyes;
@@ -32,9 +32,42 @@ impl End {
     /// Ends the writer without a good-bye, and checks that the server's reaction takes no longer than documented, and
     /// that entries behind a threshold begin no motion.
     pub fn of(writer: InMemoryClient<'_>, server: &InMemoryServer, eyes: &Eyes, cycle_us: u32) -> Self {
+        Self::by(server, eyes, cycle_us, || writer.end(false))
+    }
+
+    /// Has another client stop the axes, and checks the same. `says_bye`: the writer closes its link before, so that
+    /// there is none any more.
+    #[allow(dead_code, reason = "the fuzz target `settle` has writers that vanish")]
+    pub fn of_stop(
+        mut writer: InMemoryClient<'_>,
+        says_bye: bool,
+        server: &InMemoryServer,
+        eyes: &Eyes,
+        cycle_us: u32,
+    ) -> Self {
+        Self::by(server, eyes, cycle_us, || {
+            let mut stopper = server.join_stopper().expect("a stop has a place");
+            if says_bye {
+                writer.end(true);
+                stopper.say(ClientMessage::Stop { off: false }, usize::MAX);
+            } else {
+                stopper.begin(ClientMessage::Stop { off: false }, usize::MAX);
+                assert!(!writer.hear(&[]), "its connection ends");
+                let said = writer.take_messages().expect("valid messages");
+                assert!(matches!(said.last(), Some(ServerMessage::Bye)), "{said:?}");
+                writer.end(false);
+                while stopper.work() {}
+            }
+            let said = stopper.take_messages().expect("valid messages");
+            assert!(matches!(said.last(), Some(ServerMessage::Stopped { request: 1, .. })), "{said:?}");
+            stopper.end(true);
+        })
+    }
+
+    fn by(server: &InMemoryServer, eyes: &Eyes, cycle_us: u32, end: impl FnOnce()) -> Self {
         let was_held = eyes.holds_what_waits(Duration::from_micros(cycle_us.into()));
         let (began, stood) = (eyes.now(), eyes.shafts());
-        writer.end(false);
+        end();
         let took = eyes.now() - began;
         if was_held {
             eyes.assert_still(&stood, STANDS, "that stood, by what waited behind a threshold");

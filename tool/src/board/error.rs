@@ -59,6 +59,9 @@ pub enum BoardError {
     /// The link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// A server has not stopped the axes of its board.
+    #[error(transparent)]
+    Stop(#[from] ecmsk::link::tcp::StopError),
     /// The library reports an error of the board, of its link or of a slave that has no variant of its own here.
     #[error(transparent)]
     Ecm(#[from] EcmError),

@@ -8,6 +8,6 @@ mod unix;
 mod windows;
 
 #[cfg(unix)]
-pub use unix::{EndRequest, HANG_UP, has_hung_up, name, not_ignored, note, note_once};
+pub use unix::{EndRequest, HANG_UP, has_hung_up, name, not_ignored, note, note_once, raise_interrupt};
 #[cfg(windows)]
-pub use windows::{EndRequest, HANG_UP, has_hung_up, leave_to_program, name, note, note_once};
+pub use windows::{EndRequest, HANG_UP, has_hung_up, leave_to_program, name, note, note_once, raise_interrupt};

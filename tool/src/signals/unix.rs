@@ -65,6 +65,12 @@ pub fn note_once(signal: &Arc<AtomicUsize>, armed: &Arc<AtomicBool>) -> io::Resu
     Ok(())
 }
 
+/// Has the effect of Ctrl-C, for a terminal that reports it as a key.
+pub fn raise_interrupt() {
+    // It fails for invalid signals only.
+    let _ = signal_hook::low_level::raise(SIGINT);
+}
+
 /// Waits for the signal that ends a server, for verbs that do nothing else meanwhile.
 pub struct EndRequest(Signals);
 

@@ -55,6 +55,12 @@ pub fn leave_to_program() -> io::Result<()> {
     install()
 }
 
+/// Has the effect of Ctrl-C, for a console that reports it as a key.
+pub fn raise_interrupt() {
+    // SAFETY: the handler takes any number of an event, and may run in any thread.
+    unsafe { came(CTRL_C_EVENT) };
+}
+
 /// Waits for the event that ends a server, for verbs that do nothing else meanwhile.
 pub struct EndRequest(Receiver<u8>);
 

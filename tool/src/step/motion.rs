@@ -1,7 +1,7 @@
 //! `move`: moves axes to positions, all together, with limited speed, acceleration and jerk.
 
 mod duration;
-mod internal_limit;
+pub mod internal_limit;
 mod path;
 mod target;
 
@@ -16,9 +16,10 @@ use super::profile::{PathPoint, Profile};
 use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, Units, find_axis, in_mode, numbered, positive};
 use duration::Asked;
 use internal_limit::Watched;
-use path::{AxisPath, Path, Speeds};
-pub use target::{AxisTarget, Target, check_limits, counts};
-use target::{Jerk, outside};
+pub use path::{AskedSpeeds, Speeds};
+use path::{AxisPath, Path};
+use target::outside;
+pub use target::{AxisTarget, Jerk, Target, check_limits, counts};
 
 const WHAT: &str = "move";
 /// \[OURS] How far ahead of their execution targets are sent to the FIFO. If the program is late by less than this, the motion
@@ -31,10 +32,10 @@ const SETTLE_LIMIT: Duration = Duration::from_millis(500);
 const SETTLE_WINDOW_COUNTS: u32 = 2;
 /// \[OURS] If an internal limit of its drive holds an axis away from its target for this long, the move fails. The time is more
 /// than twice that of the frames ahead, so the reports already answer the present targets.
-const HELD_LIMIT: Duration = Duration::from_millis(150);
+pub const HELD_LIMIT: Duration = Duration::from_millis(150);
 /// \[OURS] The time limit for braking after Ctrl-C. The tool promises to end within 2 s after Ctrl-C; the rest of that time
 /// is for closing the board.
-const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
+pub const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 
 /// Move axes to positions, all together
 ///
@@ -159,23 +160,8 @@ impl Args {
     /// # Errors
     /// An option is above the limit of the axis in the machine file.
     fn speeds(&self, target: &AxisTarget, units: Units<'_>) -> Result<Speeds, BoardError> {
-        let counts = target.scale.counts_per_unit.abs();
-        let axis = units.axis(target.slave);
-        let limit = |asked: Option<f64>, max: Option<f64>, word: &str| {
-            let asked = asked.map(|units| units * counts);
-            let Some((axis, max)) = axis.zip(max) else { return Ok((asked, None)) };
-            let max_counts = max * axis.scale.counts_per_unit.abs();
-            // The same limit in the unit of the option and in that of the machine file may differ by a rounding error,
-            // which is allowed.
-            if asked.is_none_or(|asked| asked <= max_counts * (1.0 + f64::EPSILON)) {
-                return Ok((asked, Some(max_counts)));
-            }
-            let why = format!("--{word} is beyond the limit of axis {}, max_{word} = {max} {}", axis.name, axis.unit);
-            Err(refused(why, "name a lower one, or correct the limit in the machine file"))
-        };
-        let velocity = limit(self.velocity, axis.and_then(|axis| axis.max_velocity), "velocity")?;
-        let acceleration = limit(self.acceleration, axis.and_then(|axis| axis.max_acceleration), "acceleration")?;
-        Ok(Speeds::of(velocity, acceleration, self.jerk.map(|jerk| jerk.scaled(counts))))
+        let asked = AskedSpeeds { velocity: self.velocity, acceleration: self.acceleration, jerk: self.jerk };
+        asked.of_axis(WHAT, target.slave, target.scale, units)
     }
 
     /// Moves the axes to their targets, and prints their positions.
@@ -320,7 +306,7 @@ fn note_positions(board: &Board, path: &Path) -> Result<(), BoardError> {
 }
 
 /// The error for a board that has lost a slave during the motion. Reports do not show which one: the link may know it.
-fn lost(board: &Board, found: StateByte) -> BoardError {
+pub fn lost(board: &Board, found: StateByte) -> BoardError {
     let slave = board.link_stats().state_failure.and_then(|failure| failure.slave());
     board.explain(EcmError::SlaveLost { slave, found })
 }
@@ -334,7 +320,7 @@ fn no_path(why: String) -> BoardError {
 const GAP_MAX: Duration = Duration::from_millis(100);
 
 /// \[OURS] In how many further cycles the last targets are sent again. The drives settle meanwhile.
-const HOLD_FRAMES: usize = 9;
+pub const HOLD_FRAMES: usize = 9;
 
 /// How the motion along a path has ended, with its duration in seconds.
 enum Ended {
@@ -458,24 +444,30 @@ impl Run<'_> {
     ) -> Result<StreamStats, BoardError> {
         let explain = |error| self.board.explain(error);
         for axis in &self.path.axes {
-            match self.aim(stream, axis.slave, at(axis)) {
+            match aim(self.board, self.snapshot, stream, axis.slave, at(axis)) {
                 Err(EcmError::SlaveLost { .. }) if brakes => {}
                 aimed => aimed.map_err(explain)?,
             }
         }
         stream.step().map_err(explain)
     }
+}
 
-    /// Sets the target of an axis. With 16-byte slots one command moves both channels of an HSP (a pulse module), so the
-    /// second channel gets its present position and stands still.
-    fn aim(&self, stream: &mut Stream<'_>, slave: u8, target: i32) -> Result<(), EcmError> {
-        match self.snapshot.slave(slave) {
-            Some(ecmsk::ecm::SlaveView::Hsp(hsp)) if self.board.ecm.slot_size()? == SlotSize::Bytes16 => {
-                let of = |target| ecmsk::sk::AxisTarget { target, outputs: 0 };
-                stream.csp_hsp(slave, of(target), of(hsp.second.position))
-            }
-            _ => stream.csp(slave, target),
+/// Sets the target of an axis. With 16-byte slots one command moves both channels of an HSP (a pulse module), so the second
+/// channel gets its position in `snapshot`, the report before the motion, and stands still.
+pub fn aim(
+    board: &Board,
+    snapshot: &Snapshot,
+    stream: &mut Stream<'_>,
+    slave: u8,
+    target: i32,
+) -> Result<(), EcmError> {
+    match snapshot.slave(slave) {
+        Some(ecmsk::ecm::SlaveView::Hsp(hsp)) if board.ecm.slot_size()? == SlotSize::Bytes16 => {
+            let of = |target| ecmsk::sk::AxisTarget { target, outputs: 0 };
+            stream.csp_hsp(slave, of(target), of(hsp.second.position))
         }
+        _ => stream.csp(slave, target),
     }
 }
 
@@ -497,7 +489,7 @@ fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
 }
 
 /// The number of frames that are sent ahead of their execution.
-fn depth(network: &Config) -> u16 {
+pub fn depth(network: &Config) -> u16 {
     let frames = AHEAD.as_micros() as u64 / u64::from(network.cycle_us.max(1));
     frames.clamp(*DEPTHS.start(), *DEPTHS.end()) as u16
 }

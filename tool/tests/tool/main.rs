@@ -17,7 +17,7 @@
 //! - `verbs.rs`, `moves.rs`, `stop.rs`, `stalled.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk
 //!   to a board,
 //!   signals, scripts, the shell
-//! - `monitor*.rs`: `ecmsk monitor`
+//! - `monitor*.rs`: `ecmsk monitor`; `jog.rs`, `stop_verb.rs`: `ecmsk jog`, `ecmsk stop`
 //! - `machine_file.rs`: the machine file, and `ecmsk machine`
 //! - `slave.rs`: `ecmsk slave`
 //! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`, `service_on_tcp.rs`, `tcp_*.rs`:
@@ -56,6 +56,7 @@ mod fault;
 mod filters;
 mod find;
 mod foreign_recording;
+mod jog;
 mod list;
 mod machine;
 mod machine_file;
@@ -98,6 +99,7 @@ mod slave;
 mod stalled;
 mod state_failed;
 mod stop;
+mod stop_verb;
 mod summary_axes;
 mod tcp_network;
 mod tcp_params;

@@ -21,13 +21,13 @@ const ROWS: NonZero<u16> = NonZero::new(20).expect("not 0");
 const COLUMNS: NonZero<u16> = NonZero::new(90).expect("not 0");
 
 /// A terminal on which the tool runs.
-struct Terminal {
-    keyboard: File,
+pub(super) struct Terminal {
+    pub(super) keyboard: File,
     /// The tool's end of the terminal. It keeps the terminal open, and the test reads the terminal's settings from it.
-    line: File,
+    pub(super) line: File,
     screen: Arc<Mutex<vt100::Parser>>,
     before: Termios,
-    tool: Child,
+    pub(super) tool: Child,
     /// Ends the thread `reader`, because the handle from which it reads keeps the terminal open, too.
     end: Arc<AtomicBool>,
     reader: thread::JoinHandle<()>,
@@ -43,7 +43,7 @@ enum Owner {
 }
 
 impl Terminal {
-    fn start(arguments: &[&str]) -> Self {
+    pub(super) fn start(arguments: &[&str]) -> Self {
         Self::start_as(arguments, Owner::Tool)
     }
 
@@ -87,7 +87,7 @@ impl Terminal {
     }
 
     /// Closes the terminal, as its window does; returns the tool.
-    fn hang_up(self) -> Child {
+    pub(super) fn hang_up(self) -> Child {
         self.end.store(true, Ordering::Relaxed);
         self.reader.join().expect("no panic");
         self.tool
@@ -99,7 +99,7 @@ impl Terminal {
 
     /// Waits until `so` is true of the screen; `what` names the expected content in the error.
     #[track_caller]
-    fn until(&self, what: &str, so: impl Fn(&vt100::Screen) -> bool) {
+    pub(super) fn until(&self, what: &str, so: impl Fn(&vt100::Screen) -> bool) {
         for _ in 0..12_000 {
             if so(self.screen.lock().expect("no panic").screen()) {
                 return;
@@ -109,7 +109,7 @@ impl Terminal {
         panic!("never: {what}\n{}", self.text());
     }
 
-    fn type_keys(&mut self, keys: &[u8]) {
+    pub(super) fn type_keys(&mut self, keys: &[u8]) {
         self.keyboard.write_all(keys).expect("typed");
     }
 
@@ -118,14 +118,14 @@ impl Terminal {
         !now.local_modes.intersects(LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG)
     }
 
-    fn signal(&self, signal: Signal) {
+    pub(super) fn signal(&self, signal: Signal) {
         let pid = Pid::from_raw(self.tool.id() as i32).expect("a process");
         kill_process(pid, signal).expect("a signal is sent");
     }
 
     /// Waits for the tool's end, and checks that the terminal is as before.
     #[track_caller]
-    fn ended(mut self) -> Option<i32> {
+    pub(super) fn ended(mut self) -> Option<i32> {
         let code = ends(&mut self.tool);
         self.until("the screen of before", |screen| !screen.alternate_screen() && !screen.hide_cursor());
         let after = tcgetattr(&self.line).expect("settings");
@@ -178,7 +178,7 @@ fn signals_end_the_monitor_and_restore_the_terminal() {
 /// Waits for the end of a process that has to end by itself; returns its exit code. A process that does not end is killed, and
 /// the test fails.
 #[track_caller]
-fn ends(tool: &mut Child) -> Option<i32> {
+pub(super) fn ends(tool: &mut Child) -> Option<i32> {
     for _ in 0..12_000 {
         if let Some(status) = tool.try_wait().expect("it is ours") {
             return status.code();

@@ -256,7 +256,7 @@ pub fn frame(byte: u8) -> Frame {
 pub struct Raw(pub TcpStream);
 
 /// A server's greeting: nine bytes with its name and version, whether TLS follows, whether there is room.
-pub const GREETING: &[u8; 16] = b"ecmsktcp\x03\x00\x00\x01\x00\x00\x00\x00";
+pub const GREETING: &[u8; 16] = b"ecmsktcp\x04\x00\x00\x01\x00\x00\x00\x00";
 
 impl Raw {
     /// Connects, and takes the greeting.

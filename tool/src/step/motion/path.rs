@@ -1,9 +1,10 @@
 //! The straight path of all axes of a move, and its limits.
 
-use ecmsk::ecm::Snapshot;
+use ecmsk::ecm::{Scale, Snapshot};
 
 use super::super::profile::{Limits, Profile};
 use super::target::Jerk;
+use crate::board::{BoardError, Units};
 
 /// \[OURS] The default speed in counts per second, which is slow for every motor: with a 17-bit encoder it is less than a tenth
 /// of a turn per second (13107 counts).
@@ -37,6 +38,41 @@ impl Speeds {
             Some(Jerk::Off) => None,
         };
         Self { velocity, acceleration, jerk }
+    }
+}
+
+/// The speed options of a verb, in the unit of an axis; `None` where an option is not given.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AskedSpeeds {
+    pub velocity: Option<f64>,
+    pub acceleration: Option<f64>,
+    pub jerk: Option<Jerk>,
+}
+
+impl AskedSpeeds {
+    /// The velocity, acceleration and jerk limits of an axis, in counts and seconds.
+    ///
+    /// # Errors
+    /// An option is above the limit of the axis in the machine file.
+    pub fn of_axis(self, what: &str, slave: u8, scale: Scale, units: Units<'_>) -> Result<Speeds, BoardError> {
+        let counts = scale.counts_per_unit.abs();
+        let axis = units.axis(slave);
+        let limit = |asked: Option<f64>, max: Option<f64>, word: &str| {
+            let asked = asked.map(|units| units * counts);
+            let Some((axis, max)) = axis.zip(max) else { return Ok((asked, None)) };
+            let max_counts = max * axis.scale.counts_per_unit.abs();
+            // The same limit in the unit of the option and in that of the machine file may differ by a rounding error,
+            // which is allowed.
+            if asked.is_none_or(|asked| asked <= max_counts * (1.0 + f64::EPSILON)) {
+                return Ok((asked, Some(max_counts)));
+            }
+            let why = format!("--{word} is beyond the limit of axis {}, max_{word} = {max} {}", axis.name, axis.unit);
+            let next = "name a lower one, or correct the limit in the machine file".into();
+            Err(BoardError::Refused { what: what.into(), why, next })
+        };
+        let velocity = limit(self.velocity, axis.and_then(|axis| axis.max_velocity), "velocity")?;
+        let acceleration = limit(self.acceleration, axis.and_then(|axis| axis.max_acceleration), "acceleration")?;
+        Ok(Speeds::of(velocity, acceleration, self.jerk.map(|jerk| jerk.scaled(counts))))
     }
 }
 

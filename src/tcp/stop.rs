@@ -1,0 +1,139 @@
+//! A client that has the axes of a served board stopped, whoever moves them.
+
+use std::io::{self, ErrorKind};
+use std::time::{Duration, Instant};
+
+use super::channel::{Came, Channel};
+use super::connect::{Connected, connect, until_closed};
+use super::options::TcpOptions;
+use super::wire::{End, Message, Role, StopEnd, WireError};
+use crate::address::uri::LinkUri;
+use crate::link::LinkError;
+
+/// How long the server may take until the axes stand: two brakes of 2 s, with the entries of the FIFO before each, and the
+/// transport. \[OURS]
+const STOP_LIMIT: Duration = Duration::from_secs(10);
+/// How long the server may take to close the connection after the stop. \[OURS]
+const CLOSE_LIMIT: Duration = Duration::from_millis(500);
+const REQUEST: u64 = 1;
+
+/// The axes of a served board that [`stop`] has had stopped.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stopped {
+    /// The name of the program that was the writer, with its process id and address; `None` if no program was.
+    pub writer: Option<String>,
+    /// Whether the network is in OP. If it is not, no axis follows commands, and none was moved by the network.
+    pub in_op: bool,
+    /// What else the server says, for example how many commands it has dropped; may be empty.
+    pub text: String,
+}
+
+/// Why the axes of a served board were not stopped.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum StopError {
+    /// The server cannot be reached or does not take the request, or the connection has ended before its answer.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The server does not know the axes, since it has not seen how the network was configured. What moves goes on. The
+    /// writer was stopped, so that another program can be the writer and stop the axes.
+    #[error(
+        "the network was configured before its server came: what moves is not known to it and goes on; use the emergency \
+         stop if axes move"
+    )]
+    Unknown {
+        /// The name of the program that was the writer; `None` if no program was.
+        writer: Option<String>,
+    },
+    /// The brake has failed, so that axes may still move.
+    #[error("axes may still move: {reason}; use the emergency stop")]
+    Failed {
+        /// Why the brake has failed.
+        reason: String,
+    },
+}
+
+/// Has the server of a board bring all axes to a standstill, as those of a writer that has vanished, and waits for it. The
+/// connection of the program that writes, if there is one, ends, and its calls fail. With `off` the axes are switched off
+/// then. The role in the link is not used, and the stop takes no place of another client. Once the server has taken the
+/// request it carries it out, also if this call ends before.
+///
+/// # Errors
+/// [`StopError::Link`] if it is no `tcp:` link, the server cannot be reached, refuses this client or does not answer within
+/// 10 s; [`StopError::Unknown`] and [`StopError::Failed`] if axes may still move.
+pub fn stop(uri: &LinkUri, off: bool) -> Result<Stopped, StopError> {
+    let options = TcpOptions { role: Role::Stopper, ..TcpOptions::from_uri(uri).map_err(LinkError::from)? };
+    let name = uri.to_string();
+    let deadline = Instant::now() + STOP_LIMIT;
+    let mut connected = connect(&name, &options)?;
+    let answer = ask(&mut connected, off, &options, deadline).map_err(|error| LinkError::Io {
+        what: format!("stop the axes at `{name}`"),
+        message: format!("{error}; use the emergency stop if axes move"),
+    })?;
+    let Connected { channel, out, .. } = &mut connected;
+    // The stop is done. An error of saying so is ignored, since it would only say that the connection has ended already.
+    let bye = Message::Bye { end: End::Closed, text: "" };
+    let until = Instant::now() + CLOSE_LIMIT;
+    if channel.stage(&bye, out).and_then(|()| channel.flush(out, until)).is_ok() {
+        channel.end(false);
+        until_closed(channel, until);
+    }
+    answer
+}
+
+/// Sends the request, and keep-alive messages until the answer arrives.
+fn ask(
+    connected: &mut Connected,
+    off: bool,
+    options: &TcpOptions,
+    deadline: Instant,
+) -> io::Result<Result<Stopped, StopError>> {
+    let Connected { channel, inbox, out, .. } = connected;
+    send(channel, out, &Message::Stop { request: REQUEST, off }, deadline)?;
+    let mut last_sent = Instant::now();
+    loop {
+        while let Some(message) = inbox.next().map_err(broken)? {
+            match message {
+                Message::Ping => {}
+                Message::Stopped { request: REQUEST, end, writer, text } => return Ok(answered(end, writer, text)),
+                Message::Bye { end: End::Stopped, .. } => return Err(io::Error::other("its server was stopped")),
+                Message::Bye { text, .. } => return Err(io::Error::other(text.to_owned())),
+                other => return Err(broken(WireError::OutOfTurn { kind: other.kind() })),
+            }
+        }
+        match channel.receive(inbox)? {
+            Came::Bytes | Came::All => continue,
+            Came::End => return Err(io::Error::new(ErrorKind::UnexpectedEof, "its server has closed the connection")),
+            Came::Nothing => {}
+        }
+        let ping = last_sent + options.keepalive / 2;
+        if Instant::now() >= ping {
+            send(channel, out, &Message::Ping, deadline)?;
+            last_sent = Instant::now();
+        } else if Instant::now() >= deadline {
+            return Err(io::Error::new(ErrorKind::TimedOut, "its server does not answer"));
+        } else {
+            channel.wait(false, Some(ping.min(deadline).saturating_duration_since(Instant::now())))?;
+        }
+    }
+}
+
+fn send(channel: &Channel, out: &mut super::Out, message: &Message<'_>, deadline: Instant) -> io::Result<()> {
+    channel.stage(message, out)?;
+    channel.flush(out, deadline)
+}
+
+fn broken(error: WireError) -> io::Error {
+    io::Error::new(ErrorKind::InvalidData, format!("its server does not keep to the protocol: {error}"))
+}
+
+fn answered(end: StopEnd, writer: &str, text: &str) -> Result<Stopped, StopError> {
+    let writer = (!writer.is_empty()).then(|| writer.to_owned());
+    match end {
+        StopEnd::Stand | StopEnd::NotInOp => {
+            Ok(Stopped { writer, in_op: end == StopEnd::Stand, text: text.to_owned() })
+        }
+        StopEnd::Unknown => Err(StopError::Unknown { writer }),
+        StopEnd::Failed => Err(StopError::Failed { reason: text.to_owned() }),
+    }
+}

@@ -1,0 +1,226 @@
+//! A client that has the axes of another one stopped (`ecmsk stop`).
+#![cfg(unix)]
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::sync::Arc;
+use std::thread;
+use std::time::Duration;
+
+use ecmsk::ecm::{Close, Ecm, EcmError, Homing, HomingPhase, Options};
+use ecmsk::link::tcp::{Secret, StopError, Stopped, stop};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{self, Link, LinkError, Share, Wait};
+use ecmsk::port::tcp::{OnVanish, ServeOptions, Server};
+use ecmsk::sk::{Frame, MasterState};
+use support::tcp::{LIMIT, Raw, connect, message, options, own, serve_with, uri};
+
+use crate::vanish::{Wired, after, config, drive, prepared, served};
+
+fn stopped(server: &Server, off: bool) -> Result<Stopped, StopError> {
+    stop(&LinkUri::parse(&uri(server, "")).unwrap(), off)
+}
+
+/// Axes 1 and 2 stand; whether they are on.
+#[track_caller]
+fn assert_stand(server: &Server, on: bool) {
+    let (first, later) = after(server);
+    for axis in 0..2 {
+        assert!((later[axis].0 - first[axis].0).abs() < 20, "axis {axis}: {first:?} {later:?}");
+    }
+    assert!(later.iter().all(|axis| axis.1 == on), "{later:?}");
+}
+
+/// What the calls of a stopped writer say.
+#[track_caller]
+fn assert_says_who(link: &dyn Link) {
+    let error = link.write(&Frame::new(), Wait::For(LIMIT)).unwrap_err();
+    assert!(
+        matches!(&error, LinkError::Lost { reason, .. } if reason.contains("stopped by another client, ")),
+        "{error:?}"
+    );
+    assert!(error.to_string().contains(&format!("(PID {})", std::process::id())), "{error}");
+}
+
+/// docs/SAFETY.md: a stop brakes the axes of a writer, one of them in CSV, on either clock and whatever the server was
+/// started with. The writer's calls fail with the name of the client that has stopped it, and its place is free.
+#[test]
+fn a_stop_brakes_the_axes_of_a_writer() {
+    for (clock, on_vanish, off, on) in [
+        ("virtual", OnVanish::Ramp, false, true),
+        ("real", OnVanish::Ramp, false, true),
+        ("virtual", OnVanish::Leave, false, true),
+        ("virtual", OnVanish::Ramp, true, false),
+        ("virtual", OnVanish::ServoOff, false, false),
+    ] {
+        let (server, told) = served(clock, on_vanish);
+        let Wired { link, cable: _cable } = prepared(&server, &told);
+        drive(link.as_ref(), 200);
+        let done = stopped(&server, off).unwrap();
+        assert!(done.in_op && done.writer.as_ref().is_some_and(|name| name.contains("(PID ")), "{done:?}");
+        assert_says_who(link.as_ref());
+        told.wait("was stopped by ");
+        assert_stand(&server, on);
+    }
+}
+
+/// docs/SAFETY.md: a stop aborts homing.
+#[test]
+fn a_stop_aborts_homing() {
+    let (server, told) = served("virtual", OnVanish::Ramp);
+    let Wired { link, cable: _cable } = prepared(&server, &told);
+    let ecm = Ecm::over(link, Options::default()).unwrap();
+    ecm.adopt(&config()).unwrap();
+    let mut positions = Vec::new();
+    let mut done = None;
+    let ended = ecm.home(1, &Homing::method(17), |progress| {
+        positions.push(progress.position);
+        if done.is_none() && progress.phase == HomingPhase::Moving && positions[0].abs_diff(progress.position) > 2000 {
+            done = Some(stopped(&server, false));
+        }
+    });
+    assert!(matches!(ended, Err(EcmError::Link(LinkError::Lost { .. }))), "{ended:?}: {positions:?}");
+    assert!(matches!(done, Some(Ok(Stopped { in_op: true, writer: Some(_), .. }))), "{done:?}");
+    assert_stand(&server, true);
+}
+
+/// Two stops at once both end when the axes stand. One that also switches the axes off is carried out, too.
+#[test]
+fn two_stops_at_once() {
+    for offs in [[false, false], [false, true], [true, true]] {
+        let (server, told) = served("virtual", OnVanish::Ramp);
+        let Wired { link, cable: _cable } = prepared(&server, &told);
+        drive(link.as_ref(), 200);
+        thread::scope(|scope| {
+            let server = &server;
+            let stops = offs.map(|off| scope.spawn(move || stopped(server, off)));
+            for done in stops {
+                let done = done.join().unwrap();
+                assert!(matches!(done, Ok(Stopped { in_op: true, .. })), "{offs:?}: {done:?}");
+            }
+        });
+        assert_says_who(link.as_ref());
+        assert_stand(&server, offs == [false; 2]);
+    }
+}
+
+/// Without a writer a stop brakes what a program has left moving, and says that none was writing. It takes no place of
+/// another client, and leaves none behind. Below OP there is nothing to stop.
+#[test]
+fn a_stop_without_a_writer() {
+    let (options, told) = options();
+    let options = ServeOptions { max_clients: 1, ..options };
+    let server = serve_with("sim:?slaves=drive*3&clock=virtual", options);
+    let done = stopped(&server, false).unwrap();
+    assert_eq!((done.in_op, done.writer), (false, None));
+
+    let Wired { link, cable: _cable } = prepared(&server, &told);
+    drive(link.as_ref(), 200);
+    link.close();
+    told.wait("has closed its link");
+    let done = stopped(&server, false).unwrap();
+    assert_eq!((done.in_op, done.writer), (true, None));
+    assert_stand(&server, true);
+    let writer = connect(&server, "");
+    assert!(stopped(&server, true).unwrap().writer.is_some(), "the only place is the writer's");
+    assert_says_who(writer.as_ref());
+    assert_stand(&server, false);
+}
+
+/// A frame that the board has taken is answered before the connection ends, so that no write of a stopped writer is
+/// unsure.
+#[test]
+fn a_stop_leaves_no_write_unsure() {
+    let (server, told) = served("real", OnVanish::Ramp);
+    let Wired { link, cable: _cable } = prepared(&server, &told);
+    thread::scope(|scope| {
+        let writes = scope.spawn(|| {
+            loop {
+                let mut frame = Frame::new();
+                frame.fill_crc(support::tcp::SIZE);
+                if let Err(error) = link.write(&frame, Wait::For(LIMIT)) {
+                    return error;
+                }
+            }
+        });
+        thread::sleep(Duration::from_millis(20));
+        stopped(&server, false).unwrap();
+        let error = writes.join().unwrap();
+        assert!(matches!(error, LinkError::Lost { .. }), "{error:?}");
+    });
+}
+
+/// Of a network that the server has not seen configured it does not know the axes: the stop says so, and stops the
+/// writer all the same, so that another program can stop the axes.
+#[test]
+fn a_stop_of_a_network_that_is_not_known() {
+    let sim = own("sim:?slaves=drive*3&clock=virtual");
+    let ecm = Ecm::open(&sim).unwrap();
+    ecm.configure(&config()).unwrap();
+    ecm.set_state(MasterState::Op).unwrap();
+    ecm.close(Close::Leave).unwrap();
+    let (options, _told) = options();
+    let server = Server::start(move || link::open(&sim, Share::ByUri), options).unwrap();
+    let writer = connect(&server, "");
+    writer.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
+    let error = stopped(&server, false).unwrap_err();
+    assert!(matches!(&error, StopError::Unknown { writer: Some(_) }), "{error:?}");
+    assert!(error.to_string().contains("emergency stop"), "{error}");
+    assert_says_who(writer.as_ref());
+    let next = Ecm::open(&uri(&server, "")).unwrap();
+    assert!(next.stop(&config(), false).unwrap());
+}
+
+/// A stop needs the secret as any other client does.
+#[test]
+fn a_stop_needs_the_secret() {
+    let folder = tempfile::tempdir().unwrap();
+    let [good, bad] = ["0123456789abcdef0123456789abcdef", "0123456789abcdef0123456789abcdeX"].map(|text| {
+        let path = folder.path().join(text);
+        fs::write(&path, text).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+        path
+    });
+    let (options, _told) = options();
+    let options = ServeOptions { secret: Some(Secret::load(&good).unwrap()), ..options };
+    let server = serve_with("sim:?slaves=drive&clock=virtual", options);
+    let ask = |file: &std::path::Path| {
+        stop(&LinkUri::parse(&uri(&server, &format!("secret_file={}", file.display()))).unwrap(), false)
+    };
+    assert!(matches!(ask(&good), Ok(Stopped { in_op: false, .. })));
+    let error = ask(&bad).unwrap_err().to_string();
+    assert!(error.contains("another secret"), "{error}");
+    let error = stopped(&server, false).unwrap_err().to_string();
+    assert!(error.contains("wants a secret"), "{error}");
+}
+
+/// A server of an older version of the protocol, and a port where no server listens, are errors that say what to do.
+#[test]
+fn a_stop_where_no_such_server_is() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let old = thread::spawn(move || {
+        let (mut client, _) = listener.accept().unwrap();
+        std::io::Write::write_all(&mut client, b"ecmsktcp\x03\0\0\x01\0\0\0\0").unwrap();
+    });
+    let uri = LinkUri::parse(&format!("tcp://{address}")).unwrap();
+    let error = stop(&uri, false).unwrap_err().to_string();
+    assert!(error.contains("speaks version 3 of the protocol") && error.contains("the same ecmsk on both"), "{error}");
+    old.join().unwrap();
+    let error = stop(&uri, false).unwrap_err().to_string();
+    assert!(error.contains("nobody listens there"), "{error}");
+    let error = stop(&LinkUri::parse("sim:").unwrap(), false).unwrap_err();
+    assert!(matches!(error, StopError::Link(LinkError::Uri(_))), "{error:?}");
+}
+
+/// Only a client that has introduced itself for it may ask for a stop.
+#[test]
+fn a_reader_cannot_ask_for_a_stop() {
+    let (server, told) = served("virtual", OnVanish::Ramp);
+    let mut raw = Raw::connect(&server);
+    raw.hello(true, 500).expect("a welcome");
+    raw.send(&message(0x07, &[1, 0, 0, 0, 0, 0, 0, 0, 0]));
+    told.wait("does not keep to the protocol");
+    let link: Arc<dyn Link> = connect(&server, "");
+    link.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
+}

@@ -1,0 +1,436 @@
+//! `ecmsk jog`: moves axes by hand, as long as a key of the terminal is held.
+//!
+//! Files: `dead_man.rs` says which key counts as held, `axis.rs` is the motion of an axis, `terminal.rs` reads the keys.
+
+mod axis;
+mod dead_man;
+mod terminal;
+
+use std::collections::VecDeque;
+use std::io::{self, IsTerminal};
+use std::time::{Duration, Instant};
+
+use ecmsk::cia402::Mode;
+use ecmsk::ecm::{EcmError, Snapshot, SoftLimits, Stream};
+use ratatui::crossterm::event::KeyCode;
+use serde_json::json;
+
+use super::OnBoard;
+use super::motion::internal_limit::{self, Watched};
+use super::motion::{AskedSpeeds, HELD_LIMIT, HOLD_FRAMES, Jerk, Speeds, aim, depth, lost};
+use crate::board::{
+    AxisWord, Board, BoardError, BoardUse, Interrupt, Needs, StepSource, duration, find_axis, in_mode, positive,
+    statusword_text,
+};
+use crate::machine_option::in_unit;
+use crate::signals;
+use axis::{Doing, JogAxis};
+use dead_man::{DeadMan, MotionKey, Times};
+use terminal::Terminal;
+
+const WHAT: &str = "jog";
+/// \[OURS] How long the repeat of a key may be missing, see [`Times`].
+const FIRST_REPEAT: &str = "400ms";
+const REPEAT: &str = "150ms";
+/// The range of those times.
+const REPEAT_RANGE: std::ops::RangeInclusive<Duration> = Duration::from_millis(30)..=Duration::from_secs(2);
+/// \[OURS] A machine file's highest speed is for programs: by hand an axis has a tenth of it.
+const PART_OF_MAX: f64 = 0.1;
+/// \[OURS] If a cycle of this program takes longer than this, it has stalled: the axes stop. The board has executed its targets by
+/// then, and holds the last ones.
+const STALL: Duration = Duration::from_millis(100);
+/// \[OURS] How often it is checked whether the terminal was closed.
+const CLOSED_CHECK_INTERVAL: Duration = Duration::from_millis(20);
+/// The keys of the axes, in the order in which the axes are named: back and forth, and their names. One axis has them all.
+const KEYS: [(KeyCode, KeyCode, &str); 3] = [
+    (KeyCode::Left, KeyCode::Right, "left and right"),
+    (KeyCode::Down, KeyCode::Up, "down and up"),
+    (KeyCode::Char('-'), KeyCode::Char('+'), "- and +"),
+];
+
+/// Move axes by hand: hold a key and the axis runs, release it and the axis stops
+///
+/// A terminal reports a key again and again while it is held, and not its release. So an axis brakes when its key has not
+/// arrived again in time, also if the line to the terminal stalls; keys that arrive late do not count. Terminals with kitty's
+/// keyboard protocol report releases of arrow keys, too. Any other key stops, q ends. An axis stops at its limits in the
+/// machine file; beyond one it moves only back.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "\
+Keys:
+  the first axis has the arrows left and right, the second one down and up, the third one - and +; one axis alone has all
+
+Examples:
+  ecmsk jog X Y --link tcp://localhost --up
+  ecmsk jog 1 --velocity 2000 --link 'sim:?slaves=drive*2' --up")]
+pub struct Args {
+    /// One to three axes, by the numbers of their slaves or by their names in the machine file
+    #[arg(value_name = "AXIS", required = true, num_args = 1..=3, value_parser = axis_word)]
+    axes: Vec<AxisWord>,
+
+    /// Speed, units a second [default: a tenth of max_velocity of the machine file, else 10000 counts a second]
+    #[arg(long, value_name = "N", value_parser = positive, allow_negative_numbers = true)]
+    velocity: Option<f64>,
+
+    /// Acceleration, units a second squared [default: reaches the speed in 0.2 s]
+    #[arg(long, value_name = "N", value_parser = positive, allow_negative_numbers = true)]
+    acceleration: Option<f64>,
+
+    /// Jerk, units a second cubed, or off [default: reaches the acceleration in 0.1 s]
+    #[arg(long, value_name = "N|off", value_parser = Jerk::parse, allow_negative_numbers = true)]
+    jerk: Option<Jerk>,
+
+    /// How long the first repeat of a key may be missing until its axis brakes: longer than the keyboard waits with it
+    #[arg(long, value_name = "TIME", value_parser = repeat_time, default_value = FIRST_REPEAT)]
+    first_repeat: Duration,
+
+    /// How long each further repeat may be missing
+    #[arg(long, value_name = "TIME", value_parser = repeat_time, default_value = REPEAT)]
+    repeat: Duration,
+}
+
+fn axis_word(text: &str) -> Result<AxisWord, String> {
+    AxisWord::parse(text).ok_or_else(|| "allowed: a slave from 1 to 40, or a name in the machine file".into())
+}
+
+fn repeat_time(text: &str) -> Result<Duration, String> {
+    duration(text).ok().filter(|time| REPEAT_RANGE.contains(time)).ok_or_else(|| "allowed: 30ms to 2s".into())
+}
+
+/// Opens the board, moves axes by hand until a key or a signal ends it, and closes the board.
+///
+/// # Errors
+/// [`BoardError`] if there is no terminal, the board cannot be opened, an axis is not enabled or fails, or a signal ends it.
+pub fn run(args: OnBoard<Args>) -> Result<(), BoardError> {
+    let OnBoard { step, board } = args;
+    if !io::stdin().is_terminal() || !io::stderr().is_terminal() {
+        let why =
+            "standard input and standard error have to be a terminal, whose keys are held and released".to_owned();
+        return Err(refused(why, "run it in a terminal, or move axes with `ecmsk move`"));
+    }
+    let board = Board::open(&board, BoardUse::Moves, StepSource::CommandLine, Interrupt::watch()?)?;
+    let done = step.run(&board);
+    board.close(done)
+}
+
+/// An axis with what is known of it for its line on the screen.
+struct Jogged {
+    slave: u8,
+    motion: JogAxis,
+    limits: SoftLimits,
+    held: Watched,
+    /// The newest targets, of which the oldest is the one that the board executes.
+    sent: VecDeque<i32>,
+}
+
+impl Args {
+    fn run(&self, board: &Board) -> Result<(), BoardError> {
+        let units = board.units();
+        let mut slaves = Vec::new();
+        let mut speeds = Vec::new();
+        for word in &self.axes {
+            let slave = word.slave(WHAT, units.machine)?;
+            if slaves.contains(&slave) {
+                return Err(refused(format!("axis {slave} is named twice"), "name each axis once"));
+            }
+            in_mode(slave, WHAT, find_axis(board.known_network(WHAT)?, WHAT, slave)?, Mode::Csp)?;
+            slaves.push(slave);
+            speeds.push(self.speeds(board, word, slave)?);
+        }
+        if board.ecm.link_info().virtual_time {
+            let why = "the board is on a virtual clock, which no hand can follow".to_owned();
+            return Err(refused(why, "leave clock=virtual out of its link"));
+        }
+        board.ready(WHAT, Needs::On(&slaves))?;
+        board.check_adopted(WHAT, &slaves)?;
+        let config = board.known_network(WHAT)?;
+        let depth = depth(config);
+        // Commands that are still in the FIFO may move the axes, so their execution is awaited.
+        board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
+        let snapshot = board.ecm.snapshot()?;
+        let axes = slaves.iter().zip(speeds).map(|(slave, speeds)| {
+            let limits = units.axis(*slave).map_or(SoftLimits::NONE, |axis| axis.limits);
+            let start = board.standing_position(&snapshot, *slave);
+            let motion = JogAxis::new(start, speeds, limits);
+            Jogged { slave: *slave, motion, limits, held: Watched::new(*slave), sent: VecDeque::new() }
+        });
+        let axes: Vec<Jogged> = axes.collect();
+        self.say_keys(board, &axes);
+        let cycle = f64::from(config.cycle_us) * 1e-6;
+        let terminal = Terminal::open().map_err(BoardError::system("read the keys of the terminal"))?;
+        let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
+        let times = Times { first: self.first_repeat, repeat: self.repeat };
+        let mut jog = Jog {
+            board,
+            axes,
+            keys: DeadMan::new(times),
+            began: Instant::now(),
+            before: snapshot.clone(),
+            snapshot,
+            cycle,
+            depth,
+            held_limit_s: HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle),
+        };
+        let done = jog.go(stream, &terminal);
+        board.reporter.clear();
+        drop(terminal);
+        for axis in &jog.axes {
+            board.note_target(axis.slave, axis.motion.target());
+        }
+        done
+    }
+
+    fn speeds(&self, board: &Board, word: &AxisWord, slave: u8) -> Result<Speeds, BoardError> {
+        let units = board.units();
+        let scale = units.scale(word, slave);
+        let of_machine = units.axis(slave).and_then(|axis| {
+            let of_file = axis.max_velocity? * axis.scale.counts_per_unit.abs() * PART_OF_MAX;
+            Some(of_file / scale.counts_per_unit.abs())
+        });
+        let velocity = self.velocity.or(of_machine);
+        AskedSpeeds { velocity, acceleration: self.acceleration, jerk: self.jerk }.of_axis(WHAT, slave, scale, units)
+    }
+
+    fn say_keys(&self, board: &Board, axes: &[Jogged]) {
+        let label = |slave| format!("axis {}", board.label(slave));
+        let keys: Vec<String> = match axes {
+            [axis] => vec![format!("left or -, and right or +, move {}", label(axis.slave))],
+            axes => {
+                let of = |(axis, (_, _, keys)): (&Jogged, (KeyCode, KeyCode, &str))| {
+                    format!("{keys} move {}", label(axis.slave))
+                };
+                axes.iter().zip(KEYS).map(of).collect()
+            }
+        };
+        board.reporter.note(format_args!("{}; any other key stops, q ends", keys.join(", ")));
+    }
+}
+
+/// Axes under a hand.
+struct Jog<'a> {
+    board: &'a Board,
+    axes: Vec<Jogged>,
+    keys: DeadMan,
+    began: Instant,
+    /// The report before the motion.
+    before: Snapshot,
+    snapshot: Snapshot,
+    /// The cycle time in seconds.
+    cycle: f64,
+    depth: u16,
+    held_limit_s: f64,
+}
+
+impl Jog<'_> {
+    /// Moves the axes until a key or a signal ends it, then brakes them.
+    fn go(&mut self, mut stream: Stream<'_>, terminal: &Terminal) -> Result<(), BoardError> {
+        let ended = self.follow(&mut stream, terminal);
+        let braked = self.brake(&mut stream);
+        // `finish` brakes axes that are still moving, also after an error.
+        let finished = stream.finish();
+        ended?;
+        self.board.check_stop()?;
+        braked?;
+        finished.map_err(|error| self.board.explain(error))?;
+        Ok(())
+    }
+
+    /// One cycle after the other: what stops an axis comes before what moves it, and drawing comes last and waits for nobody.
+    fn follow(&mut self, stream: &mut Stream<'_>, terminal: &Terminal) -> Result<(), BoardError> {
+        let lost_before = self.snapshot.state().is_failed();
+        let mut pace = self.board.reporter.pace();
+        // While the board executes what it has, a late program has not stalled.
+        let stall = STALL.max(Duration::from_secs_f64(2.0 * f64::from(self.depth) * self.cycle));
+        let (mut newest, mut next_closed_check) = (Instant::now(), Instant::now());
+        loop {
+            if self.board.interrupt.signal().is_some() {
+                return Ok(());
+            }
+            let now = Instant::now();
+            if now.duration_since(std::mem::replace(&mut newest, now)) > stall {
+                self.stalled(now);
+            }
+            if now >= next_closed_check {
+                next_closed_check = now + CLOSED_CHECK_INTERVAL;
+                if signals::has_hung_up(&io::stdin()) {
+                    return Err(closed());
+                }
+            }
+            if self.take_keys(terminal)? {
+                return Ok(());
+            }
+            self.obey()?;
+            self.snapshot = stream.snapshot().map_err(|error| self.board.explain(error))?;
+            if self.snapshot.state().is_failed() && !lost_before {
+                return Err(lost(self.board, self.snapshot.state()));
+            }
+            self.refuse_held_axis()?;
+            self.step(stream, false)?;
+            let elapsed = self.began.elapsed();
+            if pace.due(elapsed) {
+                self.show()?;
+            }
+        }
+    }
+
+    fn at(&self, at: Instant) -> Duration {
+        at.saturating_duration_since(self.began)
+    }
+
+    /// This process has stalled: the board has executed what it had, and the axes stand at their last targets. They begin
+    /// from rest, and not by keys that were typed before.
+    fn stalled(&mut self, now: Instant) {
+        self.keys.stalled(self.at(now));
+        self.axes.iter_mut().for_each(|axis| axis.motion.stand());
+    }
+
+    /// Takes the keys that have arrived; returns whether one of them ends the verb.
+    fn take_keys(&mut self, terminal: &Terminal) -> Result<bool, BoardError> {
+        while let Some(key) = terminal.key().map_err(|_| closed())? {
+            let (at, motion) = (self.at(key.at), self.motion_key(key.code));
+            match motion {
+                Some(motion) if !key.is_release => self.keys.press(at, motion),
+                // The release of a key that does not move an axis is no key.
+                None if key.is_release => {}
+                None if matches!(key.code, KeyCode::Char('q' | 'Q') | KeyCode::Esc) => return Ok(true),
+                _ => self.keys.stop(at),
+            }
+        }
+        Ok(false)
+    }
+
+    /// The motion of a key; `None` if it moves no axis.
+    fn motion_key(&self, code: KeyCode) -> Option<MotionKey> {
+        // Without Shift, the key of + is = on many keyboards.
+        let code = if code == KeyCode::Char('=') { KeyCode::Char('+') } else { code };
+        let found = KEYS.iter().enumerate().find_map(|(axis, (back, forth, _))| {
+            (code == *back || code == *forth).then_some(MotionKey { axis, is_positive: code == *forth })
+        })?;
+        match self.axes.len() {
+            1 => Some(MotionKey { axis: 0, ..found }),
+            count => (found.axis < count).then_some(found),
+        }
+    }
+
+    /// The axis of the held key runs, the others brake.
+    fn obey(&mut self) -> Result<(), BoardError> {
+        let held = self.keys.held(self.at(Instant::now()));
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            let done = match held.filter(|key| key.axis == index) {
+                Some(key) if axis.motion.is_free_for(key.is_positive) => axis.motion.run(key.is_positive),
+                _ => axis.motion.brake(),
+            };
+            done.map_err(|why| refused(why, "choose a speed and an acceleration nearer to each other"))?;
+        }
+        Ok(())
+    }
+
+    /// Ends the motion if the drive of an axis holds it back.
+    fn refuse_held_axis(&mut self) -> Result<(), BoardError> {
+        let seconds = self.began.elapsed().as_secs_f64();
+        for axis in &mut self.axes {
+            let target = axis.motion.target();
+            if axis.held.held_for(self.board, &self.snapshot, target, seconds) >= self.held_limit_s {
+                let at = self.snapshot.position(axis.slave).unwrap_or_default();
+                let why = format!("axis {} stands at {at}: {}", axis.slave, internal_limit::WHY);
+                return Err(refused(why, internal_limit::NEXT));
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends the next target of each axis. `brakes`: axes that take none, because they are lost or have an alarm, are left out.
+    fn step(&mut self, stream: &mut Stream<'_>, brakes: bool) -> Result<(), BoardError> {
+        for axis in &mut self.axes {
+            axis.motion.advance(self.cycle);
+            let target = axis.motion.target();
+            axis.sent.push_back(target);
+            if axis.sent.len() > usize::from(self.depth) {
+                axis.sent.pop_front();
+            }
+            match aim(self.board, &self.before, stream, axis.slave, target) {
+                Err(EcmError::SlaveLost { .. } | EcmError::Alarm { .. } | EcmError::NotEnabled { .. }) if brakes => {}
+                aimed => aimed.map_err(|error| self.board.explain(error))?,
+            }
+        }
+        stream.step().map(drop).map_err(|error| self.board.explain(error))
+    }
+
+    /// Brakes all axes, and sends their last targets until the drives have reached them.
+    fn brake(&mut self, stream: &mut Stream<'_>) -> Result<(), BoardError> {
+        for axis in &mut self.axes {
+            axis.motion.brake().map_err(|why| refused(why, "the axis holds its last target"))?;
+        }
+        let mut left = HOLD_FRAMES;
+        while left > 0 {
+            self.step(stream, true)?;
+            left =
+                if self.axes.iter().all(|axis| axis.motion.doing() == Doing::Stands) { left - 1 } else { HOLD_FRAMES };
+        }
+        Ok(())
+    }
+
+    /// Shows the axes on one line.
+    fn show(&self) -> Result<(), BoardError> {
+        let width = terminal::width().saturating_sub(1);
+        let text = self.axes.iter().map(|axis| self.axis_text(axis)).collect::<Vec<_>>().join(" | ");
+        let text: String = text.chars().take(width).collect();
+        let json = || {
+            let axis = |axis: &Jogged| {
+                json!({
+                    "axis": axis.slave, "position_counts": self.snapshot.position(axis.slave),
+                    "following_error_counts": self.following_error(axis), "state": words(axis.motion.doing()),
+                })
+            };
+            json!({"verb": WHAT, "axes": self.axes.iter().map(axis).collect::<Vec<_>>()})
+        };
+        Ok(self.board.reporter.progress(text, json)?)
+    }
+
+    fn axis_text(&self, axis: &Jogged) -> String {
+        let machine = self.board.units().axis(axis.slave);
+        let shown = |counts: f64| machine.map_or_else(|| format!("{counts}"), |axis| in_unit(axis, counts));
+        let at = f64::from(self.snapshot.position(axis.slave).unwrap_or_default());
+        let state = match (axis.motion.doing(), self.end_of(axis)) {
+            (Doing::Stands, Some(limit)) => limit,
+            (doing, _) => words(doing).to_owned(),
+        };
+        let (label, error) = (self.board.label(axis.slave), shown(f64::from(self.following_error(axis))));
+        let word = statusword_text(self.board.statusword(&self.snapshot, axis.slave));
+        format!("axis {label}: {state} at {}, following error {error}, {word}", shown(at))
+    }
+
+    /// What the soft limits say of an axis that stands; `None` if it is between them.
+    fn end_of(&self, axis: &Jogged) -> Option<String> {
+        let SoftLimits { min, max } = axis.limits;
+        let at = axis.motion.target();
+        let machine = self.board.units().axis(axis.slave)?;
+        let (limit, word) = if at >= max { (max, "max") } else { (min, "min") };
+        let limit_text = in_unit(machine, limit.into());
+        if at == limit {
+            return Some(format!("stands at its limit, {word} = {limit_text},"));
+        }
+        (at > max || at < min).then(|| format!("stands beyond its limit, {word} = {limit_text}, and moves only back,"))
+    }
+
+    /// The distance of an axis from the target that the board executes, in counts.
+    fn following_error(&self, axis: &Jogged) -> i32 {
+        let position = self.snapshot.position(axis.slave).unwrap_or_default();
+        axis.sent.front().map_or(0, |target| target.wrapping_sub(position))
+    }
+}
+
+const fn words(doing: Doing) -> &'static str {
+    match doing {
+        Doing::Stands => "stands",
+        Doing::Runs => "runs",
+        Doing::Brakes => "brakes",
+    }
+}
+
+fn closed() -> BoardError {
+    BoardError::Stopped { signal: signals::HANG_UP as u8, next: "the terminal was closed".into() }
+}
+
+fn refused(why: String, next: &str) -> BoardError {
+    BoardError::Refused { what: WHAT.into(), why, next: next.into() }
+}

@@ -1,0 +1,260 @@
+//! The motion of one axis that is jogged, cycle by cycle: the profile of a `move` to its soft limit, and the brake of a
+//! `move` when its key is released.
+
+use ecmsk::ecm::SoftLimits;
+
+use super::super::motion::{BRAKE_LIMIT, Speeds};
+use super::super::profile::{Limits, Profile};
+
+/// \[OURS] How long a motion that nothing ends runs at its speed before its profile would brake; it is prolonged meanwhile.
+const CRUISE_S: f64 = 1.0;
+/// The part of the limits by which a point of a profile may differ from the motion at full speed.
+const CLOSE: f64 = 1e-6;
+
+/// One axis.
+pub struct JogAxis {
+    speeds: Speeds,
+    limits: SoftLimits,
+    /// Where the axis stands, or where its present profile begins, in counts.
+    base: f64,
+    motion: Motion,
+}
+
+/// What an axis does.
+enum Motion {
+    Stands,
+    /// The axis moves along a profile.
+    Moves {
+        profile: Profile,
+        /// The time since the profile began, in seconds.
+        time: f64,
+        /// The direction, 1 or -1.
+        sign: f64,
+        /// How far the motion may still be prolonged at full speed, in counts; 0 while the axis brakes.
+        more: f64,
+        brakes: bool,
+    },
+}
+
+/// What an axis does, in words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doing {
+    Stands,
+    Runs,
+    Brakes,
+}
+
+impl JogAxis {
+    /// An axis that stands at `position`.
+    pub fn new(position: i32, speeds: Speeds, limits: SoftLimits) -> Self {
+        Self { speeds, limits, base: position.into(), motion: Motion::Stands }
+    }
+
+    pub const fn doing(&self) -> Doing {
+        match self.motion {
+            Motion::Stands => Doing::Stands,
+            Motion::Moves { brakes: false, .. } => Doing::Runs,
+            Motion::Moves { brakes: true, .. } => Doing::Brakes,
+        }
+    }
+
+    /// How far the axis may go in this direction from where it stands, in counts: to its soft limit, or not at all if it is
+    /// at that limit or beyond it.
+    pub fn room(&self, is_positive: bool) -> f64 {
+        let SoftLimits { min, max } = self.limits;
+        let room = if is_positive { f64::from(max) - self.base } else { self.base - f64::from(min) };
+        room.max(0.0)
+    }
+
+    /// Whether the axis stands, or runs in this direction already.
+    pub fn is_free_for(&self, is_positive: bool) -> bool {
+        match self.motion {
+            Motion::Stands => true,
+            Motion::Moves { brakes, sign, .. } => !brakes && (sign > 0.0) == is_positive,
+        }
+    }
+
+    /// Begins to move, if the axis stands and has room.
+    ///
+    /// # Errors
+    /// The library for trajectories finds no motion within the limits.
+    pub fn run(&mut self, is_positive: bool) -> Result<(), String> {
+        let room = self.room(is_positive);
+        if !matches!(self.motion, Motion::Stands) || room < 1.0 {
+            return Ok(());
+        }
+        let Speeds { velocity, acceleration, jerk } = self.speeds;
+        // The times to reach the speed and to lose it, and some time at that speed. A longer profile would be less exact.
+        let ramp_s = velocity / acceleration + jerk.map_or(0.0, |jerk| acceleration / jerk + (velocity / jerk).sqrt());
+        let length = room.min(velocity * (2.0 * ramp_s + CRUISE_S));
+        let profile = Profile::rest_to_rest(length, Limits { velocity, acceleration, jerk })?;
+        let sign = if is_positive { 1.0 } else { -1.0 };
+        self.motion = Motion::Moves { profile, time: 0.0, sign, more: room - length, brakes: false };
+        Ok(())
+    }
+
+    /// Brakes, with the acceleration of the axis or harder, within 1.5 s.
+    ///
+    /// # Errors
+    /// The library for trajectories finds no brake: the axis holds its last target.
+    pub fn brake(&mut self) -> Result<(), String> {
+        let Motion::Moves { profile, time, brakes: false, sign, .. } = &self.motion else { return Ok(()) };
+        let (point, sign) = (profile.at(*time), *sign);
+        let Speeds { velocity, acceleration, jerk } = self.speeds;
+        match Profile::to_rest(point, Limits { velocity, acceleration, jerk }, BRAKE_LIMIT) {
+            Ok(profile) => {
+                self.motion = Motion::Moves { profile, time: 0.0, sign, more: 0.0, brakes: true };
+                Ok(())
+            }
+            Err(why) => {
+                self.stand();
+                Err(why)
+            }
+        }
+    }
+
+    /// The axis stands at its last target.
+    pub fn stand(&mut self) {
+        self.base = self.exact();
+        self.motion = Motion::Stands;
+    }
+
+    /// Advances by a cycle of `cycle` seconds.
+    pub fn advance(&mut self, cycle: f64) {
+        let Motion::Moves { profile, time, sign, more, .. } = &mut self.motion else { return };
+        let point = profile.at(*time);
+        let is_at_speed = point.velocity >= self.speeds.velocity * (1.0 - CLOSE)
+            && point.acceleration.abs() <= self.speeds.acceleration * CLOSE;
+        let way = point.velocity * cycle;
+        let taken = if is_at_speed && *more > 0.0 { way.min(*more) } else { 0.0 };
+        // The part of the cycle that prolongs the motion at full speed does not advance the profile.
+        self.base += *sign * taken;
+        *more -= taken;
+        *time += if taken > 0.0 { cycle * (1.0 - taken / way) } else { cycle };
+        if *time >= profile.seconds() {
+            self.stand();
+        }
+    }
+
+    /// The target of the present cycle, in counts. It is never further beyond a soft limit than where the axis stood.
+    pub fn target(&self) -> i32 {
+        // The range of positions is that of i32, so the conversion loses nothing but the fraction.
+        self.exact().round() as i32
+    }
+
+    fn exact(&self) -> f64 {
+        match &self.motion {
+            Motion::Stands => self.base,
+            Motion::Moves { profile, time, sign, .. } => {
+                let at = self.base + sign * profile.at(*time).length;
+                let SoftLimits { min, max } = self.limits;
+                if *sign > 0.0 { at.min(f64::from(max).max(self.base)) } else { at.max(f64::from(min).min(self.base)) }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const CYCLE: f64 = 0.001;
+
+    fn speeds(velocity: f64) -> Speeds {
+        Speeds::of((Some(velocity), None), (None, None), None)
+    }
+
+    /// The targets of so many cycles.
+    fn cycles(axis: &mut JogAxis, count: usize) -> Vec<i32> {
+        let target = |axis: &mut JogAxis| {
+            axis.advance(CYCLE);
+            axis.target()
+        };
+        (0..count).map(|_| target(axis)).collect()
+    }
+
+    /// The cycles until the axis stands, and the furthest targets.
+    fn until_it_stands(axis: &mut JogAxis) -> (usize, i32, i32) {
+        let (mut count, mut low, mut high) = (0, axis.target(), axis.target());
+        while axis.doing() != Doing::Stands {
+            axis.advance(CYCLE);
+            (low, high) = (low.min(axis.target()), high.max(axis.target()));
+            count += 1;
+            assert!(count < 1_000_000, "it never stands");
+        }
+        (count, low, high)
+    }
+
+    /// A key that is held for long moves the axis at its speed, and its release brakes it with the default acceleration.
+    #[test]
+    fn a_held_axis_runs_at_its_speed_and_brakes_when_it_is_released() {
+        let mut axis = JogAxis::new(100, speeds(10_000.0), SoftLimits::NONE);
+        axis.run(true).unwrap();
+        let targets = cycles(&mut axis, 20_000);
+        assert!(targets[400..].windows(2).all(|pair| (9..=11).contains(&(pair[1] - pair[0]))), "it runs at its speed");
+        let released = axis.target();
+        axis.brake().unwrap();
+        let (count, _, high) = until_it_stands(&mut axis);
+        assert!((200..=500).contains(&count), "{count} ms: 10000 counts/s with 50000 counts/s^2 and their jerk");
+        assert!((1000..=2000).contains(&(high - released)), "{}", high - released);
+        assert_eq!(axis.target(), high);
+    }
+
+    /// A held axis stops at its soft limit exactly, goes no further, and comes back. Beyond a limit it goes only back.
+    #[test]
+    fn a_held_axis_stops_at_its_soft_limit() {
+        let limits = SoftLimits { min: -500, max: 40_000 };
+        let mut axis = JogAxis::new(0, speeds(10_000.0), limits);
+        axis.run(true).unwrap();
+        assert_eq!(until_it_stands(&mut axis).2, 40_000);
+        axis.run(true).unwrap();
+        assert_eq!(axis.doing(), Doing::Stands, "there is no room");
+        axis.run(false).unwrap();
+        assert_eq!(until_it_stands(&mut axis).1, -500);
+
+        let mut beyond = JogAxis::new(50_000, speeds(10_000.0), limits);
+        beyond.run(true).unwrap();
+        assert_eq!((beyond.doing(), beyond.target()), (Doing::Stands, 50_000));
+        beyond.run(false).unwrap();
+        let (_, low, high) = until_it_stands(&mut beyond);
+        assert_eq!((low, high), (-500, 50_000));
+    }
+
+    /// An axis at the end of the range of positions stays within it.
+    #[test]
+    fn an_axis_stays_within_the_range_of_positions() {
+        let mut axis = JogAxis::new(i32::MAX - 3000, speeds(1e6), SoftLimits::NONE);
+        axis.run(true).unwrap();
+        let (_, _, high) = until_it_stands(&mut axis);
+        assert_eq!(high, i32::MAX);
+    }
+
+    proptest! {
+        /// Whatever keys are held for however long: no target is beyond a limit, and none is further from the last one
+        /// than the speed allows.
+        #[test]
+        fn no_target_is_beyond_a_limit_or_too_fast(
+            start in -60_000..60_000_i32, velocity in 10.0..1e6_f64, holds in prop::collection::vec((any::<bool>(), 1..1500_usize, 0..400_usize), 1..12),
+        ) {
+            let limits = SoftLimits { min: -50_000, max: 50_000 };
+            let mut axis = JogAxis::new(start, speeds(velocity), limits);
+            let mut last = axis.target();
+            let (low, high) = (limits.min.min(start), limits.max.max(start));
+            for (is_positive, held, released) in holds {
+                for n in 0..held + released {
+                    if n < held { axis.run(is_positive).unwrap() } else { axis.brake().unwrap() }
+                    axis.advance(CYCLE);
+                    let now = axis.target();
+                    prop_assert!((low..=high).contains(&now), "{now}");
+                    prop_assert!(f64::from(now.abs_diff(last)) <= velocity * CYCLE * 1.01 + 1.0, "{last} to {now}");
+                    last = now;
+                }
+            }
+            axis.brake().unwrap();
+            let (_, at_least, at_most) = until_it_stands(&mut axis);
+            prop_assert!(low <= at_least && at_most <= high);
+        }
+    }
+}

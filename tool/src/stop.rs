@@ -1,0 +1,210 @@
+//! `ecmsk stop`: brings all axes to a standstill, also while another program writes to the served board.
+
+use std::path::PathBuf;
+
+use clap::ValueHint;
+use ecmsk::ecm::Close;
+use ecmsk::link::keys::Scheme;
+use ecmsk::link::tcp::{StopError, Stopped, stop};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::sk::{MasterState, SlotSize};
+use serde_json::json;
+
+use super::board::network::Network;
+use super::board::{self, Board, BoardError, BoardUse, Interrupt, Reporter, StepSource};
+use super::link_option::ChosenLink;
+use super::{machine_option, slot_size};
+
+const WHAT: &str = "stop";
+
+/// Bring all axes to a standstill, also while another program moves them
+///
+/// On a served board (tcp:) the server ends the connection of the program that writes, and brakes its axes as those of one
+/// that has vanished. Any other link has to be free: the verb opens the board, and stops what a program has left moving.
+/// It aborts homing, and axes stay on. It is no emergency stop, which works without software.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk stop --link tcp://localhost
+  ecmsk stop --link tcp://192.168.1.20?secret_file=secret --servo-off
+  ecmsk stop --link usb: --slaves drive*2,io")]
+pub struct Args {
+    /// Board whose axes are stopped, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// Switch the axes off when they stand; a vertical axis without a brake drops then
+    #[arg(long)]
+    servo_off: bool,
+
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
+
+    /// The slaves in the order of the cable, as for `ecmsk move`, if no server knows them [default: those of the machine file]
+    #[arg(long, value_name = "LIST", value_parser = Network::parse)]
+    slaves: Option<Network>,
+
+    /// EtherCAT cycle, microseconds, if no server knows it [default: that of the machine file, else 1000]
+    #[arg(long, value_name = "N")]
+    cycle_us: Option<u32>,
+
+    /// Bytes of a slot, 12 or 16 [default: what the link says, else the size with which the CRCs of reports are right]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+
+    /// Print the result as a JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Stops the axes, and prints how that has ended.
+///
+/// # Errors
+/// [`BoardError`] if axes may still move: no server or board answers, another program has a board that is not served, the
+/// slaves are not known, or the brake has failed.
+pub fn run(args: &Args) -> Result<(), BoardError> {
+    run_with(args, Interrupt::watch)
+}
+
+fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>) -> Result<(), BoardError> {
+    let machine = machine_option::load(args.machine.as_deref())?;
+    let chosen = ChosenLink::find_with(args.link.as_ref(), machine.as_ref())?;
+    if chosen.uri.scheme() != Scheme::Tcp {
+        return args.stop_free_board(None, interrupt);
+    }
+    match stop(&chosen.uri, args.servo_off) {
+        Ok(stopped) => args.say(&Reporter::new(args.json, false), &stopped, true),
+        // The server has stopped the writer, so this program can be the writer, and stop the axes that it is told of.
+        Err(StopError::Unknown { writer }) if args.slaves.is_some() || machine.is_some() => {
+            args.stop_free_board(writer, interrupt)
+        }
+        Err(StopError::Unknown { .. }) => Err(BoardError::Refused {
+            what: WHAT.to_owned(),
+            why:
+                "the network was configured before its server came, so that what moves is not known to it, and goes on"
+                    .to_owned(),
+            next: "say --slaves, with which this verb stops the axes, or use the emergency stop".to_owned(),
+        }),
+        Err(StopError::Link(error)) => Err(chosen.if_unnamed(&error).map_or(error.into(), BoardError::from)),
+        Err(error) => Err(error.into()),
+    }
+}
+
+impl Args {
+    /// Opens the board, which no other program has, and stops what moves. `writer`: the program that a server has stopped.
+    fn stop_free_board(
+        &self,
+        writer: Option<String>,
+        interrupt: fn() -> Result<Interrupt, BoardError>,
+    ) -> Result<(), BoardError> {
+        let args = board::Args::for_stop(self);
+        let board = Board::open(&args, BoardUse::Moves, StepSource::CommandLine, interrupt()?)?;
+        let done = self.stop(&board).and_then(|in_op| {
+            let is_served = board.uri.scheme() == Scheme::Tcp;
+            self.say(&board.reporter, &Stopped { writer, in_op, text: String::new() }, is_served)
+        });
+        board.close(done)
+    }
+
+    fn stop(&self, board: &Board) -> Result<bool, BoardError> {
+        if board.ecm.state()?.state() != Some(MasterState::Op) {
+            return Ok(false);
+        }
+        Ok(board.ecm.stop(board.known_network(WHAT)?, self.servo_off)?)
+    }
+
+    fn say(&self, reporter: &Reporter, stopped: &Stopped, is_served: bool) -> Result<(), BoardError> {
+        let Stopped { writer, in_op, text } = stopped;
+        let axes = match (in_op, self.servo_off) {
+            (false, _) => "no axis follows commands: the network is not in OP",
+            (true, false) => "axes stand still",
+            (true, true) => "axes stand still, and are off",
+        };
+        let whom = match writer {
+            Some(writer) => format!("; {writer} was stopped"),
+            None if is_served => "; no program was writing".to_owned(),
+            None => String::new(),
+        };
+        let more = if text.is_empty() { String::new() } else { format!("; {text}") };
+        let json = json!({
+            "verb": WHAT, "in_op": in_op, "servo_off": self.servo_off, "stopped": writer,
+            "text": (!text.is_empty()).then_some(text),
+        });
+        Ok(reporter.result(format_args!("{axes}{whom}{more}"), &json)?)
+    }
+}
+
+impl board::Args {
+    /// The options of a board for `stop`, which has fewer of them.
+    fn for_stop(args: &Args) -> Self {
+        let Args { link, servo_off, machine, slaves, cycle_us, slot_size, json } = args.clone();
+        let close = if servo_off { Close::ServoOff } else { Close::Hold };
+        Self::with(|args| {
+            (args.link, args.machine, args.slaves) = (link, machine, slaves);
+            (args.cycle_us, args.slot_size, args.json) = (cycle_us, slot_size, json);
+            args.close = Some(close);
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    const LINK: &str = "sim:?slaves=drive*2&clock=virtual&name=stop-verb";
+
+    #[derive(Parser)]
+    struct Verb {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn verb(options: &[&str]) -> Args {
+        Verb::parse_from(["stop", "--link", LINK, "--machine", "none"].iter().chain(options)).args
+    }
+
+    /// The board as `stop` opens it, with axes that are left as they are when it is closed.
+    fn board(slaves: &str) -> Board {
+        let mut args = board::Args::for_stop(&verb(&["--slaves", slaves]));
+        args.close = Some(Close::Leave);
+        Board::open(&args, BoardUse::Moves, StepSource::Lines, Interrupt::default()).unwrap()
+    }
+
+    /// How far axis 1 moves in 100 cycles, counts, and whether it is on.
+    fn axis_1() -> (i32, bool) {
+        let board = board("drive*2");
+        let first = board.ecm.snapshot().unwrap();
+        let mut last = first.clone();
+        (0..100).for_each(|_| last = board.ecm.next_cycle(board.options.read_limit).unwrap());
+        let at = |snapshot: &ecmsk::ecm::Snapshot| snapshot.position(1).unwrap();
+        let seen = (at(&last) - at(&first), board.statusword(&last, 1).is_enabled());
+        board.close(Ok(())).unwrap();
+        seen
+    }
+
+    /// A board that no program has: the verb opens it and stops what a program has left moving, in the mode that reports
+    /// show, whatever the options say. It switches axes off only if it is asked for.
+    #[test]
+    fn what_a_program_has_left_moving_on_a_free_board_is_stopped() {
+        let left = board("drive:csv,drive");
+        left.go_to(MasterState::Op).unwrap();
+        left.ecm.servo_on(&[1]).unwrap();
+        let mut stream = left.ecm.stream(16).unwrap();
+        for _ in 0..300 {
+            stream.csv(1, 50_000).unwrap();
+            stream.step().unwrap();
+        }
+        std::mem::forget(stream);
+        left.close(Ok(())).unwrap();
+        let (moved, is_on) = axis_1();
+        assert!(moved > 4000 && is_on, "{moved}");
+
+        run_with(&verb(&[]), || Ok(Interrupt::default())).unwrap();
+        let (moved, is_on) = axis_1();
+        assert!(moved.abs() <= 2 && is_on, "{moved}");
+        run_with(&verb(&["--servo-off"]), || Ok(Interrupt::default())).unwrap();
+        assert!(!axis_1().1);
+    }
+}

@@ -1,0 +1,59 @@
+//! `ecmsk stop`: a second terminal stops the axes that another program moves.
+#![cfg(unix)]
+
+use std::io::Read as _;
+use std::process::Stdio;
+
+use crate::common::{ecmsk, run};
+use ecmsk::ecm::{Config, Ecm};
+use serde_json::json;
+use support::tcp::{LIMIT, serve, until, uri};
+
+/// A `move` through a server is stopped: its axes stand and stay on, it fails and says who has stopped it, and `stop`
+/// says whom it has stopped. A second stop finds nobody, and switches the axes off.
+#[test]
+fn a_second_terminal_stops_what_a_program_moves() {
+    let (server, told) = serve("sim:?slaves=drive*2");
+    let link = uri(&server, "");
+    let words = ["move", "1=100000000", "--velocity", "20000", "--yes", "--up", "--machine", "none", "--link", &link];
+    let mut moving = ecmsk(words).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let reader = Ecm::open(&uri(&server, "role=reader")).unwrap();
+    reader.adopt(&Config::drives(2)).unwrap();
+    let position = || reader.next_cycle(LIMIT).unwrap().position(1).unwrap();
+    until("a motion", || (position() > 1000).then_some(()));
+
+    let name = format!("ecmsk (PID {}) at 127.0.0.1:", moving.id());
+    let said = run(["stop", "--machine", "none", "--link", &link]).expect_quiet();
+    assert!(said.starts_with(&format!("axes stand still; {name}")) && said.ends_with(" was stopped\n"), "{said}");
+    let from = position();
+    let moved = (0..200).map(|_| position().abs_diff(from)).max().unwrap();
+    assert!(moved <= 2, "{moved}");
+    assert!(reader.snapshot().unwrap().drive(1).unwrap().statusword.is_enabled());
+    let mut error = String::new();
+    moving.stderr.take().unwrap().read_to_string(&mut error).unwrap();
+    assert_eq!(moving.wait().unwrap().code(), Some(1), "{error}");
+    assert!(error.contains("stopped by another client, ecmsk (PID "), "{error}");
+    told.wait("was stopped by ecmsk (PID ");
+
+    let said = run(["stop", "--servo-off", "--json", "--machine", "none", "--link", &link]).expect_quiet();
+    let said: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let shown = json!({"verb": "stop", "in_op": true, "servo_off": true, "stopped": null, "text": null});
+    assert_eq!(said, shown);
+    until("axes that are off", || {
+        let seen = reader.next_cycle(LIMIT).unwrap();
+        (!seen.drive(1).unwrap().statusword.is_enabled()).then_some(())
+    });
+}
+
+/// A board that is not served: one that was just switched on has nothing to stop, and one that another program has is
+/// named with it.
+#[test]
+fn a_board_that_is_not_served() {
+    let said = run(["stop", "--machine", "none", "--link", "sim:?slaves=drive&clock=virtual"]).expect_quiet();
+    assert_eq!(said, "no axis follows commands: the network is not in OP\n");
+    run(["stop", "--machine", "none", "--link", "tcp://127.0.0.1:1"]).expect_failure(
+        1,
+        &["nobody listens there"],
+        "start `ecmsk serve tcp",
+    );
+}

@@ -1,7 +1,7 @@
 //! Opens an ECM-XF, as a chip or as a board over the chip.
 
 use crate::address::keys::Scheme;
-use crate::address::uri::LinkUri;
+use crate::address::uri::{LinkUri, UriError};
 use crate::link::LinkError;
 use crate::link::chip_link::{ChipError, ChipLink, ChipOptions, host_config, record};
 use crate::link::record::RecordedChip;
@@ -17,6 +17,11 @@ use crate::xf::host::HostConfig;
 /// that cannot be opened [`ChipError::Wires`].
 pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
     let uri = LinkUri::parse(uri)?;
+    if let Some(value) = uri.value("flight") {
+        let (key, value) = ("flight".to_owned(), value.to_owned());
+        let why = "a flight recorder is for boards; record a chip with record=".to_owned();
+        return Err(UriError::BadValue { key, value, why }.into());
+    }
     let link = connect(&uri)?;
     let config = host_config(&link.info(), &ChipOptions::from_uri(&uri)?);
     Ok((recorded(&uri, link)?, config))

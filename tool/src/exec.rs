@@ -20,6 +20,7 @@ use ecmsk::link::config::{ConfigError, LINK_VARIABLE, OPENED_VARIABLE};
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::summary::writer::FILE_VARIABLE;
 
+use super::flight_option::{FlightArgs, FlightOptionError};
 use super::stderr::say;
 use super::{record_option, recording_end};
 use library::LibraryFolder;
@@ -37,8 +38,9 @@ use reasons::{ReasonReader, ReportMode};
 Examples:
   ecmsk exec --link 'sim:?slaves=drive*2' -- ./program
   ecmsk exec --link 'sim:?slaves=drive*2' --record run.pcapng -- ./program --its-own-option
+  ecmsk exec --link usb: --flight flight --flight-bytes 4G -- ./program
 
-Exit code: the program's, 128 + n if signal n ended it; 124 if it ended with 0 and its recording is not whole; 125 if it could not be started because of something else than
+Exit code: the program's, 128 + n if signal n ended it; 124 if it ended with 0 and what it recorded is not whole; 125 if it could not be started because of something else than
 PROGRAM, 126 if PROGRAM cannot be executed, 127 if it is not found; 2 if the command line is wrong.")]
 pub struct Args {
     /// Board for the program, see `ecmsk link help`; without it the library looks for its link as usual
@@ -53,6 +55,9 @@ pub struct Args {
     /// Replace an existing recording; without this option an existing file is an error, and the program is not started
     #[arg(long, requires = "record")]
     overwrite: bool,
+
+    #[command(flatten)]
+    flight: FlightArgs,
 
     /// The library, or its folder [default: beside this tool, then ../lib, then its sub-folder of Debian's libraries,
     /// e.g. x86_64-linux-gnu]
@@ -131,6 +136,9 @@ pub enum ExecError {
     /// The recording of `--record` cannot be made.
     #[error(transparent)]
     Record(#[from] record_option::RecordError),
+    /// The flight recorder of `--flight` cannot be made.
+    #[error(transparent)]
+    Flight(#[from] FlightOptionError),
     /// The link that the library would choose is invalid.
     #[error(transparent)]
     Uri(#[from] UriError),
@@ -170,6 +178,7 @@ impl ExecError {
             Self::NotFound { .. } => 127,
             Self::NotExecutable { .. } => 126,
             Self::Uri(_) | Self::Record(record_option::RecordError::Uri(_)) | Self::NotInBuild { .. } => 2,
+            Self::Flight(error) if error.is_wrong_command_line() => 2,
             _ => 125,
         }
     }
@@ -191,7 +200,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     // clap requires at least one word, so there is a first one.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
     let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
-    let link = link::for_program(args.link.as_ref(), args.record.as_deref(), Path::new(program), &file)?;
+    let link = link::for_program(args.link.as_ref(), args.record.as_deref(), &args.flight, Path::new(program), &file)?;
     if let Some(file) = &args.record {
         record_option::make_room(file, args.overwrite)?;
     }

@@ -8,27 +8,30 @@ use ecmsk::link::config::{self, Environment};
 use ecmsk::link::uri::LinkUri;
 
 use super::ExecError;
+use crate::flight_option::FlightArgs;
 use crate::record_option;
 
 /// The link to set for `program`: the user's, with the recording if there is one. `None` leaves the choice to the library.
 ///
-/// The key `record=` is part of a link. So if the user has given no link, the recording is added to the link that the library
+/// The keys `record=` and `flight=` are part of a link. So if the user has given no link, the recording is added to the link that the library
 /// would choose.
 pub fn for_program(
     link: Option<&LinkUri>,
     record: Option<&Path>,
+    flight: &FlightArgs,
     program: &Path,
     library: &Path,
 ) -> Result<Option<LinkUri>, ExecError> {
     let link = match (link, record) {
         (Some(link), _) => link.clone(),
-        (None, Some(_)) => configured(program, library)?,
-        (None, None) => return Ok(None),
+        (None, record) if record.is_some() || flight.is_given() => configured(program, library)?,
+        (None, _) => return Ok(None),
     };
     if !link.scheme().in_build() {
         return Err(ExecError::NotInBuild { link });
     }
-    record.map_or(Ok(link.clone()), |file| Ok(record_option::with_record(&link, file)?)).map(Some)
+    let link = record.map_or(Ok(link.clone()), |file| record_option::with_record(&link, file))?;
+    Ok(Some(flight.added_to(&link)?))
 }
 
 /// The link that the library would choose for the program.

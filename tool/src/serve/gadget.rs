@@ -10,6 +10,7 @@ use ecmsk::port::gadget::{Identity, Options, ServeError, Server};
 
 use super::Vanish;
 use super::usbip::{given_link, id};
+use crate::flight_option::FlightArgs;
 use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
@@ -31,6 +32,9 @@ pub struct Args {
     /// Board to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = given_link)]
     link: Option<LinkUri>,
+
+    #[command(flatten)]
+    flight: FlightArgs,
 
     /// USB device controller, as /sys/class/udc lists them [default: the only one]
     #[arg(long, value_name = "NAME")]
@@ -83,6 +87,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     streams::queue().map_err(system("start the thread of standard error"))?;
     let served = super::served(args.link.as_ref())?;
     let served = given_link(&served.to_string()).unwrap_or(served);
+    let served = args.flight.added_to(&served)?;
     let options = Options {
         identity: identity(args),
         controller: args.udc.clone(),

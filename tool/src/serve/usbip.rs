@@ -10,6 +10,7 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
 
+use crate::flight_option::FlightArgs;
 use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
@@ -33,6 +34,9 @@ pub struct Args {
     /// [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long = "link", value_name = "URI", value_parser = given_link, action = ArgAction::Append)]
     links: Vec<LinkUri>,
+
+    #[command(flatten)]
+    flight: FlightArgs,
 
     /// Address to listen on
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)), value_parser = super::listen_at::<{ wire::PORT }>)]
@@ -82,7 +86,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before a board is attached, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
     streams::queue().map_err(ServeError::Thread)?;
-    let links = links(args)?;
+    let links = args.flight.added_to_all(&links(args)?)?;
     let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
     let options = Options {
         listen: args.listen,

@@ -175,3 +175,38 @@ impl Following {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// The events of reports in OP at these times.
+    fn events(times: impl IntoIterator<Item = u64>) -> Vec<String> {
+        let mut watch = FlightEvents::new(Some(SlotSize::Bytes12), None);
+        let mut found = Vec::new();
+        let mut report = Frame::new();
+        report.bytes_mut()[2] = StateByte::reached(MasterState::Op).0;
+        for at_ns in times {
+            watch.frame(Dir::Read, at_ns, &report, &mut |kind, text| {
+                assert_eq!(kind, Kind::Gap);
+                found.push(text);
+            });
+        }
+        found
+    }
+
+    /// A gap in the reports is one of a tenth of a second, and long for the program that reads them.
+    #[test]
+    fn a_gap_is_long_for_its_program() {
+        let every = |from: u64, ms: u64| (0..20).map(move |number| (from + number * ms) * MS);
+        assert_eq!(events(every(0, 1).chain(every(119, 1))), [""; 0]);
+        assert_eq!(events(every(0, 1).chain(every(120, 1))), ["no report for 0.101 s"]);
+        assert_eq!(events(every(0, 500)), [""; 0]);
+        assert_eq!(events(every(0, 500).chain(every(14_000, 500))), [""; 0]);
+        assert_eq!(events(every(0, 500).chain(every(15_000, 500))), ["no report for 5.500 s"]);
+        // Nobody knows at first how often the program reads.
+        assert_eq!(events([0, 1000 * MS, 3000 * MS]), [""; 0]);
+    }
+}

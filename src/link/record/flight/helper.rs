@@ -12,12 +12,19 @@ use crate::threads;
 /// opened again. \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_secs(10);
 
+/// What the thread is sent.
+pub(super) enum Message {
+    Job(Job),
+    /// A tick at once; the sender is told when it is over.
+    Tick(Sender<()>),
+}
+
 pub(super) enum Helper {
     /// The recorder's thread, for a virtual clock: programs wait for the disk there, and the files of two equal runs are
     /// equal. `ticked` is the time of the last tick; `None` in tests, which tick themselves.
     Here { keeper: Box<Keeper>, ticked: Option<Instant>, done: Vec<Done> },
     /// A thread of its own.
-    Thread { jobs: Option<Sender<Job>>, done: Receiver<Done>, thread: Option<JoinHandle<()>> },
+    Thread { jobs: Option<Sender<Message>>, done: Receiver<Done>, thread: Option<JoinHandle<()>> },
 }
 
 impl Helper {
@@ -36,7 +43,12 @@ impl Helper {
             let mut ticked = Instant::now();
             loop {
                 match to_do.recv_timeout(SYNC_EVERY.saturating_sub(ticked.elapsed())) {
-                    Ok(job) => keeper.work(job, &mut report),
+                    Ok(Message::Job(job)) => keeper.work(job, &mut report),
+                    Ok(Message::Tick(over)) => {
+                        keeper.tick(&mut report);
+                        // Who asked may have given up waiting.
+                        let _ = over.send(());
+                    }
                     Err(RecvTimeoutError::Timeout) => {}
                     Err(RecvTimeoutError::Disconnected) => break,
                 }
@@ -45,7 +57,7 @@ impl Helper {
                     keeper.tick(&mut report);
                 }
             }
-            keeper.tick(&mut report);
+            keeper.sync(&mut report);
         };
         let thread = threads::spawn("ecmsk-flight", work)?;
         Ok(Self::Thread { jobs: Some(jobs), done, thread: Some(thread) })
@@ -57,7 +69,7 @@ impl Helper {
             Self::Here { keeper, done, .. } => keeper.work(job, &mut |what| done.push(what)),
             Self::Thread { jobs, .. } => {
                 // The thread ends after this sender alone.
-                let _ = jobs.as_ref().map(|jobs| jobs.send(job));
+                let _ = jobs.as_ref().map(|jobs| jobs.send(Message::Job(job)));
             }
         }
     }
@@ -76,17 +88,26 @@ impl Helper {
         }
     }
 
-    /// Syncs and looks for marks at once. Tests and the end of a recording on a virtual clock do that.
+    /// Syncs and looks for marks at once. Tests and the end of a recording do that.
     pub fn tick(&mut self) {
-        if let Self::Here { keeper, done, .. } = self {
-            keeper.tick(&mut |what| done.push(what));
+        match self {
+            Self::Here { keeper, done, .. } => keeper.tick(&mut |what| done.push(what)),
+            Self::Thread { jobs, .. } => {
+                let (over, is_over) = channel();
+                if jobs.as_ref().is_some_and(|jobs| jobs.send(Message::Tick(over)).is_ok()) {
+                    // A disk that is slower than that loses the marks of the last second.
+                    let _ = is_over.recv_timeout(END_WAIT_MAX);
+                }
+            }
         }
     }
 
     /// Ends the thread once it has done its jobs. Returns whether it has.
     pub fn end(&mut self) -> bool {
-        self.tick();
-        let Self::Thread { jobs, thread, .. } = self else { return true };
+        let (jobs, thread) = match self {
+            Self::Here { keeper, done, .. } => return keeper.sync(&mut |what| done.push(what)),
+            Self::Thread { jobs, thread, .. } => (jobs, thread),
+        };
         drop(jobs.take());
         thread.take().is_none_or(|thread| threads::end_within(thread, END_WAIT_MAX))
     }

@@ -102,15 +102,22 @@ impl Keeper {
     }
 
     /// Syncs what grows to the disk, and looks for marks. Called once a second.
-    pub fn tick(&mut self, done: &mut dyn FnMut(Done)) {
+    pub fn tick(&self, done: &mut dyn FnMut(Done)) {
+        if self.sync(done) {
+            self.look_for_marks(done);
+        }
+    }
+
+    /// Syncs what grows to the disk. Returns whether that has succeeded.
+    pub fn sync(&self, done: &mut dyn FnMut(Done)) -> bool {
         let live = self.live.map(folder::segment);
         // The contents go first: a name on the disk then never has less than it had a second ago.
         let synced = live.map_or(Ok(()), |name| self.folder.sync(&name)).and_then(|()| self.folder.sync_names());
-        if let Err(error) = synced {
-            done(Done::Failed(error));
-            return;
-        }
-        // A folder that cannot be listed has failed in the lines before, or will in those of the next tick.
+        synced.map_err(|error| done(Done::Failed(error))).is_ok()
+    }
+
+    fn look_for_marks(&self, done: &mut dyn FnMut(Done)) {
+        // A folder that cannot be listed fails when it is synced.
         for (name, _) in self.folder.list().unwrap_or_default() {
             if name.ends_with(MARK) && !name.contains('/') {
                 let text = folder::text(&*self.folder, &name, moment::MARK_MAX as u64);

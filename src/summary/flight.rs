@@ -6,7 +6,9 @@ use crate::link::Dir;
 use crate::link::record::flight::{FlightWatch, Kind};
 use crate::recording::{ExecutionReport, RunExecution, SizeFinder};
 use crate::sk::dump::MAX_SLAVES;
-use crate::sk::{CommandId, DriveResponse, FRAME_LEN, Frame, MasterResponse, MasterState, SlaveCommand, SlotSize, StateByte};
+use crate::sk::{
+    CommandId, DriveResponse, FRAME_LEN, Frame, MasterResponse, MasterState, SlaveCommand, SlotSize, StateByte,
+};
 
 /// A report in OP counts as late if it comes this long after the one before, ns. \[OURS]
 const GAP_MIN_NS: u64 = 100_000_000;

@@ -116,7 +116,10 @@ fn a_folder_has_one_recorder() {
         board.read(&mut report, Wait::Forever).unwrap();
         match link::open(&uri, Share::ByName).map(drop) {
             Err(LinkError::Io { what, message }) => {
-                assert!(what.contains("cannot record to the folder") && message.contains("this process is"), "{message}");
+                assert!(
+                    what.contains("cannot record to the folder") && message.contains("this process is"),
+                    "{message}"
+                );
             }
             other => panic!("{other:?}"),
         }

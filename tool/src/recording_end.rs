@@ -37,7 +37,8 @@ pub fn of_opened(code: ExitCode) -> ExitCode {
 /// missing, or if the link does not record.
 pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
     let link = link?;
-    let folder = link.value("flight").and_then(|folder| Some(format!("{folder}: {}", flight::lacks(Path::new(folder))?)));
+    let folder =
+        link.value("flight").and_then(|folder| Some(format!("{folder}: {}", flight::lacks(Path::new(folder))?)));
     let lacks: Vec<String> = [link.value("record").and_then(file_not_whole), folder].into_iter().flatten().collect();
     (!lacks.is_empty()).then(|| lacks.join("; "))
 }

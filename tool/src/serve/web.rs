@@ -25,8 +25,8 @@ use ecmsk::ecm::Scales;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::SlotSize;
 
-use crate::kind_list::KindList;
 use crate::flight_option::FlightArgs;
+use crate::kind_list::KindList;
 use crate::link_option::ChosenLink;
 use crate::monitor::MonitorError;
 use crate::stderr::say;

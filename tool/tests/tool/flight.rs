@@ -50,7 +50,8 @@ fn a_kept_moment_is_a_recording_for_every_verb() {
     let text = run(["flight", "list", folder]).expect_quiet();
     assert!(text.starts_with(&format!("nothing is being recorded to {folder}\nkept moments: 1, ")), "{text}");
     assert!(text.contains("s  alarm: slave 1 has an alarm, 0x7500: ") && text.contains("\nsegments: 1, "), "{text}");
-    let json: Value = serde_json::from_str(&run(["flight", "list", folder, "--json"]).expect_quiet()).expect("an object");
+    let json: Value =
+        serde_json::from_str(&run(["flight", "list", folder, "--json"]).expect_quiet()).expect("an object");
     assert_eq!(json["moments"][0]["reasons"][0]["kind"], "alarm");
     assert_eq!((&json["writer"], &json["moments"][0]["from"]), (&Value::Null, &Value::Null), "a virtual clock");
     let file = json["moments"][0]["file"].as_str().expect("a file").to_owned();
@@ -103,7 +104,7 @@ fn a_folder_that_is_recorded_to_is_refused_and_can_be_marked() {
     assert!(ended.code == Some(124) && ended.err.contains("was not ended"), "{ended:?}");
 }
 
-/// A disk that is full says so once, and in the exit code of `exec` and of a server; the motion goes on.
+/// TOOL-138 A disk that is full says so once, and in the exit code of `exec` and of a server; the motion goes on.
 #[test]
 fn a_full_disk_is_told_once_and_in_the_exit_code() {
     let place = ExecFolder::new();

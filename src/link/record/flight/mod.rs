@@ -10,7 +10,7 @@
 //! program waits for the disk on the real clock.
 //!
 //! A file never changes, it only grows, and once a second it is synced to the disk. So a machine that loses its power
-//! loses a second at most: see `writer.rs`. Files:
+//! loses a second at most (docs/decisions/a-flight-recorder-writes-frames-twice.md). Files:
 //!
 //! - `mod.rs`: what surrounds an event, and the promises of a folder
 //! - `writer.rs`: the frames of the queue go to segments; `ring.rs`: which segments there are; `settings.rs`: the

@@ -31,8 +31,7 @@ pub enum Kind {
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 6] =
-        [Self::Gap, Self::State, Self::FollowingError, Self::LostSlave, Self::Alarm, Self::Mark];
+    pub const ALL: [Self; 6] = [Self::Gap, Self::State, Self::FollowingError, Self::LostSlave, Self::Alarm, Self::Mark];
 
     /// The word for the kind, in texts and in JSON.
     pub const fn word(self) -> &'static str {

@@ -1,11 +1,13 @@
-//! Flight recorders in a folder in memory, which may be full, may vanish, and loses its power. Time is that of the frames.
+//! Flight recorders in a folder in memory ([`memory`]). Time is that of the frames.
+
+mod memory;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{self, Read};
+use std::io;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
 
-use super::folder::{self, Folder, KEPT, Output};
+use super::folder;
 use super::keeper::MARK;
 use super::moment::{Kind, Moment, Reason};
 use super::state::State;
@@ -18,228 +20,16 @@ use crate::recording::file_formats::ecmrec::header::{HEADER_LEN, Header};
 use crate::recording::file_formats::ecmrec::section::Section;
 use crate::recording::{Clock, Lacks, RecordMeta, Recording};
 use crate::sk::{Frame, MasterCommand, SlaveKind, SlotSize};
+use memory::{Dice, Memory, after_cut};
 
 /// The distance of frames, ns.
 const STEP_NS: u64 = 100_000_000;
 const FRAMES_A_SECOND: u64 = 1_000_000_000 / STEP_NS;
 const BEGIN_NS: u64 = 1_700_000_000_000_000_000;
 const LARGE: Bounds = Bounds { ring: 100_000_000, kept: 100_000_000 };
-const SMALL: Bounds = Bounds { ring: 150_000, kept: 120_000 };
+const SMALL: Bounds = Bounds { ring: 60_000, kept: 40_000 };
 /// Where a frame has its number.
 const NUMBER_AT: usize = 100;
-
-/// Random numbers that are the same on every machine (splitmix64).
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, n: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z ^ z >> 31) % n
-    }
-}
-
-/// What was done with the folder.
-#[derive(Clone, Debug)]
-enum Op {
-    Create(String),
-    Append(String, Vec<u8>),
-    Rename(String, String),
-    Remove(String),
-    Sync(String),
-    SyncNames,
-}
-
-#[derive(Default)]
-struct Inside {
-    files: BTreeMap<String, Vec<u8>>,
-    /// What was done, with the number of the frame that was being recorded.
-    log: Vec<(u64, Op)>,
-    frame: u64,
-    /// The most bytes of all files together.
-    capacity: Option<u64>,
-    /// The error of everything that is done with the folder.
-    error: Option<io::ErrorKind>,
-    /// Bounds that must hold at any time.
-    bounds: Option<Bounds>,
-}
-
-impl Inside {
-    fn does(&mut self, op: Op) -> io::Result<()> {
-        if let Some(error) = self.error {
-            return Err(error.into());
-        }
-        if let (Op::Append(_, bytes), Some(capacity)) = (&op, self.capacity)
-            && self.sum("") + bytes.len() as u64 > capacity
-        {
-            return Err(io::ErrorKind::StorageFull.into());
-        }
-        apply(&mut self.files, &op)?;
-        if let Some(bounds) = self.bounds {
-            assert!(self.sum("segment-") <= bounds.ring && self.sum(KEPT) <= bounds.kept + TEXTS_MAX, "{op:?}");
-        }
-        self.log.push((self.frame, op));
-        Ok(())
-    }
-
-    fn sum(&self, begin: &str) -> u64 {
-        self.files.iter().filter(|(name, _)| name.starts_with(begin)).map(|(_, bytes)| bytes.len() as u64).sum()
-    }
-}
-
-/// The texts beside kept moments are not counted in their bound.
-const TEXTS_MAX: u64 = 20_000;
-
-fn apply(files: &mut BTreeMap<String, Vec<u8>>, op: &Op) -> io::Result<()> {
-    let lacks = || io::Error::from(io::ErrorKind::NotFound);
-    match op {
-        Op::Create(name) => drop(files.insert(name.clone(), Vec::new())),
-        Op::Append(name, bytes) => files.get_mut(name).ok_or_else(lacks)?.extend(bytes),
-        Op::Rename(from, to) => {
-            let bytes = files.remove(from).ok_or_else(lacks)?;
-            files.insert(to.clone(), bytes);
-        }
-        Op::Remove(name) => drop(files.remove(name).ok_or_else(lacks)?),
-        Op::Sync(name) => drop(files.get(name).ok_or_else(lacks)?),
-        Op::SyncNames => {}
-    }
-    Ok(())
-}
-
-#[derive(Clone, Default)]
-struct Memory(Arc<Mutex<Inside>>);
-
-impl Memory {
-    fn of(files: BTreeMap<String, Vec<u8>>) -> Self {
-        Self(Arc::new(Mutex::new(Inside { files, ..Inside::default() })))
-    }
-
-    fn with<T>(&self, what: impl FnOnce(&mut Inside) -> T) -> T {
-        what(&mut self.0.lock().unwrap())
-    }
-
-    fn does(&self, op: Op) -> io::Result<()> {
-        self.with(|inside| inside.does(op))
-    }
-
-    fn files(&self) -> BTreeMap<String, Vec<u8>> {
-        self.with(|inside| inside.files.clone())
-    }
-}
-
-impl Folder for Memory {
-    fn create(&self, name: &str) -> io::Result<Box<dyn Output>> {
-        self.does(Op::Create(name.to_owned()))?;
-        Ok(Box::new(InMemory { folder: self.clone(), name: name.to_owned() }))
-    }
-
-    fn open(&self, name: &str) -> io::Result<Box<dyn Read + Send>> {
-        let bytes = self.with(|inside| match inside.error {
-            Some(error) => Err(io::Error::from(error)),
-            None => inside.files.get(name).cloned().ok_or_else(|| io::ErrorKind::NotFound.into()),
-        })?;
-        Ok(Box::new(io::Cursor::new(bytes)))
-    }
-
-    fn list(&self) -> io::Result<Vec<(String, u64)>> {
-        Ok(self.with(|inside| inside.files.iter().map(|(name, bytes)| (name.clone(), bytes.len() as u64)).collect()))
-    }
-
-    fn rename(&self, from: &str, to: &str) -> io::Result<()> {
-        self.does(Op::Rename(from.to_owned(), to.to_owned()))
-    }
-
-    fn remove(&self, name: &str) -> io::Result<()> {
-        self.does(Op::Remove(name.to_owned()))
-    }
-
-    fn sync(&self, name: &str) -> io::Result<()> {
-        self.does(Op::Sync(name.to_owned()))
-    }
-
-    fn sync_names(&self) -> io::Result<()> {
-        self.does(Op::SyncNames)
-    }
-}
-
-struct InMemory {
-    folder: Memory,
-    name: String,
-}
-
-impl Output for InMemory {
-    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.folder.does(Op::Append(self.name.clone(), bytes.to_vec()))
-    }
-}
-
-/// What is on the disk if the power is lost within the operation `at`: what was synced, and any part of the rest. The
-/// names that were not synced have been written in their order, up to any of them.
-fn after_cut(log: &[(u64, Op)], at: usize, dice: &mut Dice) -> BTreeMap<String, Vec<u8>> {
-    struct File {
-        bytes: Vec<u8>,
-        synced: usize,
-    }
-    let mut files: Vec<File> = Vec::new();
-    let (mut names, mut durable) = (BTreeMap::<String, usize>::new(), BTreeMap::<String, usize>::new());
-    let mut since: Vec<(Op, usize)> = Vec::new();
-    let rename = |names: &mut BTreeMap<String, usize>, op: &Op, file: usize| match op {
-        Op::Create(name) => drop(names.insert(name.clone(), file)),
-        Op::Rename(from, to) => {
-            names.remove(from);
-            names.insert(to.clone(), file);
-        }
-        Op::Remove(name) => drop(names.remove(name)),
-        _ => {}
-    };
-    for (number, (_, op)) in log.iter().enumerate().take(at + 1) {
-        match op {
-            Op::Create(_) => {
-                files.push(File { bytes: Vec::new(), synced: 0 });
-                rename(&mut names, op, files.len() - 1);
-                since.push((op.clone(), files.len() - 1));
-            }
-            Op::Append(name, bytes) => {
-                let written = if number == at { dice.below(bytes.len() as u64 + 1) as usize } else { bytes.len() };
-                files[names[name]].bytes.extend(&bytes[..written]);
-            }
-            Op::Rename(name, _) | Op::Remove(name) => {
-                let file = names[name];
-                rename(&mut names, op, file);
-                since.push((op.clone(), file));
-            }
-            Op::Sync(name) if number < at => files[names[name]].synced = files[names[name]].bytes.len(),
-            Op::SyncNames if number < at => {
-                durable = names.clone();
-                since.clear();
-            }
-            Op::Sync(_) | Op::SyncNames => {}
-        }
-    }
-    let written = dice.below(since.len() as u64 + 1) as usize;
-    since.iter().take(written).for_each(|(op, file)| rename(&mut durable, op, *file));
-    durable.retain(|_, file| *file < files.len());
-    let mut there = BTreeMap::new();
-    for (name, file) in durable {
-        let File { bytes, synced } = &files[file];
-        let mut bytes = bytes[..synced + dice.below((bytes.len() - synced) as u64 + 1) as usize].to_vec();
-        if bytes.len() > *synced {
-            // What was not synced may be anything: zeros, or a sector of it is missing.
-            match dice.below(4) {
-                0 => bytes[*synced..].fill(0),
-                1 => {
-                    let from = synced + dice.below((bytes.len() - synced) as u64) as usize;
-                    let to = bytes.len().min(from + 512);
-                    bytes[from..to].fill(0);
-                }
-                _ => {}
-            }
-        }
-        there.insert(name, bytes);
-    }
-    there
-}
 
 fn meta() -> RecordMeta {
     RecordMeta { slot: Some(SlotSize::Bytes12), ..RecordMeta::begun("sim:".to_owned(), None, false, Stamp(0)) }
@@ -340,18 +130,19 @@ fn read(bytes: &[u8]) -> Option<(Vec<(u64, u64)>, Lacks)> {
     Some((frames, recording.lacks()))
 }
 
-/// How many frames at the beginning of a recording repeat earlier ones.
-fn repeated(bytes: &[u8]) -> usize {
-    let header = Header::parse(bytes).unwrap();
-    Section::parse(&bytes[HEADER_LEN..HEADER_LEN + header.length as usize]).unwrap().repeated as usize
+/// How many frames at the beginning of a recording repeat earlier ones; `None` if a power cut has damaged its beginning.
+fn repeated(bytes: &[u8]) -> Option<usize> {
+    let header = Header::parse(bytes)?;
+    let section = Section::parse(bytes.get(HEADER_LEN..HEADER_LEN + header.length as usize)?)?;
+    Some(section.repeated as usize)
 }
 
 /// The numbers of the frames of all segments, in the order of their names, and the sum of what they lack.
 fn ring(files: &BTreeMap<String, Vec<u8>>) -> (Vec<u64>, u64) {
     let (mut numbers, mut missing) = (Vec::new(), 0);
     for (_, bytes) in files.iter().filter(|(name, _)| folder::number(name, folder::segment).is_some()) {
-        if let Some((frames, lacks)) = read(bytes) {
-            numbers.extend(frames.iter().skip(repeated(bytes)).map(|(_, number)| *number));
+        if let (Some((frames, lacks)), Some(repeated)) = (read(bytes), repeated(bytes)) {
+            numbers.extend(frames.iter().skip(repeated).map(|(_, number)| *number));
             missing += lacks.missing;
         }
     }
@@ -363,7 +154,7 @@ fn moment(files: &BTreeMap<String, Vec<u8>>, number: u64) -> Option<(Vec<u64>, M
     let bytes = files.get(&folder::moment(number))?;
     let (frames, _) = read(bytes)?;
     assert!(frames.is_sorted_by_key(|(at_ns, _)| *at_ns));
-    let numbers = frames.iter().skip(repeated(bytes)).map(|(_, number)| *number).collect();
+    let numbers = frames.iter().skip(repeated(bytes)?).map(|(_, number)| *number).collect();
     let text = String::from_utf8(files[&folder::note(number)].clone()).unwrap();
     Some((numbers, Moment::parse(&text).unwrap()))
 }
@@ -410,7 +201,10 @@ fn a_power_cut_costs_a_second() {
             let first = numbers.first().copied().unwrap_or(0);
             assert!(numbers.iter().copied().eq(first..first + numbers.len() as u64), "{seed}: {numbers:?}");
             let synced = frame.saturating_sub(FRAMES_A_SECOND);
-            assert!(synced == 0 || numbers.last().is_some_and(|last| *last + 1 >= synced), "{seed}: {frame} {numbers:?}");
+            assert!(
+                synced == 0 || numbers.last().is_some_and(|last| *last + 1 >= synced),
+                "{seed}: {frame} {numbers:?}"
+            );
             assert!(first == 0 || bounds.ring == SMALL.ring, "{seed}: {first}");
             if seed % 5 == 0 {
                 let again = Memory::of(files);
@@ -445,7 +239,7 @@ fn bounds_hold_at_any_time() {
     let files = memory.files();
     let (numbers, _) = ring(&files);
     let first = numbers[0];
-    assert!(first > 1000 && numbers.len() > 1000 && numbers.into_iter().eq(first..10_000), "{first}");
+    assert!(first > 1000 && numbers.len() > 500 && numbers.into_iter().eq(first..10_000), "{first}");
     assert!(!files.contains_key(&folder::moment(1)) && !files.contains_key(&folder::note(1)), "the oldest are gone");
     assert!(moment(&files, 19).is_some());
 }
@@ -489,7 +283,7 @@ fn the_least_moments_go_first() {
     let bytes = memory.files()[&folder::moment(1)].len() as u64;
     let memory = Memory::default();
     // While it is copied, a moment may be as long as its segments.
-    let bounds = Bounds { kept: bytes * 9 / 2, ..LARGE };
+    let bounds = Bounds { kept: bytes * 4, ..LARGE };
     memory.with(|inside| inside.bounds = Some(bounds));
     let mut recorder = Recorder::begin(&memory, bounds, &events);
     recorder.frames(2400);
@@ -519,7 +313,7 @@ fn a_mark_is_kept() {
 #[test]
 fn a_full_disk_thins_the_ring() {
     let memory = Memory::default();
-    memory.with(|inside| inside.capacity = Some(200_000));
+    memory.with(|inside| inside.capacity = Some(80_000));
     let bounds = Bounds { ring: 1_000_000, ..LARGE };
     let mut recorder = Recorder::begin(&memory, bounds, &[]);
     recorder.frames(8000);
@@ -578,7 +372,8 @@ fn a_slow_disk_is_counted() {
 fn a_clock_that_was_set_back_changes_no_order() {
     let memory = Memory::default();
     for run in 0..3 {
-        let mut recorder = Recorder::begin(&memory, SMALL, &[(1000, Kind::Alarm)]);
+        let bounds = Bounds { ring: 150_000, ..SMALL };
+        let mut recorder = Recorder::begin(&memory, bounds, &[(1000, Kind::Alarm)]);
         recorder.begin_ns -= run * 86_400_000_000_000;
         recorder.frames(1500);
         assert_eq!(recorder.end().1.lacks(), None);

@@ -91,6 +91,11 @@ impl Loss {
         }
     }
 
+    /// The number of missing frames so far.
+    pub fn count(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
     /// Why frames are missing, if any are.
     pub fn why(&self) -> &str {
         self.failed.as_deref().or(self.inherited.as_deref()).unwrap_or(TOO_SLOW)

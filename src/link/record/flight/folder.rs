@@ -155,6 +155,12 @@ pub(super) fn note(number: u64) -> String {
     format!("{KEPT}/moment-{number:08}.txt")
 }
 
+/// Whether a file is one that a recorder writes and then gives its name: a power cut may leave it.
+pub(super) fn is_unfinished(name: &str) -> bool {
+    let is_text = [".txt.tmp", ".mark.tmp"].iter().any(|ending| name.ends_with(ending));
+    is_text || number(name, packed).or(number(name, unfinished)).is_some()
+}
+
 /// The number in a name that one of the functions above makes.
 pub(super) fn number(name: &str, of: fn(u64) -> String) -> Option<u64> {
     let digits: String = name.chars().filter(char::is_ascii_digit).collect();

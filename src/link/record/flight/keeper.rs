@@ -168,7 +168,10 @@ impl Keeper {
                 Err(error) => return Err(error),
             }
         }
-        let bytes = copy.end()?;
+        let Some(bytes) = copy.end()? else {
+            self.forget(moment.number)?;
+            return Err(io::Error::new(io::ErrorKind::NotFound, "the ring has no frame of it any more"));
+        };
         self.folder.sync(&unfinished)?;
         self.folder.rename(&unfinished, &folder::moment(moment.number))?;
         self.folder.sync_names()?;
@@ -281,11 +284,9 @@ impl<'a> Copy<'a> {
         check(writer)
     }
 
-    /// Ends the recording; returns its length in bytes.
-    fn end(mut self) -> io::Result<u64> {
-        let Some(writer) = &mut self.writer else {
-            return Err(io::Error::new(io::ErrorKind::NotFound, "the ring has no frame of it any more"));
-        };
+    /// Ends the recording; returns its length in bytes, or `None` if it has no frame.
+    fn end(mut self) -> io::Result<Option<u64>> {
+        let Some(writer) = &mut self.writer else { return Ok(None) };
         if self.missing > 0 {
             writer.loss().inherit(self.missing, "they were missing in the ring".to_owned());
         }
@@ -295,7 +296,7 @@ impl<'a> Copy<'a> {
             writer.end();
         }
         check(writer)?;
-        Ok(self.length.load(Ordering::Relaxed))
+        Ok(Some(self.length.load(Ordering::Relaxed)))
     }
 }
 

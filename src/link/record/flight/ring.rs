@@ -117,7 +117,7 @@ impl SharedRing {
     }
 
     /// Calls `write`; as long as the disk is full, deletes the oldest segment and calls it again.
-    fn with_room<T>(&self, mut write: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+    pub fn with_room<T>(&self, mut write: impl FnMut() -> io::Result<T>) -> io::Result<T> {
         loop {
             match write() {
                 Err(error) if is_full(&error) && self.lock().delete_oldest()? => {}

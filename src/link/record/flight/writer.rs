@@ -93,10 +93,9 @@ impl FlightWriter {
         watch: Box<dyn FlightWatch>,
         help: Help,
     ) -> io::Result<Self> {
-        let state = State::begin(&*folder)?;
         let (mut segments, mut moments, mut notes) = (Vec::new(), Vec::new(), Vec::new());
         for (file, bytes) in folder.list()? {
-            if file.ends_with(".tmp") || folder::number(&file, folder::packed).is_some() {
+            if folder::is_unfinished(&file) {
                 folder.remove(&file)?;
             } else if let Some(number) = folder::number(&file, folder::segment) {
                 // A power cut may leave a file without contents.
@@ -127,6 +126,7 @@ impl FlightWriter {
         }
         let ring = SharedRing::new(Ring::new(Arc::clone(&folder), bounds.ring, segments));
         ring.lock().make_room(0)?;
+        let state = ring.with_room(|| State::begin(&*folder))?;
         Ok(Self {
             loss,
             name: name.to_owned(),
@@ -177,7 +177,7 @@ impl FlightWriter {
         };
         let raw = writer(Pieces::Kept, false)?;
         let packed = writer(Pieces::None, true).ok();
-        let lost_before = self.loss.missing().0;
+        let lost_before = self.loss.count();
         self.live = Some(Live { number, begin_ns: at_ns, raw, packed, lost_before });
         self.helper.post(Job::Live(number));
         Ok(())
@@ -188,7 +188,7 @@ impl FlightWriter {
         let Some(Live { number, mut raw, packed, lost_before, .. }) = self.live.take() else { return };
         raw.flush();
         self.take_error(&mut raw);
-        let lost = self.loss.missing().0 - lost_before;
+        let lost = self.loss.count() - lost_before;
         let why = self.loss.why().to_owned();
         let end = |writer: &mut BlockWriter<FrameEntry>| {
             if lost > 0 {
@@ -206,6 +206,8 @@ impl FlightWriter {
         if let Some(error) = error {
             self.fail(&io::Error::other(error));
         }
+        // Windows renames no file in the place of an open one.
+        drop(raw);
         self.helper.post(Job::Finished { number, is_packed });
         self.look_at_helper();
     }
@@ -215,7 +217,7 @@ impl FlightWriter {
         if let Some(error) = raw.loss().error()
             && !self.loss.has_failed()
         {
-            self.loss.add(raw.loss().missing().0);
+            self.loss.add(raw.loss().count());
             self.fail(&io::Error::other(error));
         }
     }
@@ -285,7 +287,7 @@ impl FlightWriter {
     }
 
     fn look_for_events(&mut self, entry: &FrameEntry) {
-        let lost = self.loss.missing().0;
+        let lost = self.loss.count();
         if std::mem::replace(&mut self.lost_seen, lost) != lost {
             self.watch.missed();
         }

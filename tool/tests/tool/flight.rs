@@ -111,8 +111,8 @@ fn a_full_disk_is_told_once_and_in_the_exit_code() {
     // The shell limits files to 64 KiB: a single file fails, which deleting others does not help.
     let full = |script: &str| format!("trap '' XFSZ; ulimit -f 128; {script}");
     let options = ["--link", "sim:?slaves=drive&clock=virtual", "--flight", "flight", "--quiet"];
-    let ran = place.run(&options, &full(&format!("{TOOL} move 1=100000 --up")));
-    assert_eq!((ran.code, ran.out.as_str()), (Some(124), "axis 1: at 100000\n"), "{ran:?}");
+    let ran = place.run(&options, &full(&format!("{TOOL} move 1=1000000 --up")));
+    assert_eq!((ran.code, ran.out.as_str()), (Some(124), "axis 1: at 1000000\n"), "{ran:?}");
     assert_eq!(ran.err.matches("has stopped: File too large").count(), 1, "{}", ran.err);
     let last = ran.err.lines().last().expect("a line");
     assert!(last.starts_with("warning: ") && last.contains("frames are missing: File too large"), "{last}");
@@ -120,11 +120,11 @@ fn a_full_disk_is_told_once_and_in_the_exit_code() {
     let script = full(&format!(
         "{TOOL} serve tcp --listen 127.0.0.1:0 --link 'sim:?slaves=drive&clock=virtual' --flight served >said & server=$!
          until address=$(sed -n 's/^listening on \\(.*\\); .*/\\1/p' said) && test \"$address\"; do sleep 0.01; done
-         {TOOL} move 1=100000 --up --link tcp://$address && kill -TERM $server && wait $server"
+         {TOOL} move 1=1000000 --up --link tcp://$address && kill -TERM $server && wait $server"
     ));
     let served = Command::new("sh").args(["-c", &script]).current_dir(place.path()).output().expect("sh starts");
     let served = Ran::from(served);
-    assert_eq!((served.code, served.out.as_str()), (Some(124), "axis 1: at 100000\n"), "{served:?}");
+    assert_eq!((served.code, served.out.as_str()), (Some(124), "axis 1: at 1000000\n"), "{served:?}");
     let last = served.err.lines().last().expect("a line");
     assert!(last.starts_with("warning: ") && last.contains("frames are missing: File too large"), "{served:?}");
 }

@@ -17,18 +17,18 @@ use crate::xf::host::HostConfig;
 /// that cannot be opened [`ChipError::Wires`].
 pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
     let uri = LinkUri::parse(uri)?;
-    if let Some(value) = uri.value("flight") {
-        let (key, value) = ("flight".to_owned(), value.to_owned());
-        let why = "a flight recorder is for boards; record a chip with record=".to_owned();
-        return Err(UriError::BadValue { key, value, why }.into());
-    }
     let link = connect(&uri)?;
     let config = host_config(&link.info(), &ChipOptions::from_uri(&uri)?);
     Ok((recorded(&uri, link)?, config))
 }
 
-/// Puts a recorder around the link if the URI has the key `record=`.
+/// Puts a recorder around the link if the URI has the key `record=`; refuses `flight=`.
 pub(crate) fn recorded(uri: &LinkUri, link: Box<dyn ChipLink>) -> Result<Box<dyn ChipLink>, ChipError> {
+    if let Some(value) = uri.value("flight") {
+        let (key, value) = ("flight".to_owned(), value.to_owned());
+        let why = "a flight recorder is for boards; record a chip with record=".to_owned();
+        return Err(UriError::BadValue { key, value, why }.into());
+    }
     Ok(match record(uri) {
         Some(path) => Box::new(RecordedChip::new(link, &path)?),
         None => link,

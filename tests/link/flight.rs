@@ -181,3 +181,13 @@ fn a_recording_that_was_not_ended_is_named() {
     std::fs::write(folder.join("writer.txt"), "pid 0\nmissing 3\nwhy 3 frames are missing: any\nended\n").unwrap();
     assert!(flight::lacks(&folder).unwrap().starts_with("3 frames are missing: any"));
 }
+
+/// A chip that is opened as a chip has no flight recorder, and says so.
+#[test]
+fn a_chip_refuses_it() {
+    let (_above, folder) = new_folder();
+    let uri = format!("xf-sim:?slaves=drive&flight={}", folder.display());
+    let error = ecmsk::link::chip::open(&uri).map(drop).unwrap_err().to_string();
+    assert!(error.contains("`flight`") && error.contains("record a chip with record="), "{error}");
+    assert!(!folder.exists());
+}

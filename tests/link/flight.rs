@@ -61,11 +61,8 @@ fn an_alarm_is_kept() {
 #[test]
 fn a_following_error_beyond_the_limit_is_kept() {
     // Targets of the slaves are 10 and 20 counts apart, and the model's drives follow a cycle later at the earliest.
-    for (keys, slaves) in [
-        ("", &[][..]),
-        ("&flight_following_error=5", &[1, 2]),
-        ("&flight_following_error=1000", &[]),
-    ] {
+    for (keys, slaves) in [("", &[][..]), ("&flight_following_error=5", &[1, 2]), ("&flight_following_error=1000", &[])]
+    {
         let (_above, folder) = new_folder();
         run(&folder, "", keys);
         let contents = FlightContents::of(&folder).unwrap();

@@ -24,7 +24,7 @@ fn the_options_are_keys_of_the_link() {
     assert_eq!((link.value("flight_bytes"), link.value("clock")), (Some("500M"), Some("virtual")));
 
     let refused = |options: &[&str], code, words: &[&str], next: &str| {
-        let ran = place.run(&[&["--link", "sim:"], options].concat(), "echo started");
+        let ran = place.run(&[&["--link", "sim:"][..], options].concat(), "echo started");
         ran.expect_failure(code, words, next);
         assert_eq!(ran.out, "", "the program was started");
     };

@@ -46,7 +46,6 @@ mod exec;
 mod exec_library;
 mod exec_reasons;
 mod filters;
-mod flight;
 mod foreign_recording;
 mod list;
 mod machine;

@@ -26,6 +26,8 @@ pub enum Syntax {
     Fraction(Fraction, Fraction),
     /// The path of a file.
     File,
+    /// The path of a folder.
+    Folder,
     /// 1 to 64 letters, digits, `-`, `_` and `.`.
     Name,
     /// A USB string descriptor: 1 to 126 characters.
@@ -34,6 +36,9 @@ pub enum Syntax {
     UsbId,
     /// A frequency in Hz in this range, both ends included: an integer, optionally followed by `k` or `M`.
     Hertz(u64, u64),
+    /// A number of bytes in this range, both ends included: an integer, optionally followed by `k`, `M` or `G` for 10^3,
+    /// 10^6 or 10^9.
+    Bytes(u64, u64),
     /// A GPIO line: `CHIP/LINE`, a chip such as `gpiochip0` and the number or the name of its line.
     Line,
     /// A list of simulated slaves, see [`slaves`].
@@ -64,7 +69,7 @@ impl Syntax {
                 let number = Fraction::parse(value).filter(|number| (min..=max).contains(number));
                 number.map(|number| number.to_string())
             }
-            Self::File => (!value.is_empty() && !value.contains('\0')).then(|| value.to_owned()),
+            Self::File | Self::Folder => (!value.is_empty() && !value.contains('\0')).then(|| value.to_owned()),
             Self::Name => {
                 let plain = value.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(&b));
                 (plain && (1..=NAME_MAX).contains(&value.len())).then(|| value.to_owned())
@@ -72,6 +77,9 @@ impl Syntax {
             Self::Text => (1..=TEXT_MAX).contains(&value.chars().count()).then(|| value.to_owned()),
             Self::UsbId => usb_id(value).map(|id| format!("{id:04x}")),
             Self::Hertz(min, max) => hertz(value).filter(|number| (min..=max).contains(number)).map(hertz_text),
+            Self::Bytes(min, max) => {
+                byte_count(value).filter(|number| (min..=max).contains(number)).map(byte_count_text)
+            }
             Self::Line => value
                 .rsplit_once('/')
                 .is_some_and(|(chip, line)| !chip.is_empty() && !chip.ends_with('/') && !line.is_empty())
@@ -93,12 +101,18 @@ impl Syntax {
                 format!("allowed: a number from {min} to {max}, at most 9 digits after the point")
             }
             Self::File => "allowed: the path of a file".to_owned(),
+            Self::Folder => "allowed: the path of a folder".to_owned(),
             Self::Name => format!("allowed: 1 to {NAME_MAX} letters, digits, `-`, `_` and `.`"),
             Self::Text => format!("allowed: 1 to {TEXT_MAX} characters"),
             Self::UsbId => "allowed: 1 to 4 hexadecimal digits, e.g. 16c0".to_owned(),
             Self::Hertz(min, max) => {
                 format!("allowed: a frequency from {} to {} Hz, e.g. 500k or 24M", hertz_text(min), hertz_text(max))
             }
+            Self::Bytes(min, max) => format!(
+                "allowed: a number of bytes from {} to {}, e.g. 500M or 4G",
+                byte_count_text(min),
+                byte_count_text(max)
+            ),
             Self::Line => {
                 "allowed: CHIP/LINE, a GPIO chip and the number or name of its line, e.g. gpiochip0/25".to_owned()
             }
@@ -116,10 +130,12 @@ impl Syntax {
             Self::Number(min, max) => format!("{min}..{max}"),
             Self::Fraction(min, max) => format!("{min}..{max}"),
             Self::File => "FILE".to_owned(),
+            Self::Folder => "DIR".to_owned(),
             Self::Name => "NAME".to_owned(),
             Self::Text => "TEXT".to_owned(),
             Self::UsbId => "HEX".to_owned(),
             Self::Hertz(min, max) => format!("{}..{}", hertz_text(min), hertz_text(max)),
+            Self::Bytes(min, max) => format!("{}..{}", byte_count_text(min), byte_count_text(max)),
             Self::Line => "CHIP/LINE".to_owned(),
             Self::Slaves => "LIST".to_owned(),
             Self::Pins(_) => "GPIO,GPIO,..".to_owned(),
@@ -150,6 +166,22 @@ pub(crate) fn hertz(value: &str) -> Option<u64> {
         None => value.strip_suffix('k').map_or((value, 1), |digits| (digits, 1000)),
     };
     decimal(digits)?.checked_mul(unit)
+}
+
+/// The units of a number of bytes.
+const BYTE_UNITS: [(char, u64); 3] = [('G', 1_000_000_000), ('M', 1_000_000), ('k', 1000)];
+
+/// Parses a number of bytes as links and the tool write it, such as `500M` or `4G`.
+pub fn byte_count(value: &str) -> Option<u64> {
+    let unit = BYTE_UNITS.into_iter().find_map(|(unit, factor)| Some((value.strip_suffix(unit)?, factor)));
+    let (digits, factor) = unit.unwrap_or((value, 1));
+    decimal(digits)?.checked_mul(factor)
+}
+
+/// The shortest text for a number of bytes: `4G`, `500M`, else all digits.
+fn byte_count_text(number: u64) -> String {
+    let unit = BYTE_UNITS.into_iter().find(|(_, factor)| number > 0 && number.is_multiple_of(*factor));
+    unit.map_or_else(|| number.to_string(), |(unit, factor)| format!("{}{unit}", number / factor))
 }
 
 /// Parses a time in milliseconds.

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::fault::FaultOptions;
+use super::record::flight::FlightOptions;
 use super::{LinkInfo, Stamp, Wait};
-use crate::address::keys::millis;
+use crate::address::keys::{byte_count, millis};
 use crate::address::uri::{LinkUri, UriError, slot_size};
 use crate::sk::SlotSize;
 
@@ -19,12 +20,25 @@ pub struct CommonOptions {
     pub queue: usize,
     /// The file to which the link is recorded (`record=`); `None`: no recording.
     pub record: Option<PathBuf>,
+    /// The flight recorder of the link (`flight=` and `flight_*=`); `None`: there is none.
+    pub flight: Option<FlightOptions>,
     /// The time limit of a read (`read_timeout_ms=`); `None`: a read waits until there is a report.
     pub read_timeout: Option<Duration>,
     /// The time limit of a write while the board does not accept the frame (`write_timeout_ms=`).
     pub write_timeout: Duration,
     /// The faults that the link injects into frames (`fault.*`); none by default.
     pub fault: FaultOptions,
+}
+
+/// The options of the flight recorder in a URI; `None` without `flight=`.
+fn flight(uri: &LinkUri) -> Result<Option<FlightOptions>, UriError> {
+    let Some(folder) = uri.typed("flight", |value| Some(PathBuf::from(value)))? else { return Ok(None) };
+    Ok(Some(FlightOptions {
+        folder,
+        bytes: uri.required("flight_bytes", byte_count)?,
+        kept_bytes: uri.required("flight_kept_bytes", byte_count)?,
+        following_error: uri.typed("flight_following_error", |value| value.parse().ok())?,
+    }))
 }
 
 impl CommonOptions {
@@ -37,6 +51,7 @@ impl CommonOptions {
             slot: uri.typed("slot", slot_size)?,
             queue: uri.required("queue", |value| value.parse().ok())?,
             record: uri.typed("record", |value| Some(PathBuf::from(value)))?,
+            flight: flight(uri)?,
             read_timeout: uri.typed("read_timeout_ms", millis)?,
             write_timeout: uri.required("write_timeout_ms", millis)?,
             fault: FaultOptions::from_uri(uri)?,

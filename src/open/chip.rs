@@ -1,7 +1,7 @@
 //! Opens an ECM-XF, as a chip or as a board over the chip.
 
 use crate::address::keys::Scheme;
-use crate::address::uri::LinkUri;
+use crate::address::uri::{LinkUri, UriError};
 use crate::link::LinkError;
 use crate::link::chip_link::{ChipError, ChipLink, ChipOptions, host_config, record};
 use crate::link::record::RecordedChip;
@@ -22,8 +22,13 @@ pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
     Ok((recorded(&uri, link)?, config))
 }
 
-/// Puts a recorder around the link if the URI has the key `record=`.
+/// Puts a recorder around the link if the URI has the key `record=`; refuses `flight=`.
 pub(crate) fn recorded(uri: &LinkUri, link: Box<dyn ChipLink>) -> Result<Box<dyn ChipLink>, ChipError> {
+    if let Some(value) = uri.value("flight") {
+        let (key, value) = ("flight".to_owned(), value.to_owned());
+        let why = "a flight recorder is for boards; record a chip with record=".to_owned();
+        return Err(UriError::BadValue { key, value, why }.into());
+    }
     Ok(match record(uri) {
         Some(path) => Box::new(RecordedChip::new(link, &path)?),
         None => link,

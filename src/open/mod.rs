@@ -10,6 +10,7 @@ use crate::address::uri;
 use crate::link::common_options::CommonOptions;
 use crate::link::{Link, LinkError, Share, fault, record};
 use crate::recording::RecordMeta;
+use crate::summary::FlightEvents;
 
 pub use help::help;
 
@@ -49,15 +50,22 @@ pub fn open_uncounted(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkErro
 fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let uri = uri::LinkUri::parse(uri)?;
     let options = CommonOptions::from_uri(&uri)?;
-    let mut link = connect(&uri, &options, share, uncounted && options.record.is_none())?;
+    let is_recorded = options.record.is_some() || options.flight.is_some();
+    let mut link = connect(&uri, &options, share, uncounted && !is_recorded)?;
     if options.fault.any() {
         link = Arc::new(fault::FaultLink::new(link, options.fault));
     }
-    // The recorder is put around the fault injection, so the recording has the frames as the program saw them.
-    let Some(path) = &options.record else { return Ok(link) };
+    // The recorders are put around the fault injection, so the recordings have the frames as the program saw them.
     let info = link.info();
     let meta = RecordMeta::now(&info, info.opened_at);
-    Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
+    if let Some(flight) = &options.flight {
+        let watch = Box::new(FlightEvents::new(info.slot, flight.following_error));
+        link = Arc::new(record::RecordLink::to_flight(link, flight, &meta, watch)?);
+    }
+    if let Some(path) = &options.record {
+        link = Arc::new(record::RecordLink::new(link, path, &meta)?);
+    }
+    Ok(link)
 }
 
 /// The simulated board of a `sim:` or `xf-sim:` link, without the link. It was just powered on, and its time advances

@@ -307,7 +307,7 @@ fn named_file(link: &LinkUri) -> Option<(String, String)> {
     let is_file = |slave: &SlaveSpec| matches!(slave.manufacturer_objects, Some(ManufacturerObjectsSpec::File(_)));
     let names = |(key, value): &(&str, &str)| match *key {
         "slaves" => slaves::parse(value).is_ok_and(|slaves| slaves.iter().any(is_file)),
-        key => Key::find(link.scheme(), key).is_none_or(|row| row.syntax == Syntax::File),
+        key => Key::find(link.scheme(), key).is_none_or(|row| matches!(row.syntax, Syntax::File | Syntax::Folder)),
     };
     link.keys().find(names).map(|(key, value)| (key.to_owned(), value.to_owned()))
 }

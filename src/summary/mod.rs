@@ -11,11 +11,13 @@
 //! | --- | --- |
 //! | `mod.rs` | [`Summary`]: the counts, and their text |
 //! | `watch.rs` | [`FrameWatch`]: finds alarms, failed changes of state and losses in frames |
+//! | `flight.rs` | [`FlightEvents`]: finds what a flight recorder keeps |
 //! | `gaps.rs` | [`GapFinder`]: finds gaps in the motion of one axis |
 //! | `line.rs` | [`Line`]: a line of the file between library and tool |
 //! | `writer.rs` | writes those lines, in the process of the program |
 //! | `link.rs` | a link that wraps another one and watches its frames for `writer.rs` |
 
+mod flight;
 mod gaps;
 mod line;
 mod link;
@@ -25,6 +27,7 @@ pub mod writer;
 use std::collections::BTreeMap;
 use std::fmt;
 
+pub use flight::FlightEvents;
 pub use gaps::GapFinder;
 pub use line::{Alarm, Line, StateFailed};
 pub use watch::{FrameCounts, FrameEvent, FrameWatch};

@@ -60,7 +60,7 @@ fn expected() -> String {
 fn entry(link: &str, key: &Key) -> String {
     let value = match key.syntax {
         // Paths as on Windows.
-        Syntax::File => {
+        Syntax::File | Syntax::Folder => {
             format!(r"C:\Users\Public\{}", key.example.rsplit('/').next().expect("a name"))
         }
         _ => key.example.to_owned(),

@@ -13,12 +13,14 @@
 //! - `record.rs`, `record_board.rs`, `record_order.rs`, `record_disk.rs`, `record_pipe.rs`, `record_end.rs`: `record=`:
 //!   the file, a board that is opened again, the order of frames, full disks, pipes, the end of a recording
 //! - `record_blocks.rs`: recordings in blocks, `FILE.ecmrec`, also cut and damaged ones
+//! - `flight.rs`: flight recorders, `flight=`
 //! - `record_reader.rs`: reading recordings and captures
 
 mod chip_usb;
 mod config;
 mod control;
 mod fault;
+mod flight;
 mod in_build;
 mod rate;
 mod record;

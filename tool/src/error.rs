@@ -52,6 +52,12 @@ pub enum CliError {
     /// A verb of `ecmsk recording` failed.
     #[error(transparent)]
     RecordingVerb(#[from] super::recording_files::RecordingVerbError),
+    /// A verb of `ecmsk flight` failed.
+    #[error(transparent)]
+    FlightVerb(#[from] super::flight::FlightVerbError),
+    /// A board gets no flight recorder.
+    #[error(transparent)]
+    Flight(#[from] super::flight_option::FlightOptionError),
     /// `ecmsk man` could not make a manual page.
     #[error(transparent)]
     Man(#[from] super::man::ManError),
@@ -163,6 +169,7 @@ impl CliError {
             Self::Bus(error) => error.code(),
             Self::Xf(error) => error.code(),
             // The command line names no board, or an address at which other machines reach the server: as a wrong command line.
+            Self::Flight(error) if error.is_wrong_command_line() => super::WRONG_COMMAND_LINE,
             Self::NothingToServe
             | Self::Control(_)
             | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. })

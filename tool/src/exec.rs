@@ -21,6 +21,7 @@ use ecmsk::link::config::{ConfigError, LINK_VARIABLE, OPENED_VARIABLE};
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::summary::writer::FILE_VARIABLE;
 
+use super::flight_option::{FlightArgs, FlightOptionError};
 use super::stderr::say;
 use super::{control_option, record_option, recording_end};
 use clock::ProgramClock;
@@ -42,8 +43,9 @@ Examples:
   ecmsk exec --link 'sim:?slaves=drive*2' --control press -- ./press
       meanwhile:  ecmsk fault press alarm 2 0x7500
   ecmsk exec --link 'sim:?slaves=drive*2' --clock virtual -- ./program_that_sleeps
+  ecmsk exec --link usb: --flight flight --flight-bytes 4G -- ./program
 
-Exit code: the program's, 128 + n if signal n ended it; 124 if it ended with 0 and its recording is not whole; 125 if it could not be started because of something else than
+Exit code: the program's, 128 + n if signal n ended it; 124 if it ended with 0 and what it recorded is not whole; 125 if it could not be started because of something else than
 PROGRAM, 126 if PROGRAM cannot be executed, 127 if it is not found; 2 if the command line is wrong.")]
 pub struct Args {
     /// Board for the program, see `ecmsk link help`; without it the library looks for its link as usual
@@ -65,6 +67,9 @@ pub struct Args {
     /// Put the program's waits and clocks on the simulated board's virtual clock, so that it runs as fast as it can (Linux)
     #[arg(long, value_enum, value_name = "CLOCK")]
     clock: Option<ProgramClock>,
+
+    #[command(flatten)]
+    flight: FlightArgs,
 
     /// The library, or its folder [default: beside this tool, then ../lib, then its sub-folder of Debian's libraries,
     /// e.g. x86_64-linux-gnu]
@@ -162,6 +167,9 @@ pub enum ExecError {
     /// The board gets no control socket.
     #[error(transparent)]
     Control(#[from] control_option::ControlOptionError),
+    /// The flight recorder of `--flight` cannot be made.
+    #[error(transparent)]
+    Flight(#[from] FlightOptionError),
     /// The link that the library would choose is invalid.
     #[error(transparent)]
     Uri(#[from] UriError),
@@ -205,6 +213,7 @@ impl ExecError {
             | Self::Control(_)
             | Self::NotInBuild { .. }
             | Self::ClockOfHardware { .. } => 2,
+            Self::Flight(error) if error.is_wrong_command_line() => 2,
             _ => 125,
         }
     }
@@ -231,6 +240,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
         args.record.as_deref(),
         args.control.as_deref(),
         args.clock,
+        &args.flight,
         Path::new(program),
         &file,
     )?;

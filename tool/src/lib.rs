@@ -16,12 +16,13 @@
 //! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`:
 //!   one verb each; `image.rs` reads Windows programs for `doctor` and `exec`
 //! - `stop.rs`: `ecmsk stop`, which stops the axes of whatever program moves them
+//! - `flight.rs`: `ecmsk flight`, what a flight recorder has kept
 //! - `params.rs`: `ecmsk params`, the parameters of drives, in `params/`
 //! - `machine.rs`: `ecmsk machine`, the machine file, in `machine/`
 //! - `bus.rs`: `ecmsk bus`, the look at any network, one file for each verb in `bus/`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to an ECM-XF, one file each in `xf/`
-//! - `link_option.rs`, `machine_option.rs`, `record_option.rs`, `control_option.rs`, `slot_size.rs`: the options `--link`,
-//!   `--machine`, `--record`, `--control` and `--slot-size`;
+//! - `link_option.rs`, `machine_option.rs`, `record_option.rs`, `flight_option.rs`, `control_option.rs`, `slot_size.rs`: the
+//!   options `--link`, `--machine`, `--record`, `--flight`, `--control` and `--slot-size`;
 //!   `recording_end.rs` checks whether a recording is complete
 //! - `web.rs`: the page of `plot -o run.html` and `serve web`, in `web/`; its own sources are in `tool/web/`
 //! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
@@ -42,6 +43,8 @@ mod exec;
 mod fault;
 mod filter;
 mod find;
+mod flight;
+mod flight_option;
 #[doc(hidden)]
 pub mod fuzzed;
 mod hex;
@@ -97,7 +100,7 @@ Exit codes:
   0    done (also when whoever read the output has closed it)
   1    failed; the last line on standard error says why and what to do, with --json as an object of `error` and `exit_code`
   2    the command line is wrong
-  124  done, and the recording that was asked for (--record, record=) is not whole
+  124  done, and the recording that was asked for (--record, record=, --flight, flight=) is not whole
   130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once;
        `serve`, which nothing else ends, has 0 then
   compare
@@ -156,6 +159,7 @@ enum Verb {
     Compare(compare::Args),
     Replay(replay::Args),
     Recording(recording_files::Args),
+    Flight(flight::Args),
     Migrate(migrate::Args),
     Monitor(monitor::Args),
     Link(link::Args),
@@ -211,6 +215,7 @@ impl Verb {
             Self::Compare(args) => Ok(compare::run(&args)?),
             Self::Replay(args) => Ok(replay::run(&args)?),
             Self::Recording(args) => recording_files::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Flight(args) => flight::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Migrate(args) => Ok(migrate::run(&args)?),
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),

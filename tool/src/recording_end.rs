@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
+use ecmsk::link::record::flight;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{Lacks, lacks_at_end};
 
@@ -32,10 +33,18 @@ pub fn of_opened(code: ExitCode) -> ExitCode {
     })
 }
 
-/// What the recording of the link lacks to be complete, with the name of its file. `None` if nothing is known to be missing, or
-/// if the link does not record to a file.
+/// What the recordings of the link lack to be complete, with the name of the file or folder. `None` if nothing is known to be
+/// missing, or if the link does not record.
 pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
-    let file = link?.value("record")?;
+    let link = link?;
+    let folder =
+        link.value("flight").and_then(|folder| Some(format!("{folder}: {}", flight::lacks(Path::new(folder))?)));
+    let lacks: Vec<String> = [link.value("record").and_then(file_not_whole), folder].into_iter().flatten().collect();
+    (!lacks.is_empty()).then(|| lacks.join("; "))
+}
+
+/// What the recording in a file lacks.
+fn file_not_whole(file: &str) -> Option<String> {
     let path = Path::new(file);
     // The recording is not checked if it goes to a pipe. There is no file if the program has opened no board.
     if !path.metadata().is_ok_and(|there| there.is_file()) {

@@ -24,6 +24,7 @@ use ecmsk::notes::FLUSH_LIMIT;
 use ecmsk::port::tcp::{DEFAULT_PORT, OnVanish, ServeError, ServeOptions, Server};
 
 use super::board::{BoardError, slaves_words, units_words};
+use super::flight_option::FlightArgs;
 use super::link_option::ChosenLink;
 use super::stderr::say;
 use super::{CliError, control_option, output, recording_end, signals, streams};
@@ -92,6 +93,9 @@ struct Tcp {
     #[arg(long, value_name = "N", value_parser = units_words, allow_hyphen_values = true)]
     counts_per_unit: Option<String>,
 
+    #[command(flatten)]
+    flight: FlightArgs,
+
     /// Largest number of clients at the same time; while there is no writer, the last place is kept for one
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_clients: u16,
@@ -146,7 +150,8 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     // Signals are watched before anything can move, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     streams::queue().map_err(no_thread)?;
-    let recorded = control_option::controlled(served(args.link.as_ref())?, args.control.as_deref())?;
+    let controlled = control_option::controlled(served(args.link.as_ref())?, args.control.as_deref())?;
+    let recorded = args.flight.added_to(&controlled)?;
     let uri = recorded.to_string();
     let options = ServeOptions {
         listen: args.listen,

@@ -34,6 +34,9 @@ const ENDPOINT: Syntax = Syntax::Number(1, 15);
 /// The number of data bytes in a packet of an ECM-XF.
 const DATA_SIZE: Syntax = Syntax::Number(DataSize::MIN.bytes() as u64, DataSize::MAX.bytes() as u64);
 
+/// Bounds of a flight recorder: 16 MB have the 40 s of a moment for a board with few slaves. \[OURS]
+const FLIGHT_BYTES: Syntax = Syntax::Bytes(16_000_000, 1_000_000_000_000);
+
 const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 
 /// The table of all keys, in the order in which a URI's normal form writes them.
@@ -279,6 +282,24 @@ pub const KEYS: &[Key] = &[
         name: "record", schemes: &Scheme::ALL, syntax: Syntax::File, default: None, example: "/tmp/board.pcapng",
         meaning: "write every frame to that file, for Wireshark and `ecmsk`; where a chip is opened and no board (`ecmsk xf`), \
                   every exchange; not given: no recording",
+    },
+    Key {
+        name: "flight", schemes: &Scheme::ALL, syntax: Syntax::Folder, default: None, example: "/tmp/flight",
+        meaning: "keep the frames of the last hours in that folder, and what surrounds an alarm, a lost slave or a mark for longer \
+                  (`ecmsk flight`); not given: no flight recorder",
+    },
+    Key {
+        name: "flight_bytes", schemes: &Scheme::ALL, syntax: FLIGHT_BYTES, default: Some("1G"), example: "500M",
+        meaning: "the most bytes of those frames; the oldest are deleted",
+    },
+    Key {
+        name: "flight_kept_bytes", schemes: &Scheme::ALL, syntax: FLIGHT_BYTES, default: Some("1G"), example: "4G",
+        meaning: "the most bytes of what is kept for longer",
+    },
+    Key {
+        name: "flight_following_error", schemes: &Scheme::ALL, syntax: Syntax::Number(1, u32::MAX as u64), default: None,
+        example: "500",
+        meaning: "a following error of more counts is kept for longer, too; not given: however large it is",
     },
     Key {
         name: "read_timeout_ms", schemes: &Scheme::ALL, syntax: Syntax::Number(0, DAY_MS), default: None,

@@ -21,10 +21,22 @@ use crate::recording::{Clock, RecordMeta};
 /// The number of entries of a block: half a second of both directions with a cycle of 1 ms. \[OURS]
 const BLOCK: usize = 1024;
 
+/// What a [`BlockWriter`] does with entries that are not in a block yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Pieces {
+    /// They go to the file at once, and a block replaces them. Only a file on a disk can do that.
+    Replaced,
+    /// They go to the file at once and stay there; no blocks are written, so that nothing in the file ever changes.
+    Kept,
+    /// They wait in memory for their block, so that nothing in the file ever changes.
+    None,
+}
+
 /// Writes a recording as `.ecmrec`, block by block.
 pub(super) struct BlockWriter<E> {
     loss: Loss,
     sink: Sink,
+    form: Pieces,
     /// Whether entries are stored in the order of their times: if they may come late, and written bytes can be
     /// replaced.
     sorts: bool,
@@ -68,6 +80,12 @@ struct Packing {
 impl<E: Entry> BlockWriter<E> {
     /// Writes the beginning of the recording. Fails if the disk has no room for it and for its end.
     pub fn begin(loss: Loss, sink: Sink, meta: &RecordMeta) -> io::Result<Self> {
+        let form = if sink.can_rewrite() { Pieces::Replaced } else { Pieces::Kept };
+        Self::begin_as(form, loss, sink, &Section { meta: Some(meta.clone()), repeated: 0 }, meta.clock)
+    }
+
+    /// As [`Self::begin`], with another treatment of the newest entries and what the first block says of the recording.
+    pub fn begin_as(form: Pieces, loss: Loss, sink: Sink, section: &Section, clock: Clock) -> io::Result<Self> {
         let pack = Packing {
             blocks: Packer::default(),
             pieces: Packer::default(),
@@ -78,8 +96,9 @@ impl<E: Entry> BlockWriter<E> {
         };
         let mut writer = Self {
             loss,
-            sorts: E::MAY_COME_LATE && meta.clock == Clock::Real && sink.can_rewrite(),
+            sorts: E::MAY_COME_LATE && clock == Clock::Real && form != Pieces::Kept,
             sink,
+            form,
             entries: Vec::with_capacity(BLOCK + SORTED_FRAMES),
             in_pieces: 0,
             pieces: 0,
@@ -93,7 +112,6 @@ impl<E: Entry> BlockWriter<E> {
             last_ns: 0,
             pack,
         };
-        let section = Section { meta: Some(meta.clone()) };
         let header = Header { kind: Some(Kind::Section), what: E::WHAT, ..Header::default() };
         header.write(section.to_text().as_bytes(), &mut writer.pack.out);
         let length = writer.pack.out.len() as u64;
@@ -117,14 +135,14 @@ impl<E: Entry> BlockWriter<E> {
 
     /// Writes the entries that are not in the file yet as a piece, in the order in which they came.
     fn write_piece(&mut self) -> io::Result<()> {
-        if self.in_pieces == self.entries.len() {
+        if self.in_pieces == self.entries.len() || self.form == Pieces::None {
             return Ok(());
         }
         self.pack.out.clear();
         self.add_piece(self.in_pieces, self.in_pieces == 0);
         self.sink.put(0, &self.pack.out)?;
         let len = self.pack.out.len() as u64;
-        if self.sink.can_rewrite() {
+        if self.form == Pieces::Replaced {
             self.pieces_bytes += len;
         } else {
             self.length += len;
@@ -172,7 +190,7 @@ impl<E: Entry> BlockWriter<E> {
         if count == 0 {
             return Ok(());
         }
-        if !self.sink.can_rewrite() {
+        if self.form == Pieces::Kept {
             self.write_piece()?;
             self.written(count);
             return Ok(());
@@ -189,8 +207,8 @@ impl<E: Entry> BlockWriter<E> {
             self.add_index(self.length + len);
         }
         let without_piece = self.pack.out.len() as u64;
-        let has_rest = count < self.entries.len();
-        if has_rest {
+        let has_piece = self.form == Pieces::Replaced && count < self.entries.len();
+        if has_piece {
             self.add_piece(count, true);
         }
         let end = self.pack.out.len();
@@ -214,7 +232,9 @@ impl<E: Entry> BlockWriter<E> {
         self.number -= 1;
         self.written(count);
         self.pieces_bytes = self.pack.out.len() as u64 - without_piece;
-        (self.in_pieces, self.pieces) = (self.entries.len(), has_rest.into());
+        if has_piece {
+            (self.in_pieces, self.pieces) = (self.entries.len(), 1);
+        }
         Ok(())
     }
 
@@ -285,6 +305,13 @@ impl<E: Entry> BlockWriter<E> {
         }
     }
 
+    /// Writes a block of all entries. The recording may go on behind it.
+    pub(super) fn write_all_blocks(&mut self) {
+        if let Err(error) = self.write_block(0, SECTION_END_BYTES_MAX) {
+            self.fail(&error);
+        }
+    }
+
     /// Stops the recording after an error. On a full disk a block of all entries may still fit, since it is shorter
     /// than the pieces that it replaces. Otherwise the entries that are not in the file yet are dropped, if others are,
     /// and a block is tried with fewer and fewer entries: it has to leave room for the end of the recording. If not even
@@ -328,9 +355,7 @@ impl<E: Entry> Writer<E> for BlockWriter<E> {
     }
 
     fn end(&mut self) {
-        if let Err(error) = self.write_block(0, SECTION_END_BYTES_MAX) {
-            self.fail(&error);
-        }
+        self.write_all_blocks();
         if let Err(error) = self.write_end(true) {
             self.write_end_alone(&error);
         }

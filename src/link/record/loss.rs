@@ -17,6 +17,8 @@ pub(super) struct Loss {
     dropped: Arc<AtomicU64>,
     /// Whether the user was warned about missing frames.
     told: bool,
+    /// Whether the user is told nothing, since somebody else counts the same frames.
+    is_quiet: bool,
     /// The error of a failed write. After it nothing more is written, and every frame is counted as missing. `None`: no
     /// write has failed.
     failed: Option<String>,
@@ -27,7 +29,12 @@ pub(super) struct Loss {
 
 impl Loss {
     pub fn new(name: String, dropped: Arc<AtomicU64>) -> Self {
-        Self { name, dropped, told: false, failed: None, inherited: None }
+        Self { name, dropped, told: false, is_quiet: false, failed: None, inherited: None }
+    }
+
+    /// The loss of a file whose missing frames and errors somebody else takes over.
+    pub fn quiet() -> Self {
+        Self { is_quiet: true, ..Self::new(String::new(), Arc::default()) }
     }
 
     /// Whether a write has failed, so that no more frames are written.
@@ -56,6 +63,9 @@ impl Loss {
     pub fn fail(&mut self, error: &io::Error) {
         self.failed = Some(error.to_string());
         self.told = true;
+        if self.is_quiet {
+            return;
+        }
         tell(format!("recording to {} has stopped: {error}; frames from here on are counted only", self.name));
     }
 
@@ -79,6 +89,11 @@ impl Loss {
         if let (_, Some(missing)) = self.missing() {
             tell(format!("recording to {}: {missing}", self.name));
         }
+    }
+
+    /// The number of missing frames so far.
+    pub fn count(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
     }
 
     /// Why frames are missing, if any are.

@@ -16,6 +16,7 @@
 //!   `blocks.rs`: the same in the format `.ecmrec`; `loss.rs`: what the file lacks
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and the handling of a full disk
 //! - `copy.rs`: writing frames of another recording
+//! - `flight/`: the key `flight=`: the last hours, and what surrounds an event
 //! - `network.rs`: recordings of EtherCAT frames on a network
 //! - `sync.rs`: syncing the file to the disk
 //! - `tell.rs`: messages to the user of the program
@@ -24,6 +25,7 @@ mod blocks;
 mod chip;
 mod copy;
 pub(super) mod file;
+pub mod flight;
 mod loss;
 #[cfg(all(feature = "serve", target_os = "linux"))]
 mod network;
@@ -49,6 +51,7 @@ use super::{Dir, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, W
 use crate::recording::{Clock, RecordMeta};
 use crate::sk::{Frame, SlotSize};
 use file::Sink;
+use flight::{Flight, FlightOptions, FlightWatch};
 use recorder::{RecordedCall, Recorder};
 use writer::FrameEntry;
 
@@ -93,10 +96,7 @@ impl RecordLink {
     pub fn new(inner: Arc<dyn Link>, path: &Path, meta: &RecordMeta) -> Result<Self, LinkError> {
         let name = path.display().to_string();
         let file = file::open(path).map_err(|error| cannot_record(&name, &error))?;
-        let queue = match meta.clock {
-            Clock::Real => QUEUE,
-            Clock::Virtual => QUEUE_IN_VIRTUAL_TIME,
-        };
+        let queue = queue_len(meta.clock);
         let stall_max = (!file.is_on_disk()).then_some(PIPE_STALL_MAX);
         let meta = file.continued(meta, inner.info().opened_at);
         Self::begin(inner, &name, Sink::File(file), &meta, queue, stall_max)
@@ -114,6 +114,26 @@ impl RecordLink {
         queue: usize,
     ) -> Result<Self, LinkError> {
         Self::begin(inner, name, Sink::Other(sink), meta, queue, None)
+    }
+
+    /// Records `inner` to a [flight recorder](flight). `watch` finds the moments to keep.
+    ///
+    /// # Errors
+    /// [`LinkError::Io`] naming the folder if it cannot be written, or another process is recording to it.
+    pub fn to_flight(
+        inner: Arc<dyn Link>,
+        options: &FlightOptions,
+        meta: &RecordMeta,
+        watch: Box<dyn FlightWatch>,
+    ) -> Result<Self, LinkError> {
+        let failed = |error: io::Error| LinkError::Io {
+            what: format!("cannot record to the folder {}", options.folder.display()),
+            message: format!("{error}; name another folder with flight= or leave it out"),
+        };
+        let dropped = Arc::default();
+        let flight = Flight::begin(options, meta, watch, Arc::clone(&dropped)).map_err(failed)?;
+        let recorder = Recorder::run(flight, dropped, meta, queue_len(meta.clock), None).map_err(failed)?;
+        Ok(Self { inner, recorder })
     }
 
     fn begin(
@@ -200,6 +220,14 @@ impl Drop for RecordLink {
             self.inner.vanish();
         }
         self.recorder.finish();
+    }
+}
+
+/// How many frames wait for the disk at most.
+const fn queue_len(clock: Clock) -> usize {
+    match clock {
+        Clock::Real => QUEUE,
+        Clock::Virtual => QUEUE_IN_VIRTUAL_TIME,
     }
 }
 

@@ -11,7 +11,7 @@ use super::blocks::BlockWriter;
 use super::file::Sink;
 use super::loss::Loss;
 use super::queue::{LOOK_INTERVAL, Queue, UNTOLD_MAX};
-use super::writer::{self, Capture, Entry};
+use super::writer::{self, Capture, Entry, Writer};
 use crate::recording::file_formats::ecmrec;
 use crate::recording::{Clock, RecordMeta};
 use crate::threads::{self, CallingThread, sync};
@@ -55,15 +55,27 @@ impl<E: Entry> Recorder<E> {
     ) -> io::Result<Self> {
         let dropped = Arc::new(AtomicU64::new(0));
         let loss = Loss::new(name.to_owned(), Arc::clone(&dropped));
+        if ecmrec::is_named(Path::new(name)) {
+            Self::run(BlockWriter::<E>::begin(loss, sink, meta)?, dropped, meta, queue, stall_max)
+        } else {
+            Self::run(Capture::<E>::begin(loss, sink, meta)?, dropped, meta, queue, stall_max)
+        }
+    }
+
+    /// Begins a recording by `recording`, whose missing entries are counted in `dropped`.
+    ///
+    /// # Errors
+    /// The system provides no thread.
+    pub(super) fn run(
+        recording: impl Writer<E>,
+        dropped: Arc<AtomicU64>,
+        meta: &RecordMeta,
+        queue: usize,
+        stall_max: Option<Duration>,
+    ) -> io::Result<Self> {
         let queue = Arc::new(Queue::new(queue, dropped));
         let entries = Arc::clone(&queue);
-        let writer = if ecmrec::is_named(Path::new(name)) {
-            let blocks = BlockWriter::<E>::begin(loss, sink, meta)?;
-            threads::spawn("ecmsk-record", move || writer::run(&entries, blocks))?
-        } else {
-            let capture = Capture::<E>::begin(loss, sink, meta)?;
-            threads::spawn("ecmsk-record", move || writer::run(&entries, capture))?
-        };
+        let writer = threads::spawn("ecmsk-record", move || writer::run(&entries, recording))?;
         Ok(Self {
             base_ns: meta.base_ns,
             may_wait: meta.clock == Clock::Virtual,

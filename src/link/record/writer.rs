@@ -81,6 +81,7 @@ pub(in crate::link) trait Entry: Send + 'static {
 }
 
 /// A frame of a board that is queued for the file.
+#[derive(Clone)]
 pub(super) struct FrameEntry {
     /// The time stamp in the file, in nanoseconds.
     pub at_ns: u64,

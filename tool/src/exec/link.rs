@@ -9,24 +9,27 @@ use ecmsk::link::uri::LinkUri;
 
 use super::ExecError;
 use super::clock::ProgramClock;
+use crate::flight_option::FlightArgs;
 use crate::{control_option, record_option};
 
 /// The link to set for `program`: the user's, with the recording, the control socket and the clock if they are given. `None`
 /// leaves the choice to the library.
 ///
-/// The keys `record=`, `control=` and `clock=` are part of a link. So if the user has given no link, they are added to the
-/// link that the library would choose.
+/// The keys `record=`, `control=`, `clock=` and `flight=` are part of a link. So if the user has given no link, they are
+/// added to the link that the library would choose.
 pub fn for_program(
     link: Option<&LinkUri>,
     record: Option<&Path>,
     control: Option<&str>,
     clock: Option<ProgramClock>,
+    flight: &FlightArgs,
     program: &Path,
     library: &Path,
 ) -> Result<Option<LinkUri>, ExecError> {
+    let is_changed = record.is_some() || control.is_some() || clock.is_some() || flight.is_given();
     let link = match link {
         Some(link) => link.clone(),
-        None if record.is_none() && control.is_none() && clock.is_none() => return Ok(None),
+        None if !is_changed => return Ok(None),
         None => configured(program, library)?,
     };
     if !link.scheme().in_build() {
@@ -37,7 +40,8 @@ pub fn for_program(
         Some(ProgramClock::Virtual) => virtual_time(link)?,
         None => link,
     };
-    record.map_or(Ok(link.clone()), |file| Ok(record_option::with_record(&link, file)?)).map(Some)
+    let link = record.map_or(Ok(link.clone()), |file| record_option::with_record(&link, file))?;
+    Ok(Some(flight.added_to(&link)?))
 }
 
 /// The link with its board on virtual time.

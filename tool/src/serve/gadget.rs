@@ -10,6 +10,7 @@ use ecmsk::port::gadget::{Identity, Options, ServeError, Server};
 
 use super::Vanish;
 use super::usbip::{given_link, id};
+use crate::flight_option::FlightArgs;
 use crate::stderr::say;
 use crate::{CliError, control_option, signals, streams};
 
@@ -34,6 +35,9 @@ pub struct Args {
 
     #[arg(long, value_name = "NAME", help = control_option::HELP)]
     control: Option<String>,
+
+    #[command(flatten)]
+    flight: FlightArgs,
 
     /// USB device controller, as /sys/class/udc lists them [default: the only one]
     #[arg(long, value_name = "NAME")]
@@ -87,6 +91,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let served = super::served(args.link.as_ref())?;
     let served = given_link(&served.to_string()).unwrap_or(served);
     let served = control_option::controlled(served, args.control.as_deref())?;
+    let served = args.flight.added_to(&served)?;
     let options = Options {
         identity: identity(args),
         controller: args.udc.clone(),

@@ -11,6 +11,7 @@ use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
 
 use crate::control_option::ControlOptionError;
+use crate::flight_option::FlightArgs;
 use crate::stderr::say;
 use crate::{CliError, control_option, signals, streams};
 
@@ -38,6 +39,9 @@ pub struct Args {
     /// Let `ecmsk fault NAME` make events happen on a simulated board while it runs; once for each board, in their order
     #[arg(long, value_name = "NAME", action = ArgAction::Append)]
     control: Vec<String>,
+
+    #[command(flatten)]
+    flight: FlightArgs,
 
     /// Address to listen on
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)), value_parser = super::listen_at::<{ wire::PORT }>)]
@@ -88,6 +92,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
     streams::queue().map_err(ServeError::Thread)?;
     let links = controlled(links(args)?, &args.control)?;
+    let links = args.flight.added_to_all(&links)?;
     let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
     let options = Options {
         listen: args.listen,

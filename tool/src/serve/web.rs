@@ -25,6 +25,7 @@ use ecmsk::ecm::Scales;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::SlotSize;
 
+use crate::flight_option::FlightArgs;
 use crate::kind_list::KindList;
 use crate::link_option::ChosenLink;
 use crate::monitor::MonitorError;
@@ -50,12 +51,15 @@ Examples:
 A recording as one file, which needs no server: ecmsk plot run.pcapng -o run.html")]
 pub struct Args {
     /// Show this recording or capture instead of a board
-    #[arg(value_name = "FILE", conflicts_with = "link", value_hint = ValueHint::FilePath)]
+    #[arg(value_name = "FILE", conflicts_with_all = ["link", "flight"], value_hint = ValueHint::FilePath)]
     file: Option<PathBuf>,
 
     /// Board to show, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
+
+    #[command(flatten)]
+    flight: FlightArgs,
 
     /// Address to listen on, one of this machine's own
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], DEFAULT_PORT)), value_parser = listen_here)]
@@ -133,7 +137,7 @@ fn board(args: &Args) -> Result<(Arc<Hub>, LinkUri), CliError> {
     if !chosen.is_named() {
         return Err(CliError::NothingToServe);
     }
-    let uri = chosen.uri.clone();
+    let uri = args.flight.added_to(&chosen.uri)?;
     chosen.uri = with_long_queue(&uri);
     let subject = Subject {
         uri: uri.clone(),

@@ -54,6 +54,7 @@ mod exec_library;
 mod exec_reasons;
 mod fault;
 mod filters;
+mod flight;
 mod find;
 mod foreign_recording;
 mod jog;

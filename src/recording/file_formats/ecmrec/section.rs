@@ -9,12 +9,16 @@ const PACKETS: &str = "packets";
 const MISSING: &str = "missing";
 const WHY: &str = "why";
 const LENGTH: &str = "length";
+const REPEATED: &str = "repeated";
 
 /// The contents of the block that begins a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Section {
     /// The metadata of the recording; `None` if the packets come from another program's capture.
     pub meta: Option<RecordMeta>,
+    /// How many packets at the beginning of the recording repeat earlier ones, which the rest can be understood with:
+    /// the settings of a board in a segment of a flight recorder.
+    pub repeated: u32,
 }
 
 impl Section {
@@ -22,14 +26,16 @@ impl Section {
     pub fn to_text(&self) -> String {
         let application = concat!("ecmsk ", env!("CARGO_PKG_VERSION"));
         let meta = self.meta.as_ref().map(|meta| format!("{META} {}\n", one_line(&meta.to_string())));
-        format!("{APPLICATION_LINE} {application}\n{}", meta.unwrap_or_default())
+        let repeated = (self.repeated > 0).then(|| format!("{REPEATED} {}\n", self.repeated));
+        format!("{APPLICATION_LINE} {application}\n{}{}", meta.unwrap_or_default(), repeated.unwrap_or_default())
     }
 
     /// Decodes the contents of the block; `None` if they are not those of a block that begins a recording.
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let text = str::from_utf8(bytes).ok()?;
         value(text, APPLICATION_LINE).filter(|name| name.starts_with(APPLICATION))?;
-        Some(Self { meta: value(text, META).and_then(RecordMeta::from_comment) })
+        let repeated = value(text, REPEATED).and_then(|number| number.parse().ok()).unwrap_or(0);
+        Some(Self { meta: value(text, META).and_then(RecordMeta::from_comment), repeated })
     }
 }
 

@@ -1,0 +1,331 @@
+//! What a flight recorder does beside writing frames: it syncs files to the disk, puts compressed segments in the place
+//! of uncompressed ones, keeps moments, and finds marks. On the real clock a thread of its own does that, since a disk
+//! may take seconds for it, in which frames would have to wait.
+
+use std::collections::BTreeMap;
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::folder::{self, Folder, Output};
+use super::moment::{self, Kind, Moment, one_line};
+use super::settings::Settings;
+use crate::link::record::blocks::{BlockWriter, Pieces};
+use crate::link::record::file::Sink;
+use crate::link::record::loss::Loss;
+use crate::link::record::writer::{FrameEntry, Writer};
+use crate::recording::file_formats::ecmrec::header::{HEADER_LEN, Header};
+use crate::recording::file_formats::ecmrec::section::Section;
+use crate::recording::{RecordMeta, Recorded, Recording};
+
+/// The ending of the file of a mark.
+pub(super) const MARK: &str = ".mark";
+/// The most bytes at the beginning of a segment that are read to find how many of its frames repeat earlier ones: more
+/// than its first block has. \[OURS]
+const BEGIN_MAX: usize = 128 * 1024;
+
+/// What the recorder's thread asks of the keeper.
+pub(super) enum Job {
+    /// A segment grows from now on.
+    Live(u64),
+    /// A segment is finished. `is_packed`: there is a compressed form, which takes its place.
+    Finished { number: u64, is_packed: bool },
+    /// A moment has begun, or has one more reason.
+    Note(Moment),
+    /// All frames of a moment are in finished segments; the last of them is this one.
+    Keep(Moment, u64),
+}
+
+/// What the keeper tells the recorder's thread.
+pub(super) enum Done {
+    /// The compressed form of a segment has taken its place.
+    Packed(u64),
+    /// A person has marked the present moment.
+    Mark(String),
+    /// A moment cannot be kept, for this reason.
+    NotKept(String),
+    /// The ring cannot be synced to the disk.
+    Failed(io::Error),
+}
+
+/// A moment whose recording is there.
+struct Kept {
+    bytes: u64,
+    rank: Option<Kind>,
+}
+
+/// See the comment of this file.
+pub(super) struct Keeper {
+    folder: Arc<dyn Folder>,
+    bound: u64,
+    /// The segment that grows, which is synced at each tick.
+    live: Option<u64>,
+    kept: BTreeMap<u64, Kept>,
+}
+
+impl Keeper {
+    /// `kept`: the numbers of the moments that are there, with the lengths of their recordings.
+    pub fn new(folder: Arc<dyn Folder>, bound: u64, kept: Vec<(u64, u64)>) -> Self {
+        let of = |(number, bytes)| (number, Kept { bytes, rank: rank(&*folder, number) });
+        let kept = kept.into_iter().map(of).collect();
+        Self { folder, bound, live: None, kept }
+    }
+
+    /// Does one job.
+    pub fn work(&mut self, job: Job, done: &mut dyn FnMut(Done)) {
+        match job {
+            Job::Live(number) => self.live = Some(number),
+            Job::Finished { number, is_packed } => {
+                if self.live == Some(number) {
+                    self.live = None;
+                }
+                match self.finish(number, is_packed) {
+                    Ok(()) if is_packed => done(Done::Packed(number)),
+                    Ok(()) => {}
+                    // The ring has deleted it meanwhile.
+                    Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                    Err(error) => done(Done::Failed(error)),
+                }
+            }
+            Job::Note(moment) => {
+                if let Err(error) = self.put_note(&moment) {
+                    done(Done::NotKept(error.to_string()));
+                }
+            }
+            Job::Keep(moment, last) => {
+                if let Err(error) = self.keep(&moment, last) {
+                    let _ = self.folder.remove(&folder::unfinished(moment.number));
+                    done(Done::NotKept(error.to_string()));
+                }
+            }
+        }
+    }
+
+    /// Syncs what grows to the disk, and looks for marks. Called once a second.
+    pub fn tick(&self, done: &mut dyn FnMut(Done)) {
+        if self.sync(done) {
+            self.look_for_marks(done);
+        }
+    }
+
+    /// Syncs what grows to the disk. Returns whether that has succeeded.
+    pub fn sync(&self, done: &mut dyn FnMut(Done)) -> bool {
+        let live = self.live.map(folder::segment);
+        // The contents go first: a name on the disk then never has less than it had a second ago.
+        let synced = live.map_or(Ok(()), |name| self.folder.sync(&name)).and_then(|()| self.folder.sync_names());
+        synced.map_err(|error| done(Done::Failed(error))).is_ok()
+    }
+
+    fn look_for_marks(&self, done: &mut dyn FnMut(Done)) {
+        // A folder that cannot be listed fails when it is synced.
+        for (name, _) in self.folder.list().unwrap_or_default() {
+            if name.ends_with(MARK) && !name.contains('/') {
+                let text = folder::text(&*self.folder, &name, moment::MARK_MAX as u64);
+                // A mark that cannot be removed would come again with each tick.
+                if self.folder.remove(&name).is_ok()
+                    && let Ok(text) = text
+                {
+                    done(Done::Mark(one_line(&text)));
+                }
+            }
+        }
+    }
+
+    fn finish(&self, number: u64, is_packed: bool) -> io::Result<()> {
+        let name = folder::segment(number);
+        if !is_packed {
+            self.folder.sync(&name)?;
+            return self.folder.sync_names();
+        }
+        // Only what is on the disk takes the place of what is there already.
+        let packed = folder::packed(number);
+        self.folder.sync(&packed)?;
+        self.folder.rename(&packed, &name)?;
+        self.folder.sync_names()
+    }
+
+    fn put_note(&self, moment: &Moment) -> io::Result<()> {
+        folder::put_text(&*self.folder, &folder::note(moment.number), &moment.to_string())?;
+        self.folder.sync_names()
+    }
+
+    /// Copies the frames of a moment from the ring to a recording of their own.
+    fn keep(&mut self, moment: &Moment, last: u64) -> io::Result<()> {
+        let lengths: BTreeMap<String, u64> = self.folder.list()?.into_iter().collect();
+        let segments = || moment.segment..=last;
+        let bytes = segments().filter_map(|number| lengths.get(&folder::segment(number))).sum();
+        if !self.make_room(bytes, moment)? {
+            return Ok(());
+        }
+        self.put_note(moment)?;
+        let unfinished = folder::unfinished(moment.number);
+        let mut copy = Copy::new(moment, self.folder.create(&unfinished)?);
+        for number in segments() {
+            match self.folder.open(&folder::segment(number)) {
+                Ok(file) => copy.segment(file)?,
+                // The ring has had no room for it any more.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => return Err(error),
+            }
+        }
+        let Some(bytes) = copy.end()? else {
+            self.forget(moment.number)?;
+            return Err(io::Error::new(io::ErrorKind::NotFound, "the ring has no frame of it any more"));
+        };
+        self.folder.sync(&unfinished)?;
+        self.folder.rename(&unfinished, &folder::moment(moment.number))?;
+        self.folder.sync_names()?;
+        self.kept.insert(moment.number, Kept { bytes, rank: moment.rank() });
+        Ok(())
+    }
+
+    /// Deletes moments until a new one has room, those with the least reasons first, and of these the oldest. Returns
+    /// false if all that are there have better reasons than the new one, which then is not kept. \[OURS]
+    fn make_room(&mut self, bytes: u64, moment: &Moment) -> io::Result<bool> {
+        if bytes > self.bound {
+            let what = format!("{bytes} bytes have no room; give moments a larger flight_kept_bytes=");
+            return Err(io::Error::new(io::ErrorKind::QuotaExceeded, what));
+        }
+        while self.kept.values().map(|kept| kept.bytes).sum::<u64>() + bytes > self.bound {
+            let least = self.kept.iter().min_by_key(|(number, kept)| (kept.rank, **number));
+            let Some((number, rank)) = least.map(|(number, kept)| (*number, kept.rank)) else { return Ok(true) };
+            if rank > moment.rank() {
+                self.forget(moment.number)?;
+                return Ok(false);
+            }
+            self.forget(number)?;
+            self.kept.remove(&number);
+        }
+        Ok(true)
+    }
+
+    /// Removes the files of a moment.
+    fn forget(&self, number: u64) -> io::Result<()> {
+        for name in [folder::moment(number), folder::note(number)] {
+            match self.folder.remove(&name) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The kind of a moment that is in its folder; `None` if its text is not there.
+fn rank(folder: &dyn Folder, number: u64) -> Option<Kind> {
+    Moment::parse(&folder::text(folder, &folder::note(number), moment::TEXT_MAX).ok()?)?.rank()
+}
+
+/// Copies frames of a moment from segments to its recording.
+struct Copy<'a> {
+    moment: &'a Moment,
+    /// The file, until the first frame.
+    output: Option<Box<dyn Output>>,
+    length: Arc<AtomicU64>,
+    writer: Option<BlockWriter<FrameEntry>>,
+    meta: Option<RecordMeta>,
+    settings: Settings,
+    missing: u64,
+    /// Whether a segment was not ended, or is damaged.
+    is_cut: bool,
+}
+
+impl<'a> Copy<'a> {
+    fn new(moment: &'a Moment, output: Box<dyn Output>) -> Self {
+        Self {
+            moment,
+            output: Some(output),
+            length: Arc::default(),
+            writer: None,
+            meta: None,
+            settings: Settings::default(),
+            missing: 0,
+            is_cut: false,
+        }
+    }
+
+    /// Copies the frames of a segment that are of the moment.
+    fn segment(&mut self, file: impl Read) -> io::Result<()> {
+        let mut file = BufReader::with_capacity(BEGIN_MAX, file);
+        let repeated = repeated(file.fill_buf()?);
+        let Ok(mut recording) = Recording::new(file, "") else {
+            self.is_cut = true;
+            return Ok(());
+        };
+        if let Some(meta) = recording.meta().filter(|_| self.meta.is_none()) {
+            self.settings = Settings::new(meta.slot);
+            self.meta = Some(meta.clone());
+        }
+        for (place, recorded) in (0..).zip(&mut recording) {
+            let Ok(Recorded { at_ns, dir, frame, .. }) = recorded else { break };
+            let entry = FrameEntry { at_ns, dir, frame };
+            if self.writer.is_none() && (place < repeated || at_ns < self.moment.from_ns) {
+                self.settings.look(&entry);
+            } else if place >= repeated && at_ns <= self.moment.to_ns {
+                self.push(entry)?;
+            }
+        }
+        let lacks = recording.lacks();
+        self.missing += lacks.missing;
+        self.is_cut |= lacks.not_ended > 0 || lacks.damage.count > 0;
+        Ok(())
+    }
+
+    fn push(&mut self, entry: FrameEntry) -> io::Result<()> {
+        if let (Some(output), Some(meta)) = (self.output.take(), &self.meta) {
+            let sink = Sink::Other(Box::new(Counted { output, length: Arc::clone(&self.length) }));
+            let section = Section { meta: Some(meta.clone()), repeated: self.settings.len() };
+            let mut writer = BlockWriter::begin_as(Pieces::None, Loss::quiet(), sink, &section, meta.clock)?;
+            self.settings.at(entry.at_ns).for_each(|entry| writer.push(entry));
+            self.writer = Some(writer);
+        }
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        writer.push(entry);
+        check(writer)
+    }
+
+    /// Ends the recording; returns its length in bytes, or `None` if it has no frame.
+    fn end(mut self) -> io::Result<Option<u64>> {
+        let Some(writer) = &mut self.writer else { return Ok(None) };
+        if self.missing > 0 {
+            writer.loss().inherit(self.missing, "they were missing in the ring".to_owned());
+        }
+        if self.is_cut {
+            writer.write_all_blocks();
+        } else {
+            writer.end();
+        }
+        check(writer)?;
+        Ok(Some(self.length.load(Ordering::Relaxed)))
+    }
+}
+
+fn check(writer: &mut BlockWriter<FrameEntry>) -> io::Result<()> {
+    writer.loss().error().map_or(Ok(()), |error| Err(io::Error::other(error)))
+}
+
+/// How many frames at the beginning of a segment repeat earlier ones.
+fn repeated(begin: &[u8]) -> u32 {
+    let section = Header::parse(begin)
+        .and_then(|header| begin.get(HEADER_LEN..HEADER_LEN + header.length as usize))
+        .and_then(Section::parse);
+    section.map_or(0, |section| section.repeated)
+}
+
+/// A file whose bytes are counted.
+struct Counted {
+    output: Box<dyn Output>,
+    length: Arc<AtomicU64>,
+}
+
+impl Write for Counted {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.output.append(bytes)?;
+        self.length.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

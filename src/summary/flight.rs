@@ -1,0 +1,214 @@
+//! Finds in the frames of a running program what a flight recorder keeps: alarms, lost slaves, changes of state that
+//! failed, gaps in the reports, following errors beyond a limit.
+
+use super::watch::{FrameEvent, FrameWatch};
+use crate::link::Dir;
+use crate::link::record::flight::{FlightWatch, Kind};
+use crate::recording::{ExecutionReport, RunExecution, SizeFinder};
+use crate::sk::dump::MAX_SLAVES;
+use crate::sk::{
+    CommandId, DriveResponse, FRAME_LEN, Frame, MasterResponse, MasterState, SlaveCommand, SlotSize, StateByte,
+};
+
+/// A report in OP counts as late if it comes this long after the one before, ns. \[OURS]
+const GAP_MIN_NS: u64 = 100_000_000;
+/// And if that is this many times as long as the longest distance of the last reports: a program may read seldom.
+/// \[OURS]
+const GAP_TIMES: u64 = 10;
+/// The number of the last distances between reports that a gap is compared with. \[OURS]
+const DISTANCES: usize = 8;
+
+/// See the comment of this file. Frames come in the order of their times, except those that a thread was late with.
+pub struct FlightEvents {
+    finder: SizeFinder,
+    size: SlotSize,
+    frames: FrameWatch,
+    reports: Reports,
+    axes: Option<Following>,
+}
+
+impl FlightEvents {
+    /// `slot`: the slot size, if the link knows it; otherwise the frames show it. `following_error`: the following error
+    /// beyond which there is an event, counts; `None`: none.
+    pub fn new(slot: Option<SlotSize>, following_error: Option<u32>) -> Self {
+        let size = slot.unwrap_or_default();
+        Self {
+            finder: SizeFinder::new(slot),
+            size,
+            frames: FrameWatch::new(size),
+            reports: Reports::default(),
+            axes: following_error.map(Following::new),
+        }
+    }
+
+    /// Finds the slot size, and begins anew if it is another one than was assumed.
+    fn look_at_size(&mut self, frame: &Frame) {
+        if self.finder.given().is_some() {
+            return;
+        }
+        self.finder.look(frame, FRAME_LEN);
+        let (size, _) = self.finder.size();
+        if size != self.size {
+            self.size = size;
+            self.frames = FrameWatch::new(size);
+            self.axes = self.axes.take().map(|axes| Following::new(axes.limit));
+        }
+    }
+}
+
+impl FlightWatch for FlightEvents {
+    fn frame(&mut self, dir: Dir, at_ns: u64, frame: &Frame, found: &mut dyn FnMut(Kind, String)) {
+        self.look_at_size(frame);
+        let (at, size) = (i64::try_from(at_ns).unwrap_or(i64::MAX), self.size);
+        if dir == Dir::Write {
+            self.frames.command(at, frame);
+            if let Some(axes) = &mut self.axes {
+                axes.run.command(at, frame, size);
+            }
+            return;
+        }
+        self.frames.report(at, frame, &mut |event| match event {
+            FrameEvent::Alarm(alarm) => found(Kind::Alarm, alarm.to_string()),
+            FrameEvent::StateFailed(failed) => {
+                // Changes of state that fail end below OP: a failure that OP shows is a slave that has left it.
+                let is_lost = StateByte(failed.state).state() == Some(MasterState::Op);
+                found(if is_lost { Kind::LostSlave } else { Kind::State }, failed.to_string());
+            }
+        });
+        let board = MasterResponse::decode(&frame.slot(size, 0));
+        if let Some(silence_ns) = self.reports.report(at_ns, board.state) {
+            found(Kind::Gap, format!("no report for {:.3} s", silence_ns as f64 / 1e9));
+        }
+        if let Some(axes) = &mut self.axes {
+            axes.report(at, frame, size, found);
+        }
+    }
+
+    fn missed(&mut self) {
+        self.reports = Reports::default();
+        self.axes = self.axes.take().map(|axes| Following::new(axes.limit));
+    }
+}
+
+/// The distances of reports in OP.
+#[derive(Default)]
+struct Reports {
+    last_ns: Option<u64>,
+    distances: [u64; DISTANCES],
+    next: usize,
+}
+
+impl Reports {
+    /// Takes the next report. Returns how long none came, ns, if that is a gap.
+    fn report(&mut self, at_ns: u64, state: StateByte) -> Option<u64> {
+        if state.state() != Some(MasterState::Op) {
+            *self = Self::default();
+            return None;
+        }
+        let distance = at_ns.saturating_sub(self.last_ns.replace(at_ns)?);
+        let usual = self.distances.iter().copied().max().unwrap_or(0);
+        let is_known = self.distances.iter().all(|distance| *distance > 0);
+        self.distances[self.next] = distance;
+        self.next = (self.next + 1) % DISTANCES;
+        (is_known && distance > GAP_MIN_NS.max(usual.saturating_mul(GAP_TIMES))).then_some(distance)
+    }
+}
+
+/// The following errors of all axes.
+struct Following {
+    limit: u32,
+    run: RunExecution,
+    axes: [Axis; MAX_SLAVES],
+}
+
+#[derive(Clone, Copy, Default)]
+struct Axis {
+    /// The target that was executed last, while it is in force.
+    target: Option<i32>,
+    /// Whether the following error is beyond the limit.
+    is_beyond: bool,
+}
+
+impl Axis {
+    fn executed(&mut self, order: &SlaveCommand) {
+        match order {
+            SlaveCommand::Csp(motion) => self.target = Some(motion.first.target),
+            SlaveCommand::GetStatus | SlaveCommand::Other(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_) => {}
+            _ => self.target = None,
+        }
+    }
+}
+
+impl Following {
+    fn new(limit: u32) -> Self {
+        Self { limit, run: RunExecution::new(), axes: [Axis::default(); MAX_SLAVES] }
+    }
+
+    fn report(&mut self, at_ns: i64, frame: &Frame, size: SlotSize, found: &mut dyn FnMut(Kind, String)) {
+        match self.run.report(at_ns, frame, size) {
+            Some(ExecutionReport::Executed { entries, .. }) => {
+                for entry in &entries {
+                    for (axis, order) in self.axes.iter_mut().zip(&entry.orders) {
+                        if let Some(order) = order {
+                            axis.executed(order);
+                        }
+                    }
+                }
+            }
+            Some(ExecutionReport::Later) => return,
+            Some(ExecutionReport::Unknown) | None => {
+                self.axes = [Axis::default(); MAX_SLAVES];
+                return;
+            }
+        }
+        for (slave, axis) in (1..=size.max_slaves()).zip(&mut self.axes) {
+            let Some(target) = axis.target else { continue };
+            let drive = DriveResponse::decode(&frame.slot(size, slave));
+            // Homing moves the zero of the position.
+            if CommandId::from_code(drive.head.id) == CommandId::GoHome || !drive.statusword.is_enabled() {
+                *axis = Axis::default();
+                continue;
+            }
+            let error = i64::from(target).abs_diff(i64::from(drive.position));
+            let was_beyond = std::mem::replace(&mut axis.is_beyond, error > u64::from(self.limit));
+            if axis.is_beyond && !was_beyond {
+                found(Kind::FollowingError, format!("slave {slave} is {error} counts from its target {target}"));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// The events of reports in OP at these times.
+    fn events(times: impl IntoIterator<Item = u64>) -> Vec<String> {
+        let mut watch = FlightEvents::new(Some(SlotSize::Bytes12), None);
+        let mut found = Vec::new();
+        let mut report = Frame::new();
+        report.bytes_mut()[2] = StateByte::reached(MasterState::Op).0;
+        for at_ns in times {
+            watch.frame(Dir::Read, at_ns, &report, &mut |kind, text| {
+                assert_eq!(kind, Kind::Gap);
+                found.push(text);
+            });
+        }
+        found
+    }
+
+    /// A gap in the reports is one of a tenth of a second, and long for the program that reads them.
+    #[test]
+    fn a_gap_is_long_for_its_program() {
+        let every = |from: u64, ms: u64| (0..20).map(move |number| (from + number * ms) * MS);
+        assert_eq!(events(every(0, 1).chain(every(119, 1))), [""; 0]);
+        assert_eq!(events(every(0, 1).chain(every(120, 1))), ["no report for 0.101 s"]);
+        assert_eq!(events(every(0, 500)), [""; 0]);
+        assert_eq!(events(every(0, 500).chain(every(14_000, 500))), [""; 0]);
+        assert_eq!(events(every(0, 500).chain(every(15_000, 500))), ["no report for 5.500 s"]);
+        // Nobody knows at first how often the program reads.
+        assert_eq!(events([0, 1000 * MS, 3000 * MS]), [""; 0]);
+    }
+}

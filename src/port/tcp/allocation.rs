@@ -18,7 +18,7 @@ use crate::tcp::{Channel, Inbox, PROOF_LEN};
 #[test]
 fn a_cycle_allocates_nothing() {
     let link = crate::open::open("sim:?clock=virtual&name=allocation", Share::ByName).unwrap();
-    let hub = Hub::new(ServeOptions::default());
+    let hub = Arc::new(Hub::new(ServeOptions::default()));
     // The test makes the reports itself and passes them to the hub; the board behind the link only takes the writes.
     let board = hub.attach(Arc::new(Real(link)));
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

@@ -140,7 +140,9 @@ pub enum ExecError {
         folder: PathBuf,
     },
     /// `--clock virtual` with a link to a board that is not simulated.
-    #[error("--clock virtual takes a simulated board, and the link is `{link}`; name one with --link, e.g. sim:?slaves=drive*2")]
+    #[error(
+        "--clock virtual takes a simulated board, and the link is `{link}`; name one with --link, e.g. sim:?slaves=drive*2"
+    )]
     ClockOfHardware {
         /// The link that was to be opened.
         link: LinkUri,
@@ -153,7 +155,9 @@ pub enum ExecError {
     },
     /// This system has no way to put the program's waits on another clock.
     #[cfg(not(target_os = "linux"))]
-    #[error("--clock virtual is for programs of Linux; here give the link clock=virtual, which lets time pass by the program's calls")]
+    #[error(
+        "--clock virtual is for programs of Linux; here give the link clock=virtual, which lets time pass by the program's calls"
+    )]
     NoSuchClock,
     /// This build cannot open the link.
     #[error("link `{link}` is not in this build; {}", .link.scheme().instead())]

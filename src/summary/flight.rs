@@ -1,6 +1,7 @@
 //! Finds in the frames of a running program what a flight recorder keeps: alarms, lost slaves, changes of state that
 //! failed, gaps in the reports, following errors beyond a limit.
 
+use super::line::Alarm;
 use super::watch::{FrameEvent, FrameWatch};
 use crate::link::Dir;
 use crate::link::record::flight::{FlightWatch, Kind};
@@ -68,7 +69,8 @@ impl FlightWatch for FlightEvents {
             return;
         }
         self.frames.report(at, frame, &mut |event| match event {
-            FrameEvent::Alarm(alarm) => found(Kind::Alarm, alarm.to_string()),
+            // The recorder states the time.
+            FrameEvent::Alarm(alarm) => found(Kind::Alarm, Alarm { at_ns: None, ..alarm }.to_string()),
             FrameEvent::StateFailed(failed) => {
                 // Changes of state that fail end below OP: a failure that OP shows is a slave that has left it.
                 let is_lost = StateByte(failed.state).state() == Some(MasterState::Op);

@@ -393,6 +393,8 @@ fn stale_inputs_are_counted() {
     let board = Arc::new(Stale { inner, slaves: AtomicU64::new(2) });
     let server = serve_link(Arc::clone(&board) as Arc<dyn Link>, options().0);
     let client = connect(&server, "");
+    // The answer shows that the server has noted the counters with which the connection began.
+    client.stats();
     board.slaves.store(5, Ordering::Relaxed);
     let counted = client.stats().board.expect("the board's counters");
     assert_eq!((counted.inputs_held, counted.inputs_stale), (30, 3));

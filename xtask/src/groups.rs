@@ -42,8 +42,18 @@ const OTHER_MASTERS: &[&str] = &["ethercrab", "pysoem"];
 
 /// The group in which only some tests depend on the machine's clock, and (next constant) the parts of the names of those tests.
 const TOOL: &str = "tool";
-const TOOL_ON_REAL_CLOCK: &[&str] =
-    &["card_picture::", "monitor_tcp::", "page::", "serve_", "stalled::", "stop::", "tcp_", "terminal::"];
+const TOOL_ON_REAL_CLOCK: &[&str] = &[
+    "card_picture::",
+    "jog::",
+    "monitor_tcp::",
+    "page::",
+    "serve_",
+    "stalled::",
+    "stop::",
+    "stop_verb::",
+    "tcp_",
+    "terminal::",
+];
 
 /// The group on the machine's clock that `ci --fast` runs too, since it takes only seconds. It tests the runners of the board:
 /// the thread, or the calls, that let its time pass.
@@ -189,7 +199,7 @@ mod tests {
     const SIGNS: [&str; 4] = ["clock=real", "virtual_time: false", "Instant::now", "thread::sleep"];
     /// Files of groups outside [`REAL_CLOCK`] that contain one of [`SIGNS`] nevertheless. Their tests also pass on a
     /// machine that is late.
-    const WITH_A_SIGN: [&str; 16] = [
+    const WITH_A_SIGN: [&str; 17] = [
         "tests/capi/behaviour.rs",
         "tests/capi/cpp_examples.rs",
         "tests/capi/log.rs",
@@ -199,6 +209,7 @@ mod tests {
         "tests/ecm/threads.rs",
         "tests/engine/random_networks.rs",
         "tests/invariants/day.rs",
+        "tests/link/flight.rs",
         "tests/link/rate.rs",
         "tests/link/record.rs",
         "tests/link/uri.rs",

@@ -89,7 +89,8 @@ mod tests {
     fn a_failure_is_the_end() {
         let folder = tempfile::tempdir().unwrap();
         let late = folder.path().join("late");
-        let mut commands = vec![shell("bad", "exit 3"), shell("slow", "sleep 0.5")];
+        let mut commands = vec![shell("bad", "exit 3")];
+        commands.extend((1..LANES).map(|n| shell(&format!("slow{n}"), "sleep 0.5")));
         commands.push(shell("late", &format!("touch {}", late.display())));
         let error = run(commands, folder.path()).unwrap_err().to_string();
         assert!(error.contains("exit status: 3") && !late.exists(), "{error}");

@@ -15,7 +15,7 @@ use crate::notes::Notes;
 use crate::port::standstill::Standstill;
 use crate::sk::Frame;
 use crate::span::Seconds;
-use crate::summary::{FrameEvent, FrameWatch};
+use crate::summary::{Alarm, FrameEvent, FrameWatch};
 use crate::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
 use crate::tcp::{Channel, PROOF_LEN};
 
@@ -355,7 +355,7 @@ impl Hub {
         troubles.lock().report(at.nanoseconds(), frame, &mut |event| {
             let at = Seconds(at.0.saturating_sub(board.info.opened_at.0));
             self.tell(&match event {
-                FrameEvent::Alarm(alarm) => format!("at {at}: {alarm}"),
+                FrameEvent::Alarm(alarm) => format!("at {at}: {}", Alarm { at_ns: None, ..alarm }),
                 FrameEvent::StateFailed(failed) => format!("at {at}: {failed}"),
             });
         });

@@ -141,7 +141,8 @@ fn reasons_are_test_cases() {
     assert_eq!(ran.code, Some(1), "{ran:?}");
     let xml = std::fs::read_to_string(xml).expect("a file");
     assert!(xml.contains("tests=\"2\" failures=\"1\""), "{xml}");
-    assert!(xml.contains("name=\"alarm\"/>"), "{xml}");
-    assert!(xml.contains("name=\"target-step>2000\">\n<failure message=\"axis 1: target step "), "{xml}");
+    assert!(xml.contains("name=\"alarm\" time=\"0.000\"/>"), "{xml}");
+    assert!(xml.contains("name=\"target-step&gt;2000\""), "{xml}");
+    assert!(xml.contains("<failure message=\"axis 1: target step "), "{xml}");
     run(["summary", "--junit", night(), night()]).expect_failure(1, &["is the recording"], "another file with --junit");
 }

@@ -219,7 +219,7 @@ fn replay_shows_what_a_board_does_otherwise_than_the_model() {
     assert_eq!((ran.code, ran.err.as_str()), (Some(1), ""));
     let first =
         ran.out.lines().find(|line| line.contains(" in A, ") && line.contains("slave 2 error code")).expect("it");
-    assert!(first.contains("0x7500 in A, 0x0000 in B"), "{first}");
+    assert!(first.contains("0x7500 (communication) in A, 0x0000 in B"), "{first}");
     assert!(ran.out.contains("\nanswers to "), "{}", ran.out);
 
     let svg = capture.file.with_extension("svg");

@@ -2,6 +2,8 @@
 //! that keeps the clock, and this module connects it with the boards on virtual time: a wait of the program lets their time
 //! pass, and a call that lets a board's time pass sets the program's clock on. Without that library nothing happens here.
 
+#[cfg(target_os = "linux")]
+pub use system::find;
 pub use system::{BoardClock, InLibrary, turn};
 
 #[cfg(target_os = "linux")]
@@ -37,6 +39,12 @@ mod system {
             use_program_clock(|| preloaded().map_or(0, |table| (table.now)()));
             Some(table)
         })
+    }
+
+    /// Looks for the preloaded library, before main: a child of fork could wait for ever for a search that another thread of
+    /// its parent had begun.
+    pub fn find() {
+        preloaded();
     }
 
     /// Lets the time of all open boards pass up to a time of the program's clock.

@@ -12,7 +12,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 #[cfg(unix)]
 use crate::forked;
 #[cfg(target_os = "linux")]
-use crate::{logger, open_boards, program_clock::InLibrary};
+use crate::program_clock::{self, InLibrary};
+#[cfg(target_os = "linux")]
+use crate::{logger, open_boards};
 
 /// The id of the process that opened boards; 0 if none has.
 #[cfg(unix)]
@@ -35,7 +37,13 @@ pub fn end_at_exit() {
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".init_array")]
-static AT_START: extern "C" fn() = watch_forks;
+static AT_START: extern "C" fn() = at_start;
+
+#[cfg(target_os = "linux")]
+extern "C" fn at_start() {
+    program_clock::find();
+    watch_forks();
+}
 
 /// The functions in the section `.fini_array` run after the exit handlers and the destructors of the program's global objects.
 /// These may still close the boards; those that they leave open are let go then.

@@ -27,6 +27,7 @@
 //!
 //! To add a command of the board: its id and arguments in `sk/command_table.rs` and `sk/command`, its effect in `commands.rs`.
 
+mod arrivals;
 mod axis;
 mod board;
 mod commands;

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use super::arrivals::{Arrival, Arrivals};
 use super::handover::Handover;
 use super::realtime::{Clock, Rate, RealTime};
 use super::reports::Report;
@@ -104,18 +105,6 @@ impl Shared {
     }
 }
 
-/// The arrival times that were given to written frames.
-#[derive(Default)]
-struct Writes {
-    /// The earliest time at which the next frame may arrive at the board, on the runner's clock: until then the frame
-    /// before it occupies the simulated wire.
-    next: Duration,
-    /// The newest arrival, board time. No later frame arrives before it, unless more board time was skipped since.
-    newest: Ns,
-    /// How much board time had been skipped in total when `newest` was set.
-    skipped: Ns,
-}
-
 /// A board in real time: a thread runs its cycles.
 pub struct Threaded {
     shared: Arc<Shared>,
@@ -123,7 +112,7 @@ pub struct Threaded {
     /// The board time at which the runner's clock started.
     zero: Ns,
     host: Duration,
-    writes: Mutex<Writes>,
+    arrivals: Mutex<Arrivals>,
     thread: Mutex<Option<JoinHandle<Board>>>,
 }
 
@@ -153,14 +142,15 @@ impl Threaded {
             clock,
             zero,
             host: Duration::from_nanos(host_ns),
-            writes: Mutex::default(),
+            arrivals: Mutex::default(),
             thread: Mutex::new(Some(thread)),
         })
     }
 
     /// Sends a frame to the board. The call waits until earlier frames have passed the simulated wire, and for room in
     /// the inbox, for at most `limit`. A `limit` below 125 us of board time counts as 125 us, so that a second write
-    /// right after the first does not fail. `None`: no limit. Returns the board time at which the frame arrives.
+    /// right after the first does not fail. `None`: no limit. Returns the board time at which the frame arrives, but
+    /// never less than for an earlier frame.
     ///
     /// # Errors
     /// [`Stop::Timeout`]; [`Stop::Cancelled`] by [`Self::cancel_writes`]; [`Stop::Rebooted`], [`Stop::Closed`] and
@@ -169,23 +159,13 @@ impl Threaded {
         let now = self.clock.now();
         let rate = self.clock.rate();
         let limit = limit.map(|limit| limit.max(rate.real(TURN_WAIT_MAX)));
-        let (arrival, at) = {
-            let mut writes = self.writes.lock().unwrap_or_else(PoisonError::into_inner);
-            let arrival = now.max(writes.next);
-            if limit.is_none_or(|limit| rate.real(arrival - now) <= limit) {
-                writes.next = arrival + self.host;
-            }
-            let (now_there, skipped) = self.board_time(now);
-            let at = now_there + (arrival - now).as_nanos() as Ns;
-            // If board time has skipped a gap since the last write, the arrival time of that write may lie within the
-            // gap, which is later than board time is now. This arrival time must not delay later frames.
-            let newest = if std::mem::replace(&mut writes.skipped, skipped) == skipped { writes.newest } else { 0 };
-            writes.newest = newest.max(at);
-            (arrival, writes.newest)
+        let waits = |wait| limit.is_none_or(|limit| rate.real(wait) <= limit);
+        let Arrival { turn, at, shown } = {
+            let mut arrivals = self.arrivals.lock().unwrap_or_else(PoisonError::into_inner);
+            arrivals.next(now, self.board_time(now), self.host, waits)
         };
-        let turn = self.clock.instant(arrival);
-        self.shared.handover.send(frame, at, turn, limit.and_then(end_after))?;
-        Ok(at)
+        self.shared.handover.send(frame, at, self.clock.instant(turn), limit.and_then(end_after))?;
+        Ok(shown)
     }
 
     /// Converts a time of the runner's clock to board time, and returns how much board time was skipped so far. If the

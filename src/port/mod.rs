@@ -10,6 +10,7 @@
 //! - `xf`: a chip ECM-XF for other host software, as a stream of bytes
 //! - `ethercat`: simulated slaves on a network interface, for any EtherCAT master (Linux)
 //! - `log_limit`: limits repeated lines in the log
+//! - `passing_frames`: the state of the network, from the frames and reports that pass
 //! - `listen`: advice when a server cannot listen on its address
 //! - `serving`: the thread of a server that needs only one
 //! - `standstill`: stopping the axes of a client or host that has vanished
@@ -20,6 +21,7 @@ pub mod ethercat;
 pub mod gadget;
 mod listen;
 mod log_limit;
+mod passing_frames;
 mod serving;
 pub mod spi;
 mod standstill;

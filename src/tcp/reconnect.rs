@@ -74,7 +74,7 @@ impl Reconnecting {
                 return Err(LinkError::Closed);
             }
             match TcpLink::connect(&self.uri, &self.options, &self.common) {
-                Ok(link) if link.info().slot == self.info.slot => {
+                Ok(link) if self.info.slot.is_none_or(|slot| link.info().slot.is_none_or(|now| now == slot)) => {
                     self.first.store(self.next.load(Ordering::Relaxed), Ordering::Relaxed);
                     let mut current = self.current.lock();
                     *current = Arc::new(link);

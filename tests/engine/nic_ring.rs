@@ -1,11 +1,12 @@
 //! Two network cards at the ends of the cable, a ring: a cut does not cost a cycle.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use ecmsk::engine::EngineConfig;
 use ecmsk::ethercat::{CableEnd, SlaveSet};
-use ecmsk::fieldbus::nic::{CardPair, ChainWires, NicBus, NicWires, Ring};
+use ecmsk::fieldbus::nic::{CardPair, ChainWires, GRACE_NS, NicBus, NicWires, Ring};
 use ecmsk::fieldbus::sim::SimHandle;
 use ecmsk::fieldbus::{Fieldbus, Ns, RingState};
 use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
@@ -17,10 +18,22 @@ use crate::probe::drives;
 use crate::puppet::Puppet;
 use support::dice::Dice;
 
-/// Cards whose second cable can be pulled while the bus has them.
+/// The source address of probes.
+const PROBES: [u8; 6] = [0x04; 6];
+
+/// Cards whose second cable can be pulled while the bus has them, and whose probes may be late.
 struct Cards {
     chain: ChainWires,
     has_second: Arc<AtomicBool>,
+    /// How late probes come from the second card, ns, and those that are on their way.
+    late_ns: Ns,
+    late: VecDeque<(Ns, FrameBuffer, usize)>,
+}
+
+impl Cards {
+    fn new(chain: ChainWires, has_second: &Arc<AtomicBool>) -> Self {
+        Self { chain, has_second: Arc::clone(has_second), late_ns: 0, late: VecDeque::new() }
+    }
 }
 
 impl CardPair for Cards {
@@ -30,7 +43,18 @@ impl CardPair for Cards {
     }
 
     fn receive(&mut self, end: CableEnd, buffer: &mut FrameBuffer) -> Option<usize> {
-        CardPair::receive(&mut self.chain, end, buffer)
+        let now = self.now();
+        if let Some((_, frame, len)) = self.late.pop_front_if(|(due, ..)| end == CableEnd::Last && *due <= now) {
+            buffer.copy_from_slice(&frame);
+            return Some(len);
+        }
+        loop {
+            let len = CardPair::receive(&mut self.chain, end, buffer)?;
+            if end == CableEnd::First || self.late_ns == 0 || buffer[7..12] != PROBES[1..] {
+                return Some(len);
+            }
+            self.late.push_back((now + self.late_ns, *buffer, len));
+        }
     }
 
     fn now(&self) -> Ns {
@@ -38,7 +62,8 @@ impl CardPair for Cards {
     }
 
     fn wait(&mut self, until: Ns) {
-        CardPair::wait(&mut self.chain, until);
+        let due = self.late.front().map_or(until, |(due, ..)| until.min(*due));
+        CardPair::wait(&mut self.chain, due);
     }
 
     fn is_real_time(&self) -> bool {
@@ -57,8 +82,7 @@ fn ring(slaves: Vec<Box<dyn Slave>>) -> Bench {
     let (network, has_second) = (SimHandle::default(), Arc::new(AtomicBool::new(true)));
     let count = slaves.len();
     let chain = ChainWires::new(slaves, network.clone()).expect("they have an EEPROM");
-    let cards = Cards { chain, has_second: Arc::clone(&has_second) };
-    let wires = Ring::new(cards, [0x04; 6]);
+    let wires = Ring::new(Cards::new(chain, &has_second), PROBES);
     let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
     host.op(count);
     Bench { host, network, has_second }
@@ -143,7 +167,7 @@ fn a_broken_ring_starts() {
     for (place, cut, state) in CUTS {
         let (network, has_second) = (SimHandle::default(), Arc::new(AtomicBool::new(true)));
         let chain = ChainWires::new(drives(4), network.clone()).expect("they have an EEPROM");
-        let cards = Cards { chain, has_second: Arc::clone(&has_second) };
+        let cards = Cards::new(chain, &has_second);
         let bench = Bench {
             host: Host::new(EngineConfig::default(), ecmsk::fieldbus::sim::SimBus::new(drives(1))),
             network,
@@ -151,11 +175,30 @@ fn a_broken_ring_starts() {
         };
         cut(&bench);
         let mut host =
-            Host::new(EngineConfig::default(), NicBus::new(Ring::new(cards, [0x04; 6]), Settings::default()));
+            Host::new(EngineConfig::default(), NicBus::new(Ring::new(cards, PROBES), Settings::default()));
         host.op(4).servo_on(4).csp(4, 100).drained().cycles(50);
         assert_eq!(host.board.snapshot().ring, Some(state), "{place}");
         assert_eq!(host.drive(4).position, 100, "{place}");
     }
+}
+
+/// NIC-3.1 With a cut cable each slave answers in each cycle, although probes come back later than the ring waits for them.
+#[test]
+fn a_late_probe_costs_nothing() {
+    let (network, has_second) = (SimHandle::default(), Arc::new(AtomicBool::new(true)));
+    let chain = ChainWires::new(drives(4), network.clone()).expect("they have an EEPROM");
+    let mut cards = Cards::new(chain, &has_second);
+    cards.late_ns = 3 * GRACE_NS / 2;
+    network.cut_after(2);
+    let bus = NicBus::new(Ring::new(cards, PROBES), Settings::default());
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(4).servo_on(4).cycles(20);
+    let before = host.counters();
+    host.csp(4, 100).drained().cycles(50);
+    let counters = host.counters();
+    assert_eq!(host.board.snapshot().ring, Some(RingState::Open));
+    assert_eq!((counters.answers_lost, counters.outputs_lost), (before.answers_lost, before.outputs_lost));
+    assert_eq!((host.board.engine().lost(), host.drive(4).position), (SlaveSet::EMPTY, 100));
 }
 
 /// A bus of one card reports no ring.

@@ -9,11 +9,13 @@
 //! - `bounded.rs`: long virtual times
 //! - `vanish.rs`: moving axes whose writer has vanished
 //! - `stop.rs`: axes that another client has stopped
+//! - `slot_size.rs`: boards whose link does not know how wide slots are
 
 mod bounded;
 mod link;
 mod peers;
 mod secret;
+mod slot_size;
 mod stop;
 mod strangers;
 mod vanish;

@@ -11,9 +11,10 @@ use ecmsk::ecm::{Close, Ecm, EcmError, Homing, HomingPhase, Options};
 use ecmsk::link::tcp::{Secret, StopError, Stopped, stop};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Link, LinkError, Share, Wait};
+use ecmsk::port::tcp::in_memory::{ClientMessage, InMemoryServer, ServerMessage};
 use ecmsk::port::tcp::{OnVanish, ServeOptions, Server};
 use ecmsk::sk::{Frame, MasterState};
-use support::tcp::{LIMIT, Raw, connect, message, options, own, serve_with, uri};
+use support::tcp::{LIMIT, Raw, connect, hello, message, options, own, serve_with, until, uri};
 
 use crate::vanish::{Wired, after, config, drive, prepared, served};
 
@@ -223,4 +224,44 @@ fn a_reader_cannot_ask_for_a_stop() {
     told.wait("does not keep to the protocol");
     let link: Arc<dyn Link> = connect(&server, "");
     link.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
+}
+
+/// Once the server has taken the request it carries it out, although the client that asked for it is gone: after the
+/// standstill of a vanished writer, whose axes stay on, they are switched off.
+#[test]
+fn a_stop_outlives_its_client() {
+    let (server, told) = served("real", OnVanish::Ramp);
+    let Wired { link, cable } = prepared(&server, &told);
+    drive(link.as_ref(), 200);
+    let mut raw = Raw::connect(&server);
+    let mut hello = hello(false, 500);
+    hello[4] = 2;
+    raw.send(&hello);
+    raw.answer().expect("a welcome");
+    cable.cut();
+    until("a server that stops the axes", || {
+        let refused = link::open(&uri(&server, ""), Share::ByUri).err()?;
+        refused.to_string().contains("the server itself").then_some(())
+    });
+    raw.send(&message(0x07, &[1, 0, 0, 0, 0, 0, 0, 0, 1]));
+    drop(raw);
+    told.wait("stand still after the stop of ");
+    assert_stand(&server, false);
+}
+
+/// Until a stop is answered nobody becomes the writer: not the stopped program either, which tries again and again.
+#[test]
+fn nobody_writes_before_a_stop_is_answered() {
+    let sim = link::open(&own("sim:?slaves=drive&clock=virtual"), Share::ByUri).unwrap();
+    let server = InMemoryServer::new(sim, ServeOptions::default());
+    let mut writer = server.join(true).expect("it is a writer");
+    let mut stopper = server.join_stopper().expect("it may stop");
+    assert!(stopper.begin(ClientMessage::Stop { off: false }, usize::MAX) && stopper.work());
+    assert!(!writer.hear(&[]), "it was stopped");
+    writer.end(false);
+    assert!(server.join(true).is_none(), "the stop has no answer yet");
+    while stopper.work() {}
+    let said = stopper.take_messages().unwrap();
+    assert!(said.iter().any(|message| matches!(message, ServerMessage::Stopped { .. })), "{said:?}");
+    assert!(server.join(true).is_some());
 }

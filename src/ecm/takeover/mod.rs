@@ -55,7 +55,12 @@ impl Ecm {
     /// Stops the axes that an ended program has left moving, within the time limit of [`Ecm::close`]; call it after
     /// [`see_what_is_left`](Self::see_what_is_left). If `off` is set the axes are switched off, too.
     pub(crate) fn succeed(&self, watch: &Watch, off: bool) -> Result<Succeeded, EcmError> {
-        if watch.state() != Some(MasterState::Op) {
+        // Frames show no state if the slot size became known only now; the report that was read for that does.
+        let in_op = match watch.state() {
+            Some(state) => state == MasterState::Op,
+            None => self.exchange.lock()?.in_op(),
+        };
+        if !in_op {
             return Ok(Succeeded::NotInOp);
         }
         let mut left = LeftBehind {

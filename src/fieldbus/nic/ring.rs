@@ -8,7 +8,7 @@
 //! | --- | --- | --- | --- |
 //! | at the second card | at the first card | [`RingState::Whole`] | none: the frame has passed all slaves |
 //! | at the first card | at the second card | [`RingState::Open`] | the frame is forwarded: it goes out again through the second card, so that the slaves behind the cut process it too, and comes back there |
-//! | at the first card | - | [`RingState::SecondDead`] | none: the frame has passed all slaves that can be reached |
+//! | at the first card | - | [`RingState::SecondDead`] | the frame is forwarded once, since its probe may only be late; if it does not come back either, it has passed all slaves that can be reached |
 //! | - | at the second card | [`RingState::FirstDead`] | the frame is forwarded through the second card |
 //!
 //! So no slave processes a frame twice, the slaves process it in their order on the cable, and a cut costs no cycle. For
@@ -35,7 +35,7 @@ struct Flight {
     /// The frame as it was sent or, once it is back at the first card, as it came back.
     frame: FrameBuffer,
     len: usize,
-    /// Whether the frame is back at the first card and waits for its probe.
+    /// Whether the frame is back at the first card, and was not forwarded since, or without its probe.
     is_back: bool,
     /// The end of the line at which the probe has come back; `None`: it has not.
     probe: Option<CableEnd>,
@@ -180,11 +180,13 @@ impl<P: CardPair> Ring<P> {
                 let flight = &mut self.flights[usize::from(index)];
                 match end {
                     CableEnd::Last if is_passed => {
-                        let was_forwarded = flight.is_forwarded;
-                        (flight.is_used, flight.due) = (false, None);
-                        if !was_forwarded {
-                            self.state = RingState::Whole;
+                        match (flight.is_forwarded, flight.is_back) {
+                            (false, _) => self.state = RingState::Whole,
+                            // Its probe was late.
+                            (true, true) => self.state = RingState::Open,
+                            (true, false) => {}
                         }
+                        (flight.is_used, flight.due) = (false, None);
                         Some(len)
                     }
                     // Not for the master: a forwarded frame came back to the first card without being processed, or the
@@ -235,6 +237,11 @@ impl<P: CardPair> Ring<P> {
                 continue;
             }
             if flight.is_back {
+                if !flight.is_forwarded && self.state != RingState::SecondDead && self.forward(index) {
+                    self.flights[usize::from(index)].is_back = true;
+                    self.wait_for_rest(index);
+                    continue;
+                }
                 self.state = RingState::SecondDead;
                 return Some(self.hand_over(index, buffer));
             }

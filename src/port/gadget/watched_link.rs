@@ -3,32 +3,29 @@
 //! open, since the `Ecm` that stops the axes closes its link at the end.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use parking_lot::Mutex;
 
 use crate::ecm::Watch;
 use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
-use crate::sk::{Frame, SlotSize};
+use crate::port::passing_frames::PassingFrames;
+use crate::sk::Frame;
 
 pub(super) struct WatchedLink {
     link: Arc<dyn Link>,
-    slot: Option<SlotSize>,
-    watch: Mutex<Watch>,
-    /// The sequence number that follows the one of the last report read. A higher one shows that reports were dropped.
-    next: AtomicU64,
+    passing: Mutex<PassingFrames>,
 }
 
 impl WatchedLink {
     pub(super) fn new(link: Arc<dyn Link>) -> Self {
-        let slot = link.info().slot;
-        Self { link, slot, watch: Mutex::default(), next: AtomicU64::new(0) }
+        let passing = Mutex::new(PassingFrames::new(link.info().slot));
+        Self { link, passing }
     }
 
     /// The state of the network that the frames and reports so far have shown.
     pub(super) fn watch(&self) -> Watch {
-        self.watch.lock().clone()
+        self.passing.lock().watch().clone()
     }
 
     /// Closes the wrapped link, and so the board. [`Link::close`] of this link does nothing.
@@ -39,7 +36,7 @@ impl WatchedLink {
 
 impl Link for WatchedLink {
     fn info(&self) -> LinkInfo {
-        self.link.info()
+        LinkInfo { slot: self.passing.lock().size(), ..self.link.info() }
     }
 
     fn network(&self) -> Option<KnownNetwork> {
@@ -48,22 +45,13 @@ impl Link for WatchedLink {
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.link.write(frame, wait)?;
-        if let Some(size) = self.slot {
-            self.watch.lock().command(frame, size, at);
-        }
+        self.passing.lock().command(frame, at);
         Ok(at)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         let meta = self.link.read(out, wait)?;
-        if let Some(size) = self.slot {
-            let mut watch = self.watch.lock();
-            if meta.sequence > self.next.load(Ordering::Relaxed) {
-                watch.missed();
-            }
-            watch.report(out, size, meta.at);
-        }
-        self.next.store(meta.sequence.saturating_add(1), Ordering::Relaxed);
+        self.passing.lock().report(out, meta);
         Ok(meta)
     }
 

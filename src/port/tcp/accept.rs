@@ -258,6 +258,7 @@ fn connection(client: Arc<Client>, board: &Arc<Board>, mut inbox: Inbox, shared:
     let Some(channel) = &client.channel else { return };
     let mut session = Session::new(hub, Arc::clone(board), Arc::clone(&client));
     let left = serve_client(channel, &mut inbox, &client, &mut session);
+    session.finish_stop();
     // The axes are stopped and the client's place is freed before `farewell` ends the connection, because a program may
     // open its link again as soon as it sees this end.
     vanish::client_left(hub, board, &client, &left);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex};
 
@@ -12,8 +12,9 @@ use super::report_queue::ReportQueue;
 use crate::ecm::Watch;
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::notes::Notes;
+use crate::port::passing_frames::PassingFrames;
 use crate::port::standstill::Standstill;
-use crate::sk::Frame;
+use crate::sk::{Frame, SlotSize};
 use crate::span::Seconds;
 use crate::summary::{Alarm, FrameEvent, FrameWatch};
 use crate::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
@@ -21,6 +22,8 @@ use crate::tcp::{Channel, PROOF_LEN};
 
 /// How many clients that ask for a stop are served at once, beside the other clients. \[OURS]
 const STOPPERS_MAX: usize = 4;
+/// How long an opened board may take to show how wide its slots are, before clients are served without that. \[OURS]
+const SIZE_WAIT: Duration = Duration::from_millis(200);
 
 /// A board that the server has open.
 pub(super) struct Board {
@@ -28,15 +31,13 @@ pub(super) struct Board {
     pub(super) info: LinkInfo,
     /// The slaves and the counts per unit of their axes that the board's link knows; empty if it knows none.
     known: KnownNetwork,
-    /// The state of the network as the passing frames show it; empty if the slot size is unknown.
-    watch: Mutex<Watch>,
-    /// Detects alarms and failed changes of state for the log. `None`: the slot size is unknown, so reports cannot be
+    /// The slot size, and the state of the network as the passing frames show it.
+    passing: Mutex<PassingFrames>,
+    /// Detects alarms and failed changes of state for the log. `None`: the slot size is unknown yet, so reports cannot be
     /// decoded.
-    troubles: Option<Mutex<FrameWatch>>,
+    troubles: Mutex<Option<FrameWatch>>,
     /// The board's time in the newest report.
     newest: AtomicU64,
-    /// The sequence number that the board's link will give to the next report.
-    next: AtomicU64,
     /// How many reports the board's link has dropped.
     dropped: AtomicU64,
     /// On virtual time: the newest known time of the board.
@@ -47,13 +48,30 @@ impl Board {
     /// Writes a command frame to the board, and updates the observed state of the network.
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.link.write(frame, wait)?;
-        if let Some(size) = self.info.slot {
-            self.watch.lock().command(frame, size, at);
-        }
-        if let Some(troubles) = &self.troubles {
-            troubles.lock().command(at.nanoseconds(), frame);
+        self.passing.lock().command(frame, at);
+        if let Some(troubles) = &mut *self.troubles.lock() {
+            troubles.command(at.nanoseconds(), frame);
         }
         Ok(at)
+    }
+
+    /// The slot size, from the board's link or from a report; `None`: it is not known yet.
+    pub(super) fn size(&self) -> Option<SlotSize> {
+        self.passing.lock().size()
+    }
+
+    /// Waits until a report has shown the slot size, if the board's link does not know it.
+    fn find_size(&self) {
+        let until = Instant::now() + SIZE_WAIT;
+        let mut frame = Frame::new();
+        // On virtual time only the calls of a client may advance the board's time.
+        while self.size().is_none() && !self.info.virtual_time {
+            let left = until.saturating_duration_since(Instant::now());
+            match self.link.read(&mut frame, Wait::For(left)) {
+                Ok(meta) if !left.is_zero() => self.note_report(&frame, meta),
+                _ => return,
+            }
+        }
     }
 
     /// The board's time on virtual time; `None` on the real clock, and if it is unknown. The call uses the link, so the
@@ -76,7 +94,7 @@ impl Board {
     }
 
     pub(super) fn watch(&self) -> Watch {
-        self.watch.lock().clone()
+        self.passing.lock().watch().clone()
     }
 
     /// The slaves and the counts per unit of their axes for a Welcome: those in `said` (the server's setting
@@ -84,8 +102,9 @@ impl Board {
     /// knows.
     fn network(&self, said: &KnownNetwork) -> KnownNetwork {
         let shown = self
-            .watch
+            .passing
             .lock()
+            .watch()
             .config()
             .map(|config| KnownNetwork::of_slaves(config.slaves.iter().map(ToString::to_string)));
         let known = said.clone().or(shown.unwrap_or_default()).or(self.known.clone());
@@ -101,15 +120,8 @@ impl Board {
     }
 
     fn note_report(&self, frame: &Frame, meta: ReadMeta) {
-        if let Some(size) = self.info.slot {
-            let mut watch = self.watch.lock();
-            if meta.sequence > self.next.load(Ordering::Relaxed) {
-                watch.missed();
-            }
-            watch.report(frame, size, meta.at);
-        }
+        self.passing.lock().report(frame, meta);
         self.newest.store(meta.at.0, Ordering::Relaxed);
-        self.next.store(meta.sequence.saturating_add(1), Ordering::Relaxed);
         self.dropped.store(meta.dropped, Ordering::Relaxed);
     }
 }
@@ -127,6 +139,9 @@ struct State {
     /// How often the server has brought the axes to a standstill, and how the newest time has ended.
     standstills: u64,
     newest_standstill: Option<Standstill>,
+    /// How many stops that clients have asked for are not answered yet. Meanwhile no client becomes the writer, because
+    /// its frames could move the axes before the answer says that they stand.
+    stops: usize,
     is_stopping: bool,
     is_over: bool,
 }
@@ -141,13 +156,19 @@ impl State {
     }
 }
 
-/// How far a stop that a client has asked for has come.
-#[derive(Debug, Default)]
+/// How far a stop that a client has asked for has come. It ends when this value is dropped.
 pub(super) struct StopProgress {
     /// The number of standstills before the one that this stop waits for.
     since: Option<u64>,
     /// The name of the writer that was overruled; empty if there was none.
     pub(super) writer: String,
+    hub: Arc<Hub>,
+}
+
+impl Drop for StopProgress {
+    fn drop(&mut self) {
+        self.hub.state.lock().stops -= 1;
+    }
 }
 
 /// The next step of a stop that a client has asked for.
@@ -194,6 +215,7 @@ impl Hub {
             server_reports: None,
             standstills: 0,
             newest_standstill: None,
+            stops: 0,
             is_stopping: false,
             is_over: false,
         };
@@ -212,14 +234,21 @@ impl Hub {
         let board = Arc::new(Board {
             newest: AtomicU64::new(info.opened_at.0),
             clock: AtomicU64::new(info.opened_at.0),
-            next: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
-            watch: Mutex::default(),
-            troubles: info.slot.map(|size| Mutex::new(FrameWatch::new(size))),
+            passing: Mutex::new(PassingFrames::new(info.slot)),
+            troubles: Mutex::default(),
             known,
             info,
             link,
         });
+        board.find_size();
+        if board.size().is_none() {
+            self.tell(
+                "no report has shown yet how wide the board's slots are: until then the axes of a writer that vanishes cannot be \
+                 stopped; if the board fills in no CRC, give slot=12 or slot=16 in its link",
+            );
+        }
+        *board.troubles.lock() = board.size().map(FrameWatch::new);
         self.state.lock().board = Ok(Arc::clone(&board));
         board
     }
@@ -274,6 +303,9 @@ impl Hub {
             let who = who.clone();
             return Err((Refusal::HasWriter, who));
         }
+        if joining.role == Role::Writer && state.stops > 0 {
+            return Err((Refusal::HasWriter, "the server itself, which carries out a stop".to_owned()));
+        }
         let Joining { role, keepalive, proof, .. } = *joining;
         let (who, channel) = (std::mem::take(&mut joining.who), joining.channel.take());
         if role == Role::Writer {
@@ -281,12 +313,16 @@ impl Hub {
         }
         let client = Arc::new(Client::new(who, role, keepalive, channel, board.dropped.load(Ordering::Relaxed)));
         let network = board.network(&self.options.network);
+        let (slot, sequence) = {
+            let passing = board.passing.lock();
+            (passing.size(), passing.next_sequence())
+        };
         client.reply(&Message::Welcome(Welcome {
             proof,
-            slot: board.info.slot,
+            slot,
             virtual_time: board.info.virtual_time,
             now: board.known_now(),
-            sequence: board.next.load(Ordering::Relaxed),
+            sequence,
             board: &board.info.name,
             slaves: &network.slaves,
             counts_per_unit: &network.counts_per_unit,
@@ -325,6 +361,12 @@ impl Hub {
         self.changed.notify_all();
     }
 
+    /// Begins a stop that a client has asked for.
+    pub(super) fn begin_stop(self: &Arc<Self>) -> StopProgress {
+        self.state.lock().stops += 1;
+        StopProgress { since: None, writer: String::new(), hub: Arc::clone(self) }
+    }
+
     /// The next step of the stop that the client `by` has asked for. A writer is overruled, so that its own thread stops
     /// the axes as those of a writer that has vanished. If the server stops axes already, this stop waits for that.
     pub(super) fn step_stop(&self, by: &str, off: bool, progress: &mut StopProgress) -> StopStep {
@@ -351,8 +393,9 @@ impl Hub {
     /// Logs the alarms and failed changes of state that a report shows. Their times count from the opening of the
     /// board, as in a recording.
     fn tell_troubles(&self, board: &Board, frame: &Frame, at: Stamp) {
-        let Some(troubles) = &board.troubles else { return };
-        troubles.lock().report(at.nanoseconds(), frame, &mut |event| {
+        let Some(size) = board.size() else { return };
+        let mut troubles = board.troubles.lock();
+        troubles.get_or_insert_with(|| FrameWatch::new(size)).report(at.nanoseconds(), frame, &mut |event| {
             let at = Seconds(at.0.saturating_sub(board.info.opened_at.0));
             self.tell(&match event {
                 FrameEvent::Alarm(alarm) => format!("at {at}: {}", Alarm { at_ns: None, ..alarm }),

@@ -21,7 +21,7 @@ const WAIT_MAX: Duration = Duration::from_secs(10);
 
 impl Link for ServerLink {
     fn info(&self) -> LinkInfo {
-        self.board.info.clone()
+        LinkInfo { slot: self.board.size(), ..self.board.info.clone() }
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {

@@ -143,7 +143,7 @@ impl<'a> Session<'a> {
                 return Ok(());
             }
             Message::Stop { request, off } if self.client.role == Role::Stopper => {
-                self.begin(request, Work::Stop { off, progress: StopProgress::default() });
+                self.begin(request, Work::Stop { off, progress: self.hub.begin_stop() });
                 return Ok(());
             }
             _ if self.client.role != Role::Writer => return Err(out_of_turn),
@@ -171,6 +171,17 @@ impl<'a> Session<'a> {
     fn begin(&mut self, request: u64, work: Work) {
         self.pending = Some(Pending { request, work });
         self.work();
+    }
+
+    /// Carries out a stop that the client has asked for, although its connection has ended, so that axes are stopped and
+    /// switched off as it asked. A server that ends or has lost its board does not.
+    pub(super) fn finish_stop(&mut self) {
+        while matches!(&self.pending, Some(Pending { work: Work::Stop { .. }, .. }))
+            && self.hub.has(&self.board)
+            && !self.hub.is_stopping()
+        {
+            self.work();
+        }
     }
 
     /// Executes the next step of the request in progress, if there is one. Between two steps the caller handles further

@@ -1,0 +1,78 @@
+//! What the frames and reports that pass a server show of the network behind its board.
+
+use crate::ecm::Watch;
+use crate::link::{ReadMeta, Stamp};
+use crate::sk::{Frame, SlotSize};
+
+/// The byte of a report that holds its CRC. A board that fills in no CRC sends 0 there.
+const CRC_BYTE: usize = 3;
+
+/// The state of the network, from the frames and reports that pass. If the board's link does not know how wide slots
+/// are, the first report with a right CRC shows it; until then nothing is known of the network.
+pub(super) struct PassingFrames {
+    size: Option<SlotSize>,
+    watch: Watch,
+    /// The sequence number that the board's link will give to the next report. A higher one shows that reports were
+    /// dropped.
+    next: u64,
+}
+
+impl PassingFrames {
+    pub(super) fn new(size: Option<SlotSize>) -> Self {
+        Self { size, watch: Watch::default(), next: 0 }
+    }
+
+    /// The slot size; `None`: it is not known yet.
+    pub(super) const fn size(&self) -> Option<SlotSize> {
+        self.size
+    }
+
+    pub(super) const fn watch(&self) -> &Watch {
+        &self.watch
+    }
+
+    pub(super) const fn next_sequence(&self) -> u64 {
+        self.next
+    }
+
+    /// Reads a command frame that was written to the board at `at`.
+    pub(super) fn command(&mut self, frame: &Frame, at: Stamp) {
+        if let Some(size) = self.size {
+            self.watch.command(frame, size, at);
+        }
+    }
+
+    /// Reads a report.
+    pub(super) fn report(&mut self, frame: &Frame, meta: ReadMeta) {
+        if self.size.is_none() && frame.bytes()[CRC_BYTE] != 0 {
+            self.size = frame.size_by_crc();
+        }
+        if let Some(size) = self.size {
+            if meta.sequence > self.next {
+                self.watch.missed();
+            }
+            self.watch.report(frame, size, meta.at);
+        }
+        self.next = meta.sequence.saturating_add(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A report without a CRC shows no slot size, whatever its bytes are; one with a right CRC does.
+    #[test]
+    fn a_report_shows_the_slot_size() {
+        for size in SlotSize::ALL {
+            let mut passing = PassingFrames::new(None);
+            let mut report = Frame::new();
+            passing.report(&report, ReadMeta::default());
+            assert_eq!((passing.size(), passing.next_sequence()), (None, 1));
+            report.put_master(size, &crate::sk::MasterCommand::SetState(crate::sk::MasterState::Op));
+            report.fill_crc(size);
+            passing.report(&report, ReadMeta { sequence: 7, ..ReadMeta::default() });
+            assert_eq!((passing.size(), passing.next_sequence()), (Some(size), 8));
+        }
+    }
+}

@@ -174,8 +174,7 @@ fn a_broken_ring_starts() {
             has_second,
         };
         cut(&bench);
-        let mut host =
-            Host::new(EngineConfig::default(), NicBus::new(Ring::new(cards, PROBES), Settings::default()));
+        let mut host = Host::new(EngineConfig::default(), NicBus::new(Ring::new(cards, PROBES), Settings::default()));
         host.op(4).servo_on(4).csp(4, 100).drained().cycles(50);
         assert_eq!(host.board.snapshot().ring, Some(state), "{place}");
         assert_eq!(host.drive(4).position, 100, "{place}");

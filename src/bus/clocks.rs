@@ -3,7 +3,9 @@
 use std::time::{Duration, Instant};
 
 use super::{BusError, FoundSlave, Network};
-use crate::ethercat::registers::{SYSTEM_TIME_DELAY, SYSTEM_TIME_DIFFERENCE, SYSTEM_TIME_OFFSET, SystemTimeDifference};
+use crate::ethercat::registers::{
+    AL_STATUS, SYSTEM_TIME_DELAY, SYSTEM_TIME_DIFFERENCE, SYSTEM_TIME_OFFSET, SystemTimeDifference,
+};
 
 /// \[OURS] Interval at which the differences of the clocks are read.
 const INTERVAL: Duration = Duration::from_millis(10);
@@ -64,12 +66,17 @@ pub struct SlaveClock {
 }
 
 /// Measures the differences of the clocks for this time, once they are synchronized ([`SETTLING`], [`SETTLING_MAX`]). The
-/// result leaves out slaves without clocks.
+/// result leaves out slaves without clocks, and those whose controllers have no register for the difference.
 ///
 /// # Errors
 /// A slave's clock registers cannot be read ([`BusError::Register`]), or the network fails during a wait.
 pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration) -> Result<Vec<SlaveClock>, BusError> {
-    let with_clock: Vec<u8> = slaves.iter().filter(|slave| slave.has_clock).map(|slave| slave.slave).collect();
+    let mut with_clock = Vec::new();
+    for FoundSlave { slave, .. } in slaves.iter().filter(|slave| slave.has_clock) {
+        if shows_difference(network, *slave)? {
+            with_clock.push(*slave);
+        }
+    }
     if with_clock.is_empty() {
         return Ok(Vec::new());
     }
@@ -120,6 +127,16 @@ pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration)
         })
     };
     with_clock.into_iter().zip(ahead).map(clock).collect()
+}
+
+/// Whether a slave has the register of its clock's difference.
+fn shows_difference(network: &mut dyn Network, slave: u8) -> Result<bool, BusError> {
+    match network.read(slave, SYSTEM_TIME_DIFFERENCE, &mut [0; 4]) {
+        Ok(()) => Ok(true),
+        // A slave that is gone does not have its other registers either.
+        Err(BusError::Register { .. }) if network.read(slave, AL_STATUS, &mut [0; 2]).is_ok() => Ok(false),
+        Err(error) => Err(error),
+    }
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use super::{BusError, Network};
 use crate::ethercat::Ns;
-use crate::ethercat::coe::{EntryRequest, ObjectListType};
+use crate::ethercat::coe::{AbortCode, EntryRequest, ObjectListType};
 use crate::ethercat::registers::AL_STATUS;
 use crate::ethercat::sii::{CoeDetails, MailboxProtocols};
 use crate::master::{Ending, FileError, Job, MailboxInfo, Master, SdoError};
@@ -44,16 +44,18 @@ pub(super) fn open(
     Ok(mailbox)
 }
 
-fn open_information(network: &mut impl Mailboxes, slave: u8) -> Result<(), BusError> {
+/// Brings a slave to PreOP. Returns whether its EEPROM gives SDO information. A slave whose EEPROM does not may have it,
+/// since the EEPROM need not give its CoE services: only its answer shows that.
+fn open_information(network: &mut impl Mailboxes, slave: u8) -> Result<bool, BusError> {
     let mailbox = open(network, slave, MailboxProtocols::COE, BusError::NoCoe { slave })?;
-    if mailbox.coe.contains(CoeDetails::SDO_INFO) { Ok(()) } else { Err(BusError::NoInformation { slave }) }
+    Ok(mailbox.coe.contains(CoeDetails::SDO_INFO))
 }
 
 /// [`Network::object_list`] by the SDO information service, for both kinds of network.
 pub(super) fn object_list(network: &mut impl Mailboxes, slave: u8) -> Result<Vec<u16>, BusError> {
-    open_information(network, slave)?;
+    let is_given = open_information(network, slave)?;
     let list = network.run(slave, |master, slave| master.object_list(slave, ObjectListType::All, ANSWER_MAX_NS))?;
-    list.map_err(|error| failed_information(network, slave, error))
+    list.map_err(|error| failed_information(network, slave, is_given, error))
 }
 
 /// [`Network::describe_object`] by the SDO information service, for both kinds of network.
@@ -75,8 +77,8 @@ fn describe(
     slave: u8,
     start: impl FnOnce(&mut Master, u8) -> Job<Result<Vec<u8>, SdoError>>,
 ) -> Result<Vec<u8>, BusError> {
-    open_information(network, slave)?;
-    network.run(slave, start)?.map_err(|error| failed_information(network, slave, error))
+    let is_given = open_information(network, slave)?;
+    network.run(slave, start)?.map_err(|error| failed_information(network, slave, is_given, error))
 }
 
 /// [`Network::read_file`] by FoE, for both kinds of network.
@@ -105,8 +107,16 @@ pub(super) fn write_file(
     network.run(slave, start)?.map_err(|error| failed_file(network, slave, name, error))
 }
 
-fn failed_information(network: &mut impl Mailboxes, slave: u8, error: SdoError) -> BusError {
-    unless_gone(network, slave, BusError::Information { slave, error })
+/// The error of a failed request for SDO information. A slave that has answered it lacks the service, unless its EEPROM
+/// gives it or the slave knows no such object.
+fn failed_information(network: &mut impl Mailboxes, slave: u8, is_given: bool, error: SdoError) -> BusError {
+    let knows_service = matches!(error, SdoError::Abort(AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX));
+    let error = if is_given || knows_service {
+        BusError::Information { slave, error }
+    } else {
+        BusError::NoInformation { slave }
+    };
+    unless_gone(network, slave, error)
 }
 
 fn failed_file(network: &mut impl Mailboxes, slave: u8, name: &str, error: FileError) -> BusError {

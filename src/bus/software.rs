@@ -5,7 +5,10 @@ use std::time::Duration;
 use super::mailboxes::{self, ANSWER_MAX_NS, Mailboxes};
 use super::{BusError, FoundSlave, Network, SlaveState};
 use crate::ethercat::coe::{EntryRequest, ObjectAddress, SdoScope};
-use crate::ethercat::registers::{AL_STATUS, AlStatusWithCode, Features, PORT_DESCRIPTOR, RequestedState};
+use crate::ethercat::registers::{
+    AL_STATUS, AlStatusWithCode, Features, PORT_DESCRIPTOR, RequestedState, SYNC_MANAGER, SYNC_MANAGER_LEN, SmControl,
+    SyncManager, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA, WATCHDOG_STATUS,
+};
 use crate::ethercat::sii::MailboxProtocols;
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 use crate::fieldbus::RingState;
@@ -22,11 +25,28 @@ const WATCH_NS: Ns = 1_000_000;
 /// \[OURS] The maximum number of attempts to send a datagram that reads states before the scan, if it does not come back.
 const TRIES: u32 = 3;
 
+/// \[OURS] The longest time to wait for the watchdog of a slave in OP, and how much longer than the watchdog, ns.
+const WATCHDOG_MAX_NS: Ns = 10_000_000_000;
+const WATCHDOG_MARGIN_NS: Ns = 20_000_000;
+/// Bit 0 of the watchdog status, 0x0440: the watchdog of process data has not expired.
+const WATCHDOG_RUNS: u8 = 1 << 0;
+/// The number of sync managers whose settings are read.
+const SYNC_MANAGERS_MAX: usize = 16;
+
 /// \[OURS] Interval of the long frames that put load on the cables, ns, their length, and the byte that fills them:
 /// 0x55 makes the signal change with each bit.
 const LOAD_NS: Ns = 250_000;
 const LOAD_BYTES: usize = 1400;
 const LOAD_BYTE: u8 = 0x55;
+
+/// The time of a watchdog with that divider (0x0400) and that many units (0x0420), ns.
+fn watchdog_ns(divider: u16, units: u16) -> Ns {
+    (Ns::from(divider) + 2) * 40 * Ns::from(units)
+}
+
+fn is_op(state: SlaveState) -> bool {
+    state.status.state() == RequestedState::State(AlState::Op)
+}
 
 /// A network of slaves that this crate's own master runs over a network card or over simulated wires.
 pub(super) struct SoftwareNetwork<W> {
@@ -66,21 +86,63 @@ impl<W: NicWires> SoftwareNetwork<W> {
     }
 
     /// Reads the AL states of all slaves into `found`, since the scan that follows takes all slaves to Init. Fails if a
-    /// slave is in OP, which means that another master runs the network.
+    /// slave in OP gets outputs, which means that another master runs the network.
     fn look(&mut self) -> Result<(), BusError> {
         self.found.clear();
         let counted = self.datagram(Command::Brd, 0, AL_STATUS, 2).map_or(0, |answer| answer.working_counter);
         self.check_cards()?;
+        let (mut watched, mut longest_ns) = (Vec::new(), 0);
         for position in 0..counted {
-            let answer = self.datagram(Command::Aprd, position.wrapping_neg(), AL_STATUS, 6);
-            let bytes = answer.and_then(|answer| answer.data.first_chunk().copied()).unwrap_or_default();
-            let AlStatusWithCode { status, code } = AlStatusWithCode::decode(&bytes);
-            if status.state() == RequestedState::State(AlState::Op) {
+            let state = self.state_at(position);
+            if is_op(state)
+                && let Some(watchdog_ns) = self.watchdog_at(position)
+            {
+                watched.push(position);
+                longest_ns = watchdog_ns.min(WATCHDOG_MAX_NS).max(longest_ns);
+            }
+            self.found.push(state);
+        }
+        if watched.is_empty() {
+            return Ok(());
+        }
+        // Slaves without a state machine, or without outputs, stay in OP when their master is gone. Whether outputs come
+        // the watchdog of the outputs shows.
+        self.wait(Duration::from_nanos(longest_ns + WATCHDOG_MARGIN_NS))?;
+        for position in watched {
+            if is_op(self.state_at(position))
+                && self.register_at::<2>(position, WATCHDOG_STATUS)[0] & WATCHDOG_RUNS != 0
+            {
                 return Err(BusError::Runs { slave: position as u8 + 1 });
             }
-            self.found.push(SlaveState { status, code });
         }
         Ok(())
+    }
+
+    fn state_at(&mut self, position: u16) -> SlaveState {
+        let AlStatusWithCode { status, code } = AlStatusWithCode::decode(&self.register_at(position, AL_STATUS));
+        SlaveState { status, code }
+    }
+
+    /// The watchdog time of the process data of the slave at that position, ns; `None`: no outputs restart it, or it is
+    /// off.
+    fn watchdog_at(&mut self, position: u16) -> Option<Ns> {
+        let managers: [u8; SYNC_MANAGERS_MAX * SYNC_MANAGER_LEN] = self.register_at(position, SYNC_MANAGER);
+        let triggers = |manager: &[u8; SYNC_MANAGER_LEN]| {
+            let manager = SyncManager::decode(manager);
+            manager.is_enabled() && manager.len > 0 && manager.control.contains(SmControl::WATCHDOG)
+        };
+        if !managers.as_chunks::<SYNC_MANAGER_LEN>().0.iter().any(triggers) {
+            return None;
+        }
+        let [divider, units] =
+            [WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA].map(|at| u16::from_le_bytes(self.register_at(position, at)));
+        Some(watchdog_ns(divider, units)).filter(|ns| *ns > 0)
+    }
+
+    /// Registers of the slave at that position; 0 if it does not answer.
+    fn register_at<const N: usize>(&mut self, position: u16, address: u16) -> [u8; N] {
+        let answer = self.datagram(Command::Aprd, position.wrapping_neg(), address, N);
+        answer.and_then(|answer| answer.data.first_chunk().copied()).unwrap_or([0; N])
     }
 
     /// Waits for the end of a job and checks that a network card is still there.
@@ -275,128 +337,4 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
 }
 
 #[cfg(all(test, feature = "sim"))]
-mod tests {
-    use super::*;
-    use crate::fieldbus::nic::ChainWires;
-    use crate::master::{FrameBuffer, Wire, WireDown};
-    use crate::slave::cable::Cable;
-    use crate::slave::esc::{CabledChain, Chain, EscSettings, EscSlave, Predecessor, eeprom_of};
-    use crate::slave::{Io, Slave};
-
-    /// Wires that send each frame back unchanged.
-    struct Loop(std::collections::VecDeque<Vec<u8>>, Ns);
-
-    impl Wire for Loop {
-        fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
-            self.0.push_back(frame.to_vec());
-            Ok(())
-        }
-
-        fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
-            let frame = self.0.pop_front()?;
-            buffer[..frame.len()].copy_from_slice(&frame);
-            Some(frame.len())
-        }
-    }
-
-    impl NicWires for Loop {
-        fn now(&self) -> Ns {
-            self.1
-        }
-
-        fn wait(&mut self, until: Ns) {
-            self.1 = until;
-        }
-
-        fn is_real_time(&self) -> bool {
-            false
-        }
-    }
-
-    /// A slave that keeps its mailbox counter across Init answers although several masters inspect it, one after the other.
-    #[test]
-    fn one_look_after_another_reads_objects() {
-        for seed in 0..16 {
-            let mut wires = ChainWires::new(vec![Box::new(Io::default())], Default::default()).expect("an EEPROM");
-            wires.leave(&mut Predecessor::seeded(seed));
-            for look in 0..4 {
-                let mut network = SoftwareNetwork::new(wires, Settings::default());
-                // The predecessor may have left the slave in OP. `SoftwareNetwork::scan` would take that for a running
-                // network and refuse, so the master scans directly.
-                let scan = network.master.scan();
-                assert_eq!(network.wait_for(scan), Ok(1));
-                // Each master makes one request more than the master before it, so that each leaves another mailbox
-                // counter in the slave.
-                for _ in 0..=look {
-                    let begin = network.wires.now();
-                    let value = network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry);
-                    assert_eq!(value.expect("a value").len(), 4, "seed {seed}, look {look}");
-                    assert!(network.wires.now() - begin < 100_000_000, "seed {seed}, look {look}");
-                }
-                wires = network.wires;
-            }
-        }
-    }
-
-    /// BUS-2.3 If frames come back unchanged, no slave has handled them, and the error says so.
-    #[test]
-    fn frames_that_no_slave_has_changed_are_told() {
-        let mut network = SoftwareNetwork::new(Loop(Default::default(), 1_000_000), Settings::default());
-        let said = network.scan().expect_err("nobody is there").to_string();
-        assert!(said.contains("no slave answers: ") && said.contains("frames came back as they were sent"), "{said}");
-    }
-
-    /// BUS-2.3 A damaged EEPROM is reported with its reason, and the bytes of process data are left out if they are not
-    /// known.
-    #[test]
-    fn what_is_wrong_with_an_eeprom_is_named() {
-        let cable = Cable::default();
-        let mut line = CabledChain::new(Vec::new(), cable).expect("nobody");
-        let good = eeprom_of(&mut Io::default(), &EscSettings::default()).expect("it can be described");
-        let mut wrong = good.clone();
-        wrong[4] ^= 1;
-        let slaves = [vec![0xFF; 512], wrong, good];
-        let slaves = slaves.map(|eeprom| EscSlave::new(Box::new(Io::default()), EscSettings::default(), eeprom, 0));
-        *line.chain_mut() = Chain::line(slaves);
-        let wires = ChainWires::on_cable(line, Default::default());
-        let mut network = SoftwareNetwork::new(wires, Settings::default());
-        let found = network.scan().expect("slaves");
-        let said = |n: usize| found[n].eeprom_error.clone().unwrap_or_default();
-        assert!(said(0).contains("the EEPROM is empty: all of its first 64 words are 0xFFFF"), "{}", said(0));
-        assert!(said(1).contains("the checksum of the EEPROM's first words is 0x"), "{}", said(1));
-        assert_eq!(found[2].eeprom_error, None);
-        let bytes: Vec<_> = found.iter().map(|slave| slave.process_bytes).collect();
-        assert_eq!(bytes, [(None, None), (Some(2), Some(2)), (Some(2), Some(2))]);
-    }
-
-    /// If one slave is in OP, a scan changes nothing in any slave: another master runs the network.
-    #[test]
-    fn a_network_that_runs_is_left_alone() {
-        let devices = (0..2).map(|_| Box::new(Io::default()) as Box<dyn Slave>).collect();
-        let wires = ChainWires::new(devices, Default::default()).expect("they can be described");
-        let mut other = SoftwareNetwork::new(wires, Settings::default());
-        other.scan().expect("two slaves");
-        let second: SlaveSet = [2].into_iter().collect();
-        other.master.configure_as_described(2).expect("process data");
-        for state in [AlState::SafeOp, AlState::Op] {
-            let change = other.master.request_state(second, state, 1_000_000_000);
-            loop {
-                let SoftwareNetwork { master, wires, .. } = &mut other;
-                if state == AlState::Op {
-                    master.cycle(wires.now(), wires);
-                }
-                wires.wait(wires.now() + 500_000);
-                master.poll(wires.now(), wires);
-                if let Some(ended) = master.take(change) {
-                    assert_eq!(ended, Ok(()));
-                    break;
-                }
-            }
-        }
-        let mut network = SoftwareNetwork::new(other.wires, Settings::default());
-        let refused = network.scan().expect_err("somebody runs it");
-        assert!(matches!(refused, BusError::Runs { slave: 2 }), "{refused}");
-        let state = |n: usize| network.wires.slaves().chain().slave(n).shown_state();
-        assert_eq!([0, 1].map(state), [AlState::Init, AlState::Op].map(RequestedState::State));
-    }
-}
+mod tests;

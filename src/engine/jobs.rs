@@ -327,15 +327,8 @@ impl Engine {
     fn network_job_done(&mut self, NetworkJob { step, until }: NetworkJob, done: JobDone, now: Ns) {
         use Step::{RecoverConfigure, RecoverTo, RecoverToPreOp};
         match (step, done) {
-            (_, JobDone::Scan { found }) => {
-                let found = found.min(self.config.slot.max_slaves() as u8);
-                self.volatile.network.scanned(found);
-                // After SW_RESET fewer slaves may be found than before. The outputs of the missing slaves are set to 0:
-                // if slaves with these numbers come back, they must not get old outputs.
-                self.outputs.slaves[usize::from(found)..].fill(Default::default());
-                let before = self.volatile.failure.filter(|why| *why != StateFailure::NoSlave);
-                self.volatile.failure = if found == 0 { Some(StateFailure::NoSlave) } else { before };
-            }
+            (_, JobDone::Scan { found }) => self.scanned(found, StateFailure::NoSlave),
+            (_, JobDone::NotScanned(error)) => self.scanned(0, StateFailure::Scan(error)),
             (RecoverConfigure, JobDone::Configure(Ok(Configured { second_axes, disturbed }))) => {
                 let others = self.volatile.second_axes.difference(self.network().recovering());
                 self.set_second_axes(others.union(second_axes));
@@ -369,6 +362,17 @@ impl Engine {
                 self.fail_state(self.failure_of(step, refusal), now);
             }
         }
+    }
+
+    /// Takes the number of slaves that a scan has found. `without_slaves`: why the network has failed if there are none.
+    fn scanned(&mut self, found: u8, without_slaves: StateFailure) {
+        let found = found.min(self.config.slot.max_slaves() as u8);
+        self.volatile.network.scanned(found);
+        // After SW_RESET fewer slaves may be found than before. The outputs of the missing slaves are set to 0: if slaves
+        // with these numbers come back, they must not get old outputs.
+        self.outputs.slaves[usize::from(found)..].fill(Default::default());
+        let before = self.volatile.failure.filter(|why| !why.is_of_scan());
+        self.volatile.failure = if found == 0 { Some(without_slaves) } else { before };
     }
 
     /// Sets which pulse modules have a second axis. Requests and outputs of axes that no longer exist are dropped.

@@ -5,7 +5,7 @@ use std::fmt;
 
 use crate::ethercat::AlStatus;
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
-use crate::fieldbus::{HardwareLimit, Ns, Refusal};
+use crate::fieldbus::{HardwareLimit, Ns, Refusal, ScanError};
 use crate::sk::{MasterState, SlaveKind, StateByte};
 
 /// The AL status code for an invalid watchdog configuration (ETG.1000.6 table 11).
@@ -53,6 +53,8 @@ impl fmt::Display for SlaveFall {
 pub enum StateFailure {
     /// No slave was found.
     NoSlave,
+    /// The scan has failed: there are too many slaves, their number has changed, or frames were lost.
+    Scan(ScanError),
     /// In the change from PreOP to SafeOP a slave has refused the PDOs of the kind that SET_AXIS has declared for it.
     /// Usually no SET_AXIS has declared the slave, so that it counts as IO.
     Declared {
@@ -149,8 +151,13 @@ impl StateFailure {
             | Self::Lost { slave }
             | Self::Fell(SlaveFall { slave, .. })
             | Self::Stale { slave } => Some(slave),
-            Self::NoSlave | Self::Hardware(_) | Self::Late { .. } => None,
+            Self::NoSlave | Self::Scan(_) | Self::Hardware(_) | Self::Late { .. } => None,
         }
+    }
+
+    /// Whether a scan has failed, or has found no slave. The next scan that finds slaves ends such a failure.
+    pub(super) const fn is_of_scan(&self) -> bool {
+        matches!(self, Self::NoSlave | Self::Scan(_))
     }
 
     /// The text to show beside a state byte: the reason `why` if it is known, else what the state byte says by itself
@@ -175,6 +182,7 @@ impl fmt::Display for StateFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSlave => f.write_str("no slave was found; look at the network cable and at the slaves' power"),
+            Self::Scan(error) => error.fmt(f),
             Self::Declared { slave, kind, al_status, abort } => {
                 write!(f, "slave {slave} refused to go to SafeOP as what SET_AXIS says it is, {}", Kind(*kind))?;
                 if *kind == SlaveKind::Io {

@@ -4,6 +4,7 @@
 use super::{AlState, BusConfig, Ns, SlaveSet};
 use crate::ethercat::AlStatus;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::master::ScanError;
 
 /// An SDO transfer of up to 4 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +48,8 @@ pub enum JobDone {
         /// How many slaves the scan has found, 0..=40.
         found: u8,
     },
+    /// The scan has failed, and no slave can be used.
+    NotScanned(ScanError),
     /// The slaves are configured, or the error names the first one that refused.
     Configure(Result<Configured, Refusal>),
     /// The configuration has failed because it exceeds a limit of the hardware that runs the bus.

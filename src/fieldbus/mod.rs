@@ -38,6 +38,7 @@ use crate::ethercat::cia402::{Controlword, Mode, Statusword};
 use crate::sk::{CycleTime, DriveSync, SlaveKind};
 
 pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
+pub use crate::master::ScanError;
 pub use job::{Busy, Configured, HardwareLimit, Job, JobDone, Refusal, SdoDone, SdoRequest};
 pub(crate) use stale_inputs::is_stale;
 pub use stale_inputs::{STALE_AFTER, STALE_AT_LAST_NS};

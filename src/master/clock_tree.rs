@@ -95,13 +95,15 @@ impl Clocks {
     /// Takes a time that was read from the reference clock, and extends it to 64 bits if that clock has only 32.
     pub(super) fn take_time(&mut self, sent: u64, missing: SlaveSet) {
         self.time = match self.reference(missing) {
-            Some(slave) if self.short.contains(slave) => {
-                let passed = (sent as u32).wrapping_sub(self.time as u32);
-                self.time.wrapping_add_signed(passed.cast_signed().into())
-            }
+            Some(slave) if self.short.contains(slave) => extended(sent as u32, self.time),
             _ => sent,
         };
     }
+}
+
+/// Extends a time of 32 bits to 64 bits. `near` is a time less than 2 s away.
+pub(super) fn extended(time: u32, near: u64) -> u64 {
+    near.wrapping_add_signed(time.wrapping_sub(near as u32).cast_signed().into())
 }
 
 /// Appends to `delays` the propagation delay from the first slave to each slave, ns; 0 for slaves without receive

@@ -163,10 +163,11 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Measuring<'_>, Lo
     // The time at which the measuring frame passed the first slave, computed from its receive time at a slave whose
     // clock is set.
     let running = set.difference(missing).difference(slaves).iter().next();
-    let time = match running.and_then(|slave| Some((station(slave)?, measuring.of(slave)?))) {
-        Some((station, (Passed { unit, .. }, delay))) => {
+    let time = match running.and_then(|slave| Some((slave, station(slave)?, measuring.of(slave)?))) {
+        Some((slave, station, (Passed { unit, .. }, delay))) => {
             let Ok(offset) = bus.read(station, SYSTEM_TIME_OFFSET).await else { return Err(Lost) };
-            unit.wrapping_add(u64::from_le_bytes(offset)).wrapping_sub(delay.into())
+            let shown = unit.wrapping_add(u64::from_le_bytes(offset)).wrapping_sub(delay.into());
+            bus.with(|shared| shared.system_time(slave, shown))
         }
         None => {
             bus.with(|shared| shared.clocks.time = latched_at);
@@ -209,12 +210,16 @@ pub(super) async fn distribute(bus: &Bus) {
 
 /// Stops the SYNC signals of a slave.
 pub(super) async fn stop_sync(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {
-    if bus.with(|shared| shared.clocks.all.contains(slave)) {
-        // The PDI, the slave's own microcontroller, may control the SYNC unit; other writes to the unit then have no
-        // effect. Writing 0 gives the control to the master.
-        bus.write(station, CYCLIC_UNIT_CONTROL, &[0; 2]).await?;
+    if !bus.with(|shared| shared.clocks.all.contains(slave)) {
+        return Ok(());
     }
-    Ok(())
+    // The PDI, the slave's own microcontroller, may control the SYNC unit; other writes to the unit then have no effect.
+    // Writing 0 gives the control to the master.
+    match bus.write(station, CYCLIC_UNIT_CONTROL, &[0; 2]).await {
+        // Some controllers have a clock and no SYNC unit, so there is nothing to stop.
+        Ok(()) | Err(Unanswered::Counter(0)) => Ok(()),
+        Err(error) => Err(error),
+    }
 }
 
 /// Sets the clock of a slave if necessary, and starts its SYNC signals.
@@ -243,7 +248,10 @@ pub(super) async fn start_sync(
     cycles[..4].copy_from_slice(&cycle_ns.to_le_bytes());
     cycles[4..].copy_from_slice(&sync1_ns.to_le_bytes());
     bus.write(station, SYNC0_CYCLE, &cycles).await?;
-    let now = u64::from_le_bytes(bus.read(station, SYSTEM_TIME).await?);
+    let shown = u64::from_le_bytes(bus.read(station, SYSTEM_TIME).await?);
+    // A clock of 32 bits compares the start time with its own 32 bits. The multiples of the cycle are those of the 64 bits
+    // in which the frames are paced.
+    let now = bus.with(|shared| shared.system_time(slave, shown));
     let cycle = u64::from(cycle_ns);
     let earliest = now.wrapping_add(START_NS.max(10 * cycle));
     let start = (earliest / cycle).wrapping_add(1).wrapping_mul(cycle).wrapping_add_signed(shift_ns.into());
@@ -251,10 +259,14 @@ pub(super) async fn start_sync(
     bus.write(station, CYCLIC_UNIT_CONTROL, &assign_activate.to_le_bytes()).await
 }
 
-/// How much the clock of a slave is ahead of the reference, ns; negative: behind it.
+/// How much the clock of a slave is ahead of the reference, ns; negative: behind it. 0 for a controller without the
+/// register.
 async fn difference_ns(bus: &Bus, station: u16) -> Result<i64, Unanswered> {
-    let difference = SystemTimeDifference(u32::from_le_bytes(bus.read(station, SYSTEM_TIME_DIFFERENCE).await?));
-    Ok(difference.ahead_ns())
+    match bus.read(station, SYSTEM_TIME_DIFFERENCE).await {
+        Ok(difference) => Ok(SystemTimeDifference(u32::from_le_bytes(difference)).ahead_ns()),
+        Err(Unanswered::Counter(0)) => Ok(0),
+        Err(error) => Err(error),
+    }
 }
 
 async fn wait_until_near(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {

@@ -52,7 +52,8 @@ pub struct SlaveInfo {
     /// The name of the slave, or else its order number, as [`SiiText`](crate::ethercat::sii::SiiText) shows it; empty
     /// if the EEPROM has neither.
     pub name: String,
-    /// The features of the slave controller, register 0x0008, such as distributed clocks and LRW.
+    /// The features of the slave controller, register 0x0008, such as distributed clocks and LRW. [`Features::CLOCK`] is
+    /// left out if the controller has no system time (0x0910).
     pub features: Features,
     /// The number of FMMUs of the slave controller.
     pub fmmus: u8,
@@ -219,6 +220,20 @@ impl SlaveInfo {
             sii.iter().flat_map(|sii| pdos(sii, kind)).filter(is_in).map(|pdo| pdo.index).collect()
         };
         [of(CategoryKind::RxPdos, &self.outputs), of(CategoryKind::TxPdos, &self.inputs)]
+    }
+
+    /// The entries that the EEPROM gives for a PDO, as its mapping object has them: index, sub-index and bits. `None`: the
+    /// EEPROM does not describe this PDO.
+    pub fn pdo_entries(&self, pdo: u16) -> Option<Vec<u32>> {
+        let sii = Sii::new(self.eeprom.as_deref().ok()?).ok()?;
+        let mut described = [CategoryKind::RxPdos, CategoryKind::TxPdos].into_iter().flat_map(|kind| pdos(&sii, kind));
+        let entries = described.find(|one| one.index == pdo)?.entries;
+        Some(
+            entries
+                .iter()
+                .map(|one| u32::from(one.index) << 16 | u32::from(one.sub) << 8 | u32::from(one.bits))
+                .collect(),
+        )
     }
 
     /// The registers of the two sync managers of the mailbox; `None`: the slave has none.

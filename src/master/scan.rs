@@ -8,7 +8,8 @@ use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusWithCode, CYCLIC_UNIT_CONTROL, DL_CONTROL, DL_STATUS, DlControl,
     DlStatus, ESC_WRITE_ENABLE, FEATURES, FMMU, FMMU_LEN, FMMUS, Features, LoopControl, RequestedState,
     SII_CONFIGURATION, SPEED_COUNTER_START, STATION_ADDRESS, STATION_ALIAS, SYNC_MANAGER, SYNC_MANAGER_LEN,
-    SYNC_MANAGERS, TIME_DIFFERENCE_FILTER, TYPE, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA, WRITE_REGISTER_ENABLE,
+    SYNC_MANAGERS, SYSTEM_TIME, TIME_DIFFERENCE_FILTER, TYPE, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA,
+    WRITE_REGISTER_ENABLE,
 };
 use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns};
 
@@ -16,6 +17,9 @@ use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns};
 pub(super) const FIRST_STATION: u16 = 0x1001;
 /// \[OURS] How long slaves may take to reach Init.
 const INIT_MAX_NS: Ns = 2_000_000_000;
+/// \[OURS] How long the device of a slave may take to read the last request of an earlier master. Until then the controller
+/// takes no request for Init.
+const UNREAD_MAX_NS: Ns = 100_000_000;
 
 /// \[OURS] How often the scan begins anew to open all ports after no frame has come back in any of
 /// [`Settings::tries`](super::Settings::tries). When a slave opens a port without a link, it loses the frame of this
@@ -98,12 +102,12 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     if usize::from(found) > MAX_SLAVES {
         return Err(ScanError::TooMany { found });
     }
-    reset(&bus).await?;
+    let is_init_requested = reset(&bus).await? == found;
     for position in 0..found {
         let station = (FIRST_STATION + position).to_le_bytes();
         bus.exchange(Command::Apwr, position.wrapping_neg(), STATION_ADDRESS, &mut station.clone()).await?;
     }
-    let slaves = join((0..found).map(|position| identify(&bus, FIRST_STATION + position))).await;
+    let slaves = join((0..found).map(|position| identify(&bus, FIRST_STATION + position, is_init_requested))).await;
     let slaves: Result<Vec<SlaveInfo>, _> = slaves.into_iter().collect();
     let then = count(&bus).await;
     if then != found {
@@ -155,10 +159,11 @@ async fn close(bus: &Bus, slaves: &[SlaveInfo], ends: &[Upstream], is_closed: bo
 }
 
 /// Brings all slaves to Init without addresses and without configuration, whatever another master has left in them.
-async fn reset(bus: &Bus) -> Result<(), Lost> {
+/// Returns how many slaves have taken the request for Init.
+async fn reset(bus: &Bus) -> Result<u16, Lost> {
     let init = AlControl::request(RequestedState::State(AlState::Init)).with(AlControl::ACKNOWLEDGE);
+    let taken = bus.queue(Command::Bwr, 0, AL_CONTROL, &init.0.to_le_bytes());
     bus.write_all_of([
-        (AL_CONTROL, &init.0.to_le_bytes()),
         (STATION_ADDRESS, &[0; 2]),
         (FMMU, &[0; 16 * FMMU_LEN]),
         (SYNC_MANAGER, &[0; 16 * SYNC_MANAGER_LEN]),
@@ -174,11 +179,15 @@ async fn reset(bus: &Bus) -> Result<(), Lost> {
     ])
     .await?;
     bus.write_all(SII_CONFIGURATION, &[0]).await?;
-    Ok(())
+    taken.answer(&mut []).await
 }
 
-/// Reads the registers and the EEPROM of a slave that has just got its station address.
-async fn identify(bus: &Bus, station: u16) -> Result<SlaveInfo, Unanswered> {
+/// Reads the registers and the EEPROM of a slave that has just got its station address. `is_init_requested`: whether each
+/// slave has taken the request for Init.
+async fn identify(bus: &Bus, station: u16, is_init_requested: bool) -> Result<SlaveInfo, Unanswered> {
+    if !is_init_requested {
+        states::request_init(bus, station, bus.now() + UNREAD_MAX_NS).await?;
+    }
     let until = bus.now() + INIT_MAX_NS;
     loop {
         let status = AlStatusWithCode::decode(&bus.read(station, AL_STATUS).await?).status;
@@ -191,7 +200,12 @@ async fn identify(bus: &Bus, station: u16) -> Result<SlaveInfo, Unanswered> {
     states::take_acknowledgement_back(bus, station).await?;
     let [fmmus] = bus.read(station, FMMUS).await?;
     let [sync_managers] = bus.read(station, SYNC_MANAGERS).await?;
-    let features = Features(u16::from_le_bytes(bus.read(station, FEATURES).await?));
+    let mut features = Features(u16::from_le_bytes(bus.read(station, FEATURES).await?));
+    // Some controllers with this feature have receive times alone, for the measurement of delays, and no clock that could
+    // be set.
+    if features.contains(Features::CLOCK) && bus.read::<4>(station, SYSTEM_TIME).await == Err(Unanswered::Counter(0)) {
+        features = features.without(Features::CLOCK);
+    }
     let alias = u16::from_le_bytes(bus.read(station, STATION_ALIAS).await?);
     let ports = DlStatus(u16::from_le_bytes(bus.read(station, DL_STATUS).await?));
     let mut info = SlaveInfo::new(station, sii::read(bus, station).await);

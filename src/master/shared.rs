@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use parking_lot::Mutex;
 
-use super::clock_tree::{ClockDatagram, Clocks, Passed, Place, ReferenceClock};
+use super::clock_tree::{ClockDatagram, Clocks, Passed, Place, ReferenceClock, extended};
 use super::exchange::Exchange;
 use super::mailbox::state::MailboxState;
 use super::pace::Pacer;
@@ -271,6 +271,15 @@ impl Shared {
             ReferenceClock::FirstSlave => ClockDatagram { command: Command::Frmw, station, time: self.clocks.time },
             ReferenceClock::Master => ClockDatagram { command: Command::Bwr, station: 0, time: self.now },
         })
+    }
+
+    /// A system time that was read from a slave less than 2 s ago, extended to 64 bits if its clock has only 32.
+    pub(super) fn system_time(&self, slave: u8, shown: u64) -> u64 {
+        let near = match self.reference {
+            ReferenceClock::FirstSlave => self.clocks.time,
+            ReferenceClock::Master => self.now,
+        };
+        if self.clocks.short.contains(slave) { extended(shown as u32, near) } else { shown }
     }
 
     /// How each slave takes part in the next cycle, as far as known.

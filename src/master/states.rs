@@ -16,6 +16,12 @@ use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns};
 
 /// \[OURS] The interval in which a slave's AL status is polled.
 pub(super) const STATE_POLL_NS: Ns = 200_000;
+/// \[OURS] How long a device has to act on an acknowledgement before it gets another one. Devices poll AL control every
+/// 1 to 10 ms.
+const ACKNOWLEDGE_AGAIN_NS: Ns = 20_000_000;
+/// \[OURS] How many errors on the way to a lower state are acknowledged, each followed by another request. Its watchdog may
+/// expire before the device reads the request, which it then ignores.
+const ERRORS_ON_THE_WAY_DOWN: u32 = 3;
 
 /// What a change of state writes into the registers of one slave.
 #[derive(Clone, Debug)]
@@ -159,8 +165,23 @@ async fn status(bus: &Bus, plan: &Plan) -> Result<AlStatusWithCode, StateReason>
     Ok(status)
 }
 
-async fn request(bus: &Bus, plan: &Plan, control: AlControl) -> Result<(), StateReason> {
-    Ok(bus.write(plan.station, AL_CONTROL, &control.0.to_le_bytes()).await?)
+/// Writes AL control. Returns false if the controller takes no request yet: the device has not read the one before.
+/// Neither does a slave that is gone take one, so the caller reads the AL status next.
+async fn request(bus: &Bus, station: u16, control: AlControl) -> Result<bool, Unanswered> {
+    match bus.write(station, AL_CONTROL, &control.0.to_le_bytes()).await {
+        Ok(()) => Ok(true),
+        Err(Unanswered::Counter(0)) => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+/// Requests Init and acknowledges an error, as soon as the device has read the request before, but no later than `until`.
+pub(super) async fn request_init(bus: &Bus, station: u16, until: Ns) -> Result<(), Unanswered> {
+    let init = AlControl::request(RequestedState::State(AlState::Init)).with(AlControl::ACKNOWLEDGE);
+    while !request(bus, station, init).await? && bus.now() < until {
+        bus.sleep(STATE_POLL_NS).await;
+    }
+    Ok(())
 }
 
 /// Sends a request again without the acknowledge bit, for slaves that show that bit as an error. With device emulation
@@ -180,28 +201,27 @@ pub(super) async fn take_acknowledgement_back(bus: &Bus, station: u16) -> Result
 
 /// Acknowledges an error, and leaves Boot and invalid states. Returns the state after that.
 async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, StateReason> {
+    let mut ask_at = bus.now();
     loop {
         let AlStatusWithCode { status: now, code } = status(bus, plan).await?;
         let state = now.state();
-        match state {
+        let asked = match state {
             RequestedState::State(state) if !now.contains(AlStatusRegister::ERROR) => return Ok(state),
             _ if bus.now() >= until && now.contains(AlStatusRegister::ERROR) => {
                 return Err(StateReason::Refused { state, code });
             }
             _ if bus.now() >= until => return Err(StateReason::TimeUp { state }),
-            RequestedState::State(_) => {}
+            RequestedState::State(_) => state,
             // From Boot and invalid states the only way leads to Init.
-            _ => {
-                let init = AlControl::request(RequestedState::State(AlState::Init));
-                request(bus, plan, init.with(AlControl::ACKNOWLEDGE)).await?;
-                bus.sleep(STATE_POLL_NS).await;
-                take_acknowledgement_back(bus, plan.station).await?;
-                continue;
-            }
-        }
-        request(bus, plan, AlControl::request(state).with(AlControl::ACKNOWLEDGE)).await?;
+            _ => RequestedState::State(AlState::Init),
+        };
+        let is_asked = bus.now() >= ask_at
+            && request(bus, plan.station, AlControl::request(asked).with(AlControl::ACKNOWLEDGE)).await?;
         bus.sleep(STATE_POLL_NS).await;
-        take_acknowledgement_back(bus, plan.station).await?;
+        if is_asked {
+            ask_at = bus.now().saturating_add(ACKNOWLEDGE_AGAIN_NS);
+            take_acknowledgement_back(bus, plan.station).await?;
+        }
     }
 }
 
@@ -213,9 +233,24 @@ async fn step(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> 
         (AlState::PreOp, AlState::SafeOp) => prepare_process_data(bus, plan).await?,
         _ => {}
     }
-    bus.with(|shared| shared.expect_state(plan.slave, to));
-    request(bus, plan, AlControl::request(RequestedState::State(to))).await?;
-    wait_for(bus, plan, from, to, until).await?;
+    let mut errors = 0;
+    loop {
+        ask_for(bus, plan, to, until).await?;
+        match wait_for(bus, plan, from, to, until).await {
+            Err(StateReason::Refused { state: RequestedState::State(state), .. })
+                if (to..=from).contains(&state) && errors < ERRORS_ON_THE_WAY_DOWN =>
+            {
+                errors += 1;
+                if acknowledge(bus, plan, until).await? == to {
+                    break;
+                }
+            }
+            ended => {
+                ended?;
+                break;
+            }
+        }
+    }
     match (from, to) {
         (AlState::Init, AlState::PreOp) => Ok(sii::offer(bus, plan.station, false).await?),
         (AlState::SafeOp | AlState::Op, AlState::PreOp | AlState::Init) => Ok(end_process_data(bus, plan).await?),
@@ -223,7 +258,24 @@ async fn step(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> 
     }
 }
 
+/// Requests a state, again while the device has not read the request before.
+async fn ask_for(bus: &Bus, plan: &Plan, to: AlState, until: Ns) -> Result<(), StateReason> {
+    bus.with(|shared| shared.expect_state(plan.slave, to));
+    while !request(bus, plan.station, AlControl::request(RequestedState::State(to))).await? {
+        // Shows whether the slave still answers.
+        status(bus, plan).await?;
+        if bus.now() >= until {
+            return Err(StateReason::NotTaken(0));
+        }
+        bus.sleep(STATE_POLL_NS).await;
+    }
+    Ok(())
+}
+
+/// Waits until a slave that has left, or is to leave, the state `from` is in the state `to`. On its way down it may show
+/// the states between.
 async fn wait_for(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> Result<(), StateReason> {
+    let between = from.min(to)..=from.max(to);
     loop {
         let AlStatusWithCode { status: now, code } = status(bus, plan).await?;
         let state = now.state();
@@ -236,8 +288,8 @@ async fn wait_for(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns)
         if bus.now() >= until {
             return Err(StateReason::TimeUp { state });
         }
-        // A slave that is in neither of the two states, and reports no error, has lost its power meanwhile.
-        if state != RequestedState::State(from) {
+        // A slave in any other state that reports no error has lost its power meanwhile.
+        if !matches!(state, RequestedState::State(state) if between.contains(&state)) {
             return Err(StateReason::Refused { state, code });
         }
         bus.sleep(STATE_POLL_NS).await;

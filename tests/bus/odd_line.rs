@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use ecmsk::bus::{self, FoundSlave, Network, clocks, dictionary};
+use ecmsk::bus::{self, BusError, FoundSlave, Network, clocks, dictionary};
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::fieldbus::nic::NicWires;
 use ecmsk::master::Settings;
-use support::odd_line::{Beyond, Device, OddLine, OddSlave, coupler, drive, drive_of, sii};
+use support::odd_line::{Beyond, Device, OddLine, OddSlave, coupler, drive, drive_of, sii, terminal};
 
 use crate::refused;
 
@@ -147,4 +147,47 @@ fn an_unchanged_source_is_told() {
     let line = OddLine::new([drive()]).keeping_the_source();
     let said = refused(bus::over(line, Settings::default()).scan());
     assert!(said.contains("came back as they were sent"), "{said}");
+}
+
+/// A controller without the register of differences, or with receive times alone, is left out when clocks are measured.
+#[test]
+fn clocks_that_cannot_be_measured_are_left_out() {
+    for lacks in [vec![0x092C..0x0930], vec![0x0910..0x0918, 0x0920..0x0A00]] {
+        let line = OddLine::new([drive(), drive().with(|slave| slave.lacks_registers = lacks), drive()]);
+        let (mut network, slaves) = scanned(&line);
+        let measured = clocks::measure(&mut *network, &slaves, Duration::from_millis(100)).expect("it is measured");
+        assert_eq!(measured.iter().map(|clock| (clock.slave, clock.delay_ns)).collect::<Vec<_>>(), [(1, 0), (3, 600)]);
+    }
+}
+
+/// BUS-3.1 A slave whose EEPROM has no general category, and so does not give its CoE services, is asked for its objects.
+/// If it refuses that, the error says that it does not list them.
+#[test]
+fn objects_of_a_slave_without_a_general_category() {
+    let content = sii::Content::new(0x000C).strings(&[b"ODD"]).fmmus(&[1, 2, 3, 0]).managers(&sii::MANAGERS);
+    let line = OddLine::new([drive_of(content.end())]);
+    let (mut network, _) = scanned(&line);
+    assert!(network.object_list(1).expect("a list").contains(&0x6041));
+    let objects = dictionary::objects(&mut *network, 1).expect("a dictionary");
+    assert!(objects.iter().any(|object| object.index == 0x1018));
+    assert!(matches!(network.describe_object(1, 0x5555), Err(BusError::Information { .. })));
+    for code in [0x0800_0023, 0x0601_0000] {
+        line.slave(1, |slave| slave.mailbox.coe.as_mut().expect("objects").refuses_information = Some(code));
+        assert!(refused(network.object_list(1)).contains("does not list its objects"));
+    }
+}
+
+/// Slaves that cannot leave OP by themselves, as another master has left them, are scanned: nobody sends them outputs.
+#[test]
+fn slaves_that_stay_in_op_are_scanned() {
+    let line = OddLine::new([coupler(), terminal(), drive()]);
+    for slave in 1..=2 {
+        line.slave(slave, |slave| slave.memory[0x0130] = 8);
+    }
+    // The sync manager of outputs, with the watchdog, which has expired.
+    line.slave(2, |slave| slave.memory[0x0800..0x0808].copy_from_slice(&[0x00, 0x0F, 1, 0, 0x44, 0, 1, 0]));
+    let (_, slaves) = scanned(&line);
+    let states: Vec<u16> = slaves.iter().map(|slave| slave.found.status.0).collect();
+    assert_eq!(states, [8, 8, 1]);
+    assert_eq!([1, 2].map(|slave| line.slave(slave, |slave| slave.state())), [1, 1]);
 }

@@ -1,11 +1,13 @@
 //! A board over the software master on a network card, with slaves written independently of the models, each odd in its
 //! own way.
 
+use std::collections::BTreeSet;
+
 use ecmsk::engine::{Board, EngineConfig};
-use ecmsk::fieldbus::nic::NicBus;
-use ecmsk::master::Settings;
+use ecmsk::fieldbus::nic::{NicBus, NicWires};
+use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
 use ecmsk::sk::{MasterCommand, MasterState, SlaveCommand, SlaveKind, StateByte};
-use support::odd_line::{OddLine, OddSlave, coupler, drive, drive_of, number, sii, terminal};
+use support::odd_line::{Device, OddLine, OddSlave, coupler, drive, drive_objects, drive_of, number, sii, terminal};
 
 use crate::host::{BOOT_LIMIT, Host};
 
@@ -207,5 +209,146 @@ fn whoever_answers_is_not_said_not_to() {
     for (what, change) in odd {
         let said = failure(vec![drive().with(change)]);
         assert!(!said.contains("does not answer") && !said.contains("power"), "{what}: {said}");
+    }
+}
+
+/// An IO module with CoE and these PDOs, outputs and inputs, whose mapping can be written, with the described entries alone.
+fn module(outputs: &[(u16, &[(u16, u8, u8)])], inputs: &[(u16, &[(u16, u8, u8)])]) -> OddSlave {
+    type Pdos<'a> = [(u16, &'a [(u16, u8, u8)])];
+    let bytes = |pdos: &Pdos<'_>| {
+        let bits: u32 = pdos.iter().flat_map(|(_, entries)| *entries).map(|(.., bits)| u32::from(*bits)).sum();
+        bits.div_ceil(8) as u16
+    };
+    let (out, into) = (bytes(outputs), bytes(inputs));
+    let managers = [
+        sii::MANAGERS[0],
+        sii::MANAGERS[1],
+        (0x1100, out, 0x64, u8::from(out > 0), 3),
+        (0x1180, into, 0x20, u8::from(into > 0), 4),
+    ];
+    let rx: Vec<sii::Pdo<'_>> = outputs.iter().map(|(pdo, entries)| (*pdo, 2, *entries)).collect();
+    let tx: Vec<sii::Pdo<'_>> = inputs.iter().map(|(pdo, entries)| (*pdo, 3, *entries)).collect();
+    let content = sii::Content::new(4).strings(&[b"IO"]).general(1).fmmus(&[1, 2, 3]).managers(&managers);
+    OddSlave::new(content.pdos(50, &tx).pdos(51, &rx).end(), Device::None).with(|slave| {
+        let mut coe = drive_objects();
+        coe.objects.retain(|(index, _), _| !(0x1600..0x1C00).contains(index) && !matches!(index, 0x1C12 | 0x1C13));
+        let entry = |(index, sub, bits): (u16, u8, u8)| u32::from(index) << 16 | u32::from(sub) << 8 | u32::from(bits);
+        let mut mappable = BTreeSet::new();
+        for (assignment, pdos) in [(0x1C12, outputs), (0x1C13, inputs)] {
+            coe.objects.insert((assignment, 0), vec![pdos.len() as u8]);
+            for sub in 1..=4_u8 {
+                let pdo = pdos.get(usize::from(sub) - 1).map_or(0, |(pdo, _)| *pdo);
+                coe.objects.insert((assignment, sub), number(2, pdo.into()));
+            }
+            for (pdo, entries) in pdos {
+                coe.objects.insert((*pdo, 0), vec![entries.len() as u8]);
+                for sub in 1..=16_u8 {
+                    let value = entries.get(usize::from(sub) - 1).map_or(0, |one| entry(*one));
+                    coe.objects.insert((*pdo, sub), number(4, value));
+                    mappable.extend(Some(value).filter(|value| *value != 0));
+                }
+            }
+        }
+        coe.mappable = Some(mappable);
+        slave.mailbox.coe = Some(coe);
+    })
+}
+
+/// NIC-2.23 An IO module whose mapping can be written, but not as the board wants it, has its own mapping again, and
+/// reaches OP with it.
+#[test]
+fn modules_whose_mapping_cannot_be_the_boards() {
+    let bits: [(u16, u8, u8); 8] = std::array::from_fn(|n| (0x6000, n as u8 + 1, 1));
+    let out: [(u16, u8, u8); 8] = std::array::from_fn(|n| (0x7000, n as u8 + 1, 1));
+    let byte = [(0x6000, 1, 8), (0, 0, 8), (0x6010, 1, 8)];
+    let [first, second] = [[(0x6000, 1, 16)], [(0x6010, 1, 16)]];
+    type Pdos<'a> = &'a [(u16, &'a [(u16, u8, u8)])];
+    let modules: [(Pdos<'_>, Pdos<'_>); 4] = [
+        (&[(0x1600, &out)], &[(0x1A00, &bits)]),
+        (&[], &[(0x1A00, &byte)]),
+        // The first PDO can be mapped as the board wants it; there is no output.
+        (&[], &[(0x1A00, &first), (0x1A01, &second)]),
+        (&[], &[(0x1A01, &second), (0x1A00, &first)]),
+    ];
+    for (outputs, inputs) in modules {
+        let line = OddLine::new([module(outputs, inputs)]);
+        let before = line.slave(1, |slave| slave.mailbox.coe.as_ref().expect("objects").mapped(3));
+        let mut host = Host::new(EngineConfig::default(), NicBus::new(line.clone(), Settings::default()));
+        let mut kinds = [SlaveKind::None; 8];
+        kinds[0] = SlaveKind::Io;
+        host.master(MasterCommand::SetAxis { group: 0, kinds });
+        host.go(MasterState::Op).drained();
+        let now = line.slave(1, |slave| slave.mailbox.coe.as_ref().expect("objects").mapped(3));
+        assert_eq!(now, before);
+    }
+}
+
+/// NIC-2.24 A drive that supports other synchronization types than the wanted one is used, whatever its abort code.
+#[test]
+fn drives_that_refuse_a_synchronization_type() {
+    for code in [0x0609_0030, 0x0601_0000, 0x0604_0043, 0x0800_0022] {
+        moves(vec![drive().with(|slave| {
+            let coe = slave.mailbox.coe.as_mut().expect("objects");
+            coe.set(0x1C32, 1, 1);
+            coe.set(0x1C33, 1, 0x22);
+            coe.refuses_sync_types = Some(code);
+        })]);
+    }
+}
+
+/// A scan that fails says why: with too many slaves their number.
+#[test]
+fn a_failed_scan_says_why() {
+    let said = failure((0..41).map(|_| coupler()).collect());
+    assert!(said.contains("41 slaves are connected"), "{said}");
+}
+
+/// A line whose second slave is reached after some frames only, as when it is switched on during the scan.
+struct Growing {
+    line: OddLine,
+    frames: u32,
+}
+
+impl Wire for Growing {
+    fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        self.frames = self.frames.saturating_sub(1);
+        if self.frames == 0 {
+            self.line.reach(2);
+        }
+        self.line.send(frame)
+    }
+
+    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+        self.line.receive(buffer)
+    }
+}
+
+impl NicWires for Growing {
+    fn now(&self) -> u64 {
+        self.line.now()
+    }
+
+    fn wait(&mut self, until: u64) {
+        self.line.wait(until);
+    }
+
+    fn is_real_time(&self) -> bool {
+        false
+    }
+}
+
+/// A slave that comes during the scan is found by a second one, and the board starts.
+#[test]
+fn a_slave_that_comes_during_the_scan() {
+    for frames in [20, 40, 60] {
+        let line = OddLine::new([drive(), drive()]);
+        line.reach(1);
+        let bus = NicBus::new(Growing { line, frames }, Settings::default());
+        let mut board = Board::new(EngineConfig::default(), Box::new(bus));
+        while !board.boot(SLICE) {
+            assert!(!board.engine().state().is_failed(), "{:?}", board.engine().state_failure());
+            assert!(board.now() < BOOT_LIMIT, "not in PreOP");
+        }
+        assert_eq!(board.engine().slaves_found(), 2);
     }
 }

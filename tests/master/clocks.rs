@@ -1,7 +1,7 @@
 //! Distributed clocks: delays, offsets, drift, SYNC0, and cycles that keep step.
 
 use ecmsk::ethercat::registers::{self, Features};
-use ecmsk::ethercat::{AlState, Command, DatagramHeader, FRAME_LEN_MIN, FrameHeader, FrameWriter, Ns};
+use ecmsk::ethercat::{AlState, Command, DatagramHeader, FRAME_LEN_MIN, FrameHeader, FrameWriter, Ns, SlaveSet};
 use ecmsk::master::{Pace, Upstream};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings, HOP_NS};
@@ -196,4 +196,52 @@ fn a_clock_of_32_bits_is_extended() {
         last = time;
     }
     assert!(last > u64::from(u32::MAX));
+}
+
+/// MASTER-6.4 MASTER-7.5 SYNC0 of a clock with 32 bits comes at the multiples of the cycle of the 64 bits in which frames are
+/// paced, however long it has run. A clock with 64 bits that was without power gets the time of such a reference.
+#[test]
+fn clocks_of_32_bits_beside_others() {
+    let features = EscSettings::default().features.without(Features::CLOCK_64_BITS);
+    let short = || slave("drive", EscSettings { features, ..clock(0, 0) });
+    for first_is_short in [true, false] {
+        let [first, second] = if first_is_short {
+            [short(), slave("drive", clock(0, 0))]
+        } else {
+            [slave("drive", clock(0, 0)), short()]
+        };
+        let mut rig = Rig::of(Chain::line([first, second]));
+        rig.net.now = 20 * SECOND;
+        let now = rig.net.now;
+        rig.net.chain.advance(now);
+        rig.scan();
+        let kinds = ["drive", "drive"];
+        rig.bring_to_op_with(&kinds, DriveSync::DcSync);
+        let check = |rig: &mut Rig| {
+            rig.run_for(3 * CYCLE);
+            let paced = rig.last.reference_time.expect("a reference");
+            for n in 0..2 {
+                let of = |time: u64| match first_is_short == (n == 0) {
+                    true => paced.wrapping_add_signed((time as u32).wrapping_sub(paced as u32).cast_signed().into()),
+                    false => time,
+                };
+                let time = of(rig.net.chain.slave(n).controller().system_time_ns());
+                assert!(time.abs_diff(paced) < 2 * CYCLE, "slave {n}: {time} {paced}");
+                let start = of(u64::from_le_bytes(register(rig, n, registers::SYNC0_START)));
+                assert!(start % CYCLE == 0 && start.abs_diff(paced) < 2 * SECOND, "slave {n}: {start} {paced}");
+            }
+        };
+        check(&mut rig);
+        let now = rig.net.now;
+        rig.net.chain.power(1, false, now);
+        rig.run_for(50 * MS);
+        let now = rig.net.now;
+        rig.net.chain.power(1, true, now);
+        rig.run_for(100 * MS);
+        let second: SlaveSet = [2].into_iter().collect();
+        assert_eq!(rig.request(second, AlState::PreOp), Ok(()));
+        rig.map(2, "drive", DriveSync::DcSync);
+        assert_eq!(rig.request(second, AlState::Op), Ok(()));
+        check(&mut rig);
+    }
 }

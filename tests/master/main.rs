@@ -6,7 +6,8 @@
 //! - `clocks.rs`: distributed clocks
 //! - `files.rs`: FoE
 //! - `makers.rs`: EEPROMs, controllers and answers of manufacturers' slaves
-//! - `odd_line.rs`: slaves with an implementation of their own, independent of the models
+//! - `odd_line.rs`, `odd_states.rs`, `odd_clocks.rs`, `odd_answers.rs`: slaves with an implementation of their own,
+//!   independent of the models; `odd_rig.rs`: the master with a wire to them
 //! - `registers.rs`: registers, EEPROM words, single datagrams
 //! - `hostile.rs`: slaves that answer anything
 //! - `faults.rs`: frames that are lost, late, doubled
@@ -24,7 +25,11 @@ mod hostile;
 mod lost;
 mod makers;
 mod objects;
+mod odd_answers;
+mod odd_clocks;
 mod odd_line;
+mod odd_rig;
+mod odd_states;
 mod predecessor;
 mod registers;
 mod rig;

@@ -3,104 +3,11 @@
 use ecmsk::coe::{AbortCode, EntryDescription, EntryRequest, ObjectAddress, ObjectListType, SdoScope, ValueInfo};
 use ecmsk::ethercat::{AlState, SlaveSet};
 use ecmsk::fieldbus::nic::NicWires;
-use ecmsk::master::{
-    CycleDone, Ending, Event, FileError, Job, MailboxError, Master, SdoError, Settings, SiiError, StateReason,
-    SyncSignals,
-};
-use support::odd_line::{Beyond, Change, Device, OddLine, OddSlave, coupler, drive, drive_of, number, sii, terminal};
+use ecmsk::master::{Event, FileError, MailboxError, SdoError, SiiError, StateReason, SyncSignals};
+use support::odd_line::{Beyond, Change, Device, OddSlave, coupler, drive, drive_of, number, sii, terminal};
 
-use super::rig::{CYCLE, MS, SECOND, STEP};
-
-struct Rig {
-    master: Master,
-    line: OddLine,
-    next_cycle: Option<u64>,
-    last: CycleDone,
-}
-
-impl Rig {
-    /// A line whose slaves were found.
-    fn scanned(slaves: impl IntoIterator<Item = OddSlave>) -> Self {
-        let line = OddLine::new(slaves);
-        let master = Master::new(Settings::default());
-        let mut rig = Self { master, line, next_cycle: None, last: CycleDone::default() };
-        rig.scan();
-        rig
-    }
-
-    /// One in PreOP.
-    fn in_preop(slave: OddSlave) -> Self {
-        let mut rig = Self::scanned([slave]);
-        rig.reach(AlState::PreOp);
-        rig
-    }
-
-    fn step(&mut self) {
-        let until = self.line.now() + STEP;
-        while self.line.now() < until {
-            self.line.wait(until);
-            self.master.poll(self.line.now(), &mut self.line);
-        }
-        let now = self.line.now();
-        if self.next_cycle.is_some_and(|next| now >= next) {
-            self.next_cycle = Some(now + CYCLE);
-            self.master.cycle(now, &mut self.line);
-        }
-        self.master.poll(now, &mut self.line);
-        if let Some(done) = self.master.take_cycle() {
-            self.last = done;
-        }
-    }
-
-    fn run_for(&mut self, ns: u64) {
-        let until = self.line.now() + ns;
-        while self.line.now() < until {
-            self.step();
-        }
-    }
-
-    #[track_caller]
-    fn wait<T: Ending>(&mut self, job: Job<T>) -> T {
-        let until = self.line.now() + 600 * SECOND;
-        while self.line.now() < until {
-            self.step();
-            let ended = self.master.ended().next();
-            if let Some(ended) = ended {
-                assert_eq!(ended, job.id(), "another one has ended");
-                return self.master.take(job).expect("it has ended");
-            }
-        }
-        panic!("a job does not end");
-    }
-
-    #[track_caller]
-    fn scan(&mut self) {
-        let id = self.master.scan();
-        assert!(matches!(self.wait(id), Ok(1..)));
-    }
-
-    #[track_caller]
-    fn reach(&mut self, target: AlState) {
-        let all = SlaveSet::first(self.master.slaves().len() as u8);
-        let id = self.master.request_state(all, target, 10 * SECOND);
-        assert_eq!(self.wait(id), Ok(()), "{target:?}");
-    }
-
-    fn upload(&mut self, index: u16, sub: u8) -> Result<Vec<u8>, SdoError> {
-        let id = self.master.upload(1, ObjectAddress::new(index, sub), SdoScope::Entry, SECOND);
-        self.wait(id)
-    }
-
-    fn download(&mut self, index: u16, sub: u8, value: &[u8]) -> Result<(), SdoError> {
-        let id = self.master.download(1, ObjectAddress::new(index, sub), SdoScope::Entry, value, SECOND);
-        self.wait(id)
-    }
-
-    fn read_file(&mut self, name: &str) -> Result<Vec<u8>, FileError> {
-        let id = self.master.read_file(1, name.as_bytes(), 0, SECOND);
-        self.wait(id)
-    }
-}
+use super::odd_rig::Rig;
+use super::rig::{CYCLE, MS, SECOND};
 
 /// A drive with an object of that many bytes at 0x2000.
 fn with_long_object(len: usize) -> OddSlave {

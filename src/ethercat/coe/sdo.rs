@@ -310,9 +310,10 @@ impl<'a> SdoResponse<'a> {
             command::DOWNLOADED_SEGMENT => Ok(Self::DownloadSegment { toggle }),
             command::UPLOADED => {
                 let (object, four, rest) = parts(body)?;
-                let value = value(command, four, rest);
-                let known = value.map(|value| Self::Upload { object, scope: scope_of(command), value });
-                Ok(known.unwrap_or(Self::Unknown(command, &body[1..])))
+                // Some slaves send the size of a longer value without the bit for it.
+                let unsized_first = SdoValuePart::First { size: u32::from_le_bytes(*four), data: rest };
+                let value = value(command, four, rest).unwrap_or(unsized_first);
+                Ok(Self::Upload { object, scope: scope_of(command), value })
             }
             command::DOWNLOADED => {
                 let (object, ..) = parts(body)?;

@@ -190,6 +190,7 @@ impl OneSlave {
         for download in data.downloads(sync) {
             let Err(code) = self.write(&download).await? else { continue };
             if may_keep_its_own && download.is_mapping() {
+                self.restore_mapping(data.downloads(sync).up_to(&download)).await?;
                 return self.assign_its_own().await;
             }
             return Err(self.refused(&download, code));
@@ -214,6 +215,23 @@ impl OneSlave {
 
     async fn manager_use(&self, sub: u8) -> Result<u8, Refusal> {
         Ok(self.read(ObjectAddress::new(MANAGER_USES, sub)).await?.unwrap_or(0) as u8)
+    }
+
+    /// Maps the objects that the EEPROM gives into the PDOs that `tried` has mapped anew: the slave has refused a later
+    /// download. A PDO that cannot be emptied is fixed and has its objects still. Other aborts are no error either: the
+    /// slave refuses SafeOP if its process data do not have their lengths.
+    async fn restore_mapping(&self, tried: impl Iterator<Item = Download>) -> Result<(), Refusal> {
+        for pdo in tried.filter(Download::empties_pdo).map(|download| download.object.index) {
+            let Some(entries) = self.master.lock().slave(self.slave).and_then(|info| info.pdo_entries(pdo)) else {
+                continue;
+            };
+            for download in Download::mapping(pdo, &entries) {
+                if self.send(&download).await?.is_err() && download.empties_pdo() {
+                    break;
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Assigns the slave's default PDOs, which its EEPROM names, to the sync managers: the slave has refused the
@@ -258,17 +276,25 @@ impl OneSlave {
 
     /// Writes an object. An abort is no error if the slave may lack the object, if the object already has the wanted value, or
     /// if the download only clears a list. Any other abort code is the inner error.
+    ///
+    /// \[OURS] Neither is any abort of a synchronization type. Slaves abort types that they do not support with various
+    /// codes, some support others only, and not every master writes these objects. If SYNC0 does not fit, the slave
+    /// refuses SafeOP or OP and says why.
     async fn write(&self, download: &Download) -> Result<Result<(), AbortCode>, Refusal> {
+        Ok(match self.send(download).await? {
+            Err(code) if download.may_fail_with(code) || download.is_sync_type() => Ok(()),
+            Err(code) if !download.may_be_fixed() => Err(code),
+            Err(code) if !download.takes_away() && !self.holds(self.object(download), download).await? => Err(code),
+            _ => Ok(()),
+        })
+    }
+
+    /// Writes an object. Any abort code is the inner error.
+    async fn send(&self, download: &Download) -> Result<Result<(), AbortCode>, Refusal> {
         let object = self.object(download);
         let bytes = &download.value.to_le_bytes()[..usize::from(download.size.bytes())];
         let start = |master: &mut Master| master.download(self.slave, object, SdoScope::Entry, bytes, SDO_TIMEOUT_NS);
-        let written = self.transfer(object, start).await?;
-        Ok(match written {
-            Err(code) if download.may_fail_with(code) => Ok(()),
-            Err(code) if !download.may_be_fixed() => Err(code),
-            Err(code) if !download.takes_away() && !self.holds(object, download).await? => Err(code),
-            _ => Ok(()),
-        })
+        self.transfer(object, start).await
     }
 
     /// Whether an abort of the download `wanted` is no error: the object already has the value, or is one that the

@@ -12,7 +12,11 @@ use crate::sk::CycleTime;
 
 /// A running job of the bus.
 pub(super) enum Running {
-    Scan(master::Job<Result<u8, ScanError>>),
+    Scan {
+        job: master::Job<Result<u8, ScanError>>,
+        /// Whether this is the second scan of the job, after a first one that was disturbed.
+        is_second: bool,
+    },
     Configure(Box<Configuring>),
     State(Change),
 }
@@ -81,7 +85,7 @@ impl<W: NicWires> NicBus<W> {
         self.job = match job {
             Job::Scan => {
                 self.forget_slaves();
-                Some(Running::Scan(self.master.lock().scan()))
+                Some(Running::Scan { job: self.master.lock().scan(), is_second: false })
             }
             Job::Configure(config) => {
                 self.set_cycle(config.cycle);
@@ -160,7 +164,7 @@ impl<W: NicWires> NicBus<W> {
     /// Cancels a running job. The slots of a configuration are kept for the next one.
     pub(super) fn give_up(&mut self, job: Running) {
         match job {
-            Running::Scan(job) => self.master.lock().cancel(job),
+            Running::Scan { job, .. } => self.master.lock().cancel(job),
             Running::State(change) => {
                 self.stay_in_op(&change);
                 change.job.into_iter().for_each(|job| self.master.lock().cancel(job));
@@ -209,10 +213,19 @@ impl<W: NicWires> NicBus<W> {
         let mut master = self.master.lock();
         while master.take_event().is_some() {}
         match self.job {
-            Some(Running::Scan(scan)) => {
-                let Some(found) = master.take(scan) else { return };
-                (self.job, self.found) = (None, found.unwrap_or(0));
-                self.job_done = Some(JobDone::Scan { found: self.found });
+            Some(Running::Scan { job, is_second }) => {
+                let Some(ended) = master.take(job) else { return };
+                (self.job, self.found) = (None, ended.unwrap_or(0));
+                self.job_done = match ended {
+                    Ok(found) => Some(JobDone::Scan { found }),
+                    // Slaves that are just switched on change their number and lose frames for a moment. \[OURS] One more
+                    // scan is enough for that.
+                    Err(ScanError::Lost | ScanError::Changed { .. }) if !is_second => {
+                        self.job = Some(Running::Scan { job: master.scan(), is_second: true });
+                        None
+                    }
+                    Err(error) => Some(JobDone::NotScanned(error)),
+                };
             }
             Some(Running::State(change)) => {
                 let Some(ended) = change.job.and_then(|job| master.take(job)) else { return };

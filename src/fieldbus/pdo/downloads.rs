@@ -86,6 +86,20 @@ impl Download {
         self.object.index == SYNC_TYPES[0] || self.object.index == SYNC_TYPES[1]
     }
 
+    /// Whether this download empties the mapping of a PDO, before the downloads that fill it.
+    pub const fn empties_pdo(&self) -> bool {
+        self.direction().is_some() && !self.is_assignment() && self.takes_away()
+    }
+
+    /// The downloads that map these entries into a PDO. An entry has index, sub-index and bits, as in the mapping object.
+    pub fn mapping(pdo: u16, entries: &[u32]) -> Vec<Self> {
+        let number = |count| Self::new(pdo, 0, SdoSize::One, count);
+        let entry = |(sub, entry): (u8, &u32)| Self::new(pdo, sub, SdoSize::Four, *entry);
+        let entries: Vec<Self> = (1..=u8::MAX).zip(entries).map(entry).collect();
+        let count = entries.len() as u32;
+        std::iter::once(number(0)).chain(entries).chain([number(count)]).collect()
+    }
+
     /// The downloads that assign these PDOs for outputs and for inputs, without changing their entries. A slave may lack
     /// the assignment objects, or have them as constants.
     pub fn assigning(outputs: &[u16], inputs: &[u16]) -> Vec<Self> {
@@ -241,6 +255,12 @@ impl Downloads {
             downloads.push(Download { optional: true, ..Download::new(index, 1, SdoSize::Two, sync_type) });
         }
         downloads
+    }
+
+    /// The downloads from the first one to `last`.
+    pub fn up_to(self, last: &Download) -> impl Iterator<Item = Download> + use<> {
+        let count = self.list[..self.len].iter().position(|download| download == last).map_or(self.len, |at| at + 1);
+        self.into_iter().take(count)
     }
 
     /// The contents of the mapping and assignment objects after these downloads.

@@ -66,7 +66,7 @@ impl Model for Dp3cl {
     }
 
     /// The values of the slave controller's registers from the manual. The manual does not mention emergencies, so there
-    /// are none \[OURS]. The clock has 64 bits, although the feature register says 32 \[OURS].
+    /// are none \[OURS]. The clock has 32 bits, as the feature register says.
     fn controller_settings(&self) -> EscSettings {
         EscSettings {
             controller_type: 0x04,

@@ -196,6 +196,7 @@ impl Application {
     /// Called after a frame and when time has passed.
     pub(super) fn advance(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) -> Change {
         if let Some((control, _)) = self.requested.take_if(|(_, due)| *due <= now) {
+            controller.note_al_control_read();
             let change = self.handle(control, now, controller, device);
             if change != Change::None {
                 return change;

@@ -76,6 +76,8 @@ pub struct Controller {
     /// none.
     permanent_loops: u8,
     temporary_until: Option<Ns>,
+    /// Whether the device has not read AL control since the master has written it. Until then it takes no further write.
+    is_al_control_unread: bool,
     /// The number of bytes of the reset sequence, `RES` to register 0x0040, received so far.
     reset_progress: usize,
     /// A reusable buffer for combining the data of a datagram with those of the memory.
@@ -107,6 +109,7 @@ impl Controller {
             open: [false; PORTS],
             permanent_loops: 0,
             temporary_until: None,
+            is_al_control_unread: false,
             reset_progress: 0,
             scratch: Vec::with_capacity(2048),
             settings,
@@ -126,6 +129,7 @@ impl Controller {
         self.sync = SyncUnit::default();
         self.events = ControllerEvents::default();
         self.is_set_anew = true;
+        self.is_al_control_unread = false;
         self.reset_progress = 0;
         self.opened = [true; PORTS];
         let settings = &self.settings;
@@ -179,6 +183,15 @@ impl Controller {
 
     fn has_clock(&self) -> bool {
         self.settings.features.contains(registers::Features::CLOCK)
+    }
+
+    /// A time as registers of 8 bytes show it: a clock of 32 bits has no upper half.
+    fn shown_time(&self, time: u64) -> u64 {
+        if self.has_long_clock() { time } else { u64::from(time as u32) }
+    }
+
+    fn has_long_clock(&self) -> bool {
+        self.settings.features.contains(registers::Features::CLOCK_64_BITS)
     }
 
     /// The settings of the controller.
@@ -380,6 +393,11 @@ impl Controller {
     /// The value of AL control that the master has written.
     pub(super) fn al_control(&self) -> AlControl {
         AlControl(self.memory.u16(AL_CONTROL))
+    }
+
+    /// Notes that the device has read AL control, so that the master can write it again.
+    pub(super) const fn note_al_control_read(&mut self) {
+        self.is_al_control_unread = false;
     }
 
     /// Sets AL status and AL status code, and raises the event of a changed AL status for the master.

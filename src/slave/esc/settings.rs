@@ -47,7 +47,8 @@ pub struct EscSettings {
     pub drift_ppb: i32,
     /// The device identification, which a master requests by AL control; 0: none, and such a request is ignored.
     pub device_id: u16,
-    /// The duration of a change of the AL state, ns.
+    /// The duration of a change of the AL state, ns: how long the device takes to read AL control. Until then the controller
+    /// refuses further writes to it, except with device emulation.
     pub state_change_ns: Ns,
     /// Whether the device reports its errors by emergencies. Some masters mistake an emergency for an SDO response.
     pub emergencies: bool,

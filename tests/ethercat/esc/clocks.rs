@@ -280,6 +280,29 @@ fn further_bits_of_the_activation() {
     assert_eq!(rig.read(FIRST, registers::SYNC0_STATUS, 2), [0, 0]);
 }
 
+/// ECAT-13.10 A clock of 32 bits shows no upper halves. Its SYNC0 starts when the lower half of the start time is reached.
+#[test]
+fn a_clock_of_32_bits() {
+    let features = EscSettings::default().features.without(registers::Features::CLOCK_64_BITS);
+    let settings = EscSettings { features, ..clock((7 << 32) - 3 * MS, 0) };
+    let mut rig = Rig::with_stations([drive(settings)]);
+    for _ in 0..2 {
+        rig.one(Command::Bwr, 0, registers::RECEIVE_TIMES, &[0; 4]);
+        for register in [registers::SYSTEM_TIME, registers::RECEIVE_TIME_UNIT] {
+            assert!(rig.read_u64(FIRST, register) <= u32::MAX.into());
+        }
+        rig.now += 5 * MS;
+    }
+    let start = rig.read_u64(FIRST, registers::SYSTEM_TIME) + 10 * MS;
+    rig.write(FIRST, registers::SYNC0_START, &(start | 0x1234 << 32).to_le_bytes());
+    rig.write(FIRST, registers::SYNC0_CYCLE, &1_000_000_u32.to_le_bytes());
+    rig.write(FIRST, registers::SYNC_ACTIVATION, &[3]);
+    assert_eq!(rig.read_u64(FIRST, registers::SYNC0_START), start);
+    rig.now += 12 * MS;
+    let next = rig.read_u64(FIRST, registers::SYNC0_START);
+    assert!((start + 2 * MS..start + 4 * MS).contains(&next) && (next - start).is_multiple_of(MS), "{start} {next}");
+}
+
 /// ECAT-13.9 With bit 0 of 0x0980 the unit belongs to the slave's own controller: the master cannot write its settings.
 #[test]
 fn a_unit_of_the_slaves_own_controller() {

@@ -236,6 +236,23 @@ fn a_change_of_state_takes_its_time() {
     assert_eq!(rig.al_status(FIRST), (0x02, AlStatus::NONE));
 }
 
+/// ECAT-11.8 Until the device has read AL control, the controller refuses further writes to it; not with device emulation.
+#[test]
+fn al_control_is_read_before_it_is_written_again() {
+    let mut rig = Rig::with_stations([drive(EscSettings { state_change_ns: 5 * MS, ..EscSettings::default() })]);
+    rig.set_mailbox(FIRST);
+    let ask = |rig: &mut Rig, state| rig.one(Command::Fpwr, FIRST, registers::AL_CONTROL, &[state, 0]).wkc;
+    assert_eq!([2, 4].map(|state| ask(&mut rig, state)), [1, 0]);
+    rig.now += 4 * MS;
+    assert_eq!(ask(&mut rig, 1), 0);
+    rig.now += MS;
+    assert_eq!(rig.al_status(FIRST), (0x02, AlStatus::NONE));
+    assert_eq!(ask(&mut rig, 1), 1);
+    let settings = EscSettings { state_change_ns: 5 * MS, pdi_control: 0x0105, ..EscSettings::default() };
+    let mut rig = Rig::with_stations([drive(settings)]);
+    assert_eq!([2, 4].map(|state| ask(&mut rig, state)), [1, 1]);
+}
+
 /// ECAT-11.9 The identification is shown as AL status code while a master asks for it.
 #[test]
 fn the_identification_is_told() {

@@ -53,6 +53,10 @@ async fn ask(
             Ok(CoeMessage::Information(fragment)) => fragment,
             // Some slaves refuse SDO information by an SDO abort.
             Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code })) if object != FIRST_OBJECT => {
+                // It may answer a transfer that was given up.
+                if mailbox.leaves_out() {
+                    continue;
+                }
                 return Err(SdoError::Abort(code));
             }
             Ok(_) => continue,
@@ -67,7 +71,8 @@ async fn ask(
             }
             return Err(MailboxError::WrongAnswer.into());
         }
-        // Each fragment states how many fragments are left, so this number must count down.
+        // Each fragment states how many fragments are left, so this number must count down. Some slaves show by it alone
+        // that fragments are left, without the bit "incomplete".
         if expected.is_some_and(|expected| expected != fragment.left) {
             return Err(MailboxError::WrongAnswer.into());
         }
@@ -76,7 +81,7 @@ async fn ask(
             return Err(SdoError::Abort(AbortCode::OUT_OF_MEMORY));
         }
         let (incomplete, left) = (fragment.incomplete, fragment.left);
-        if !incomplete {
+        if !incomplete && left == 0 {
             return Ok(answer);
         }
         expected = left.checked_sub(1);

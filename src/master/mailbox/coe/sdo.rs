@@ -9,7 +9,7 @@ use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
 use crate::ethercat::sii::MailboxProtocols;
 use crate::master::bus::Bus;
 use crate::master::handle::{End, Ending};
-use crate::master::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
+use crate::master::mailbox::{Mailbox, MailboxError, Peer};
 
 /// \[OURS] The longest value, answer of SDO information, or file that the master reads, bytes.
 pub const VALUE_BYTES_MAX: usize = 0x10_0000;
@@ -85,16 +85,18 @@ impl Sdo {
                 Err(error) => return Err(error.into()),
             };
             let wrong = match CoeMessage::decode(data) {
-                // A late answer to the first request to this mailbox, for which the master waits only a short time.
-                Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code }))
-                    if object == FIRST_OBJECT && object != self.object =>
-                {
-                    code
-                }
-                Ok(CoeMessage::SdoRequest(SdoRequest::Abort { code, .. })) => return Err(SdoError::Abort(code)),
-                Ok(CoeMessage::SdoResponse(response)) => {
-                    if let Some(code) = abort_in(response) {
+                Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code })) => {
+                    if self.is_for_this(object) {
                         return Err(SdoError::Abort(code));
+                    }
+                    continue;
+                }
+                Ok(CoeMessage::SdoResponse(response)) => {
+                    if let Some((object, code)) = abort_in(response) {
+                        if self.is_for_this(object) {
+                            return Err(SdoError::Abort(code));
+                        }
+                        continue;
                     }
                     match take(response) {
                         Ok(taken) => {
@@ -112,6 +114,12 @@ impl Sdo {
                 return self.fail(wrong).await;
             }
         }
+    }
+
+    /// Whether an abort belongs to this transfer. One of another object may answer a request that was given up. If no such
+    /// answer is awaited, the slave names its objects otherwise than the standard says: some abort segments with 0x0000:0.
+    fn is_for_this(&mut self, object: ObjectAddress) -> bool {
+        object == self.object || !self.mailbox.leaves_out()
     }
 
     /// Tells the slave that the transfer is aborted.
@@ -132,13 +140,13 @@ impl Sdo {
     }
 }
 
-/// The abort code in a response: some slaves send an abort with the mailbox service of responses.
-fn abort_in(response: SdoResponse<'_>) -> Option<AbortCode> {
+/// The object and code of an abort in a response: some slaves send an abort with the mailbox service of responses.
+fn abort_in(response: SdoResponse<'_>) -> Option<(ObjectAddress, AbortCode)> {
     let SdoResponse::Unknown(command, rest) = response else { return None };
     let mut whole = [command, 0, 0, 0, 0, 0, 0, 0];
     whole[1..].copy_from_slice(rest.first_chunk::<7>()?);
     match SdoRequest::decode(&whole) {
-        Ok(SdoRequest::Abort { code, .. }) => Some(code),
+        Ok(SdoRequest::Abort { object, code }) => Some((object, code)),
         _ => None,
     }
 }

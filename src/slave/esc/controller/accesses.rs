@@ -93,14 +93,14 @@ impl Controller {
         if !self.has_clock() || address >= clock.end || address + len <= clock.start {
             return;
         }
-        self.memory.set_u64(registers::SYSTEM_TIME, self.clock.system_for_network());
+        self.memory.set_u64(registers::SYSTEM_TIME, self.shown_time(self.clock.system_for_network()));
         self.memory.set_u32(registers::SYSTEM_TIME_DIFFERENCE, self.clock.shown_difference().0);
         if self.sync.is_running() {
             let (next0, next1) = self.sync.shown();
             if let Some(next0) = next0 {
-                self.memory.set_u64(registers::SYNC0_START, next0);
+                self.memory.set_u64(registers::SYNC0_START, self.shown_time(next0));
             }
-            self.memory.set_u64(registers::SYNC1_NEXT, next1.unwrap_or(0));
+            self.memory.set_u64(registers::SYNC1_NEXT, self.shown_time(next1.unwrap_or(0)));
         }
         self.memory.set_u8(registers::SYNC_ACTIVATION_STATUS, self.sync.pending());
     }
@@ -157,6 +157,7 @@ impl Controller {
                     self.managers.write_register((at - managers.start) as u16, *byte, &mut self.memory);
                 }
                 ByteAccess::Write if EEPROM_COMMANDS.contains(&at) && !eeprom_is_free => continue,
+                ByteAccess::Write if self.is_al_control_unread && touches(at, 1, AL_CONTROL, 2) => continue,
                 ByteAccess::Write if is_trigger(at) || self.is_devices_unit(at) => {}
                 ByteAccess::Write => {
                     self.memory.slice_mut(at, 1)[0] = *byte;
@@ -214,7 +215,8 @@ impl Controller {
         if hits(DL_CONTROL, 4) {
             self.control_loops();
         }
-        if hits(AL_CONTROL, 2) {
+        if hits(AL_CONTROL, 2) && !self.is_al_control_unread {
+            self.is_al_control_unread = !self.is_device_emulated();
             self.events.al_control = true;
             self.raise_for_device(AlEvents::AL_CONTROL);
         }
@@ -296,8 +298,11 @@ impl Controller {
             let activation = if is_auto { activation | SyncActivation::ACTIVATE } else { activation };
             self.memory.set_u8(registers::SYNC_ACTIVATION, activation.0);
             let cycles = (self.sync0_cycle_ns(), self.memory.u32(registers::SYNC1_CYCLE));
-            let start = self.memory.u64(registers::SYNC0_START);
-            self.sync.activate(activation, start, self.clock.system(), cycles);
+            let (start, now) = (self.memory.u64(registers::SYNC0_START), self.clock.system());
+            // A clock of 32 bits reaches each start time within 4.3 s.
+            let ahead = u64::from((start as u32).wrapping_sub(now as u32));
+            let start = if self.has_long_clock() { start } else { now.wrapping_add(ahead) };
+            self.sync.activate(activation, start, now, cycles);
             self.events.sync_changed = true;
         }
     }
@@ -341,7 +346,7 @@ impl Controller {
         let arrival = self.clock.local();
         let is_reverse = self.memory.u8(registers::RECEIVE_TIME_LATCH_MODE) & LATCH_REVERSE != 0;
         let passed = if is_reverse { self.arrival_before } else { self.arrival };
-        self.memory.set_u64(registers::RECEIVE_TIME_UNIT, arrival);
+        self.memory.set_u64(registers::RECEIVE_TIME_UNIT, self.shown_time(arrival));
         self.memory.set_u32(registers::RECEIVE_TIMES, arrival as u32);
         for (port, returns_ns) in (1..).zip(self.returns) {
             if let Some(returns_ns) = returns_ns {

@@ -18,6 +18,8 @@ pub struct Clock {
     pub ppm: f64,
     /// The local time at the start, ns.
     pub base: u64,
+    /// The clock has 32 bits: the upper halves of its times read 0.
+    pub is_short: bool,
     /// The receive times of the ports are swapped, although the frame takes its usual way.
     pub swaps_times: bool,
     /// The correction up to `at`, ns, and its rate of change.
@@ -35,6 +37,7 @@ impl Default for Clock {
         Self {
             ppm: 0.0,
             base: 0x0012_3456_789A,
+            is_short: false,
             swaps_times: false,
             slewed: 0.0,
             speed: 0.0,
@@ -78,9 +81,15 @@ impl OddSlave {
         Some(self.clock.as_ref()?.local(at).wrapping_add(offset).wrapping_sub(delay.into()))
     }
 
+    /// A time as a register of 8 bytes shows it.
+    fn shown(&self, time: u64) -> [u8; 8] {
+        let is_short = self.clock.as_ref().is_some_and(|clock| clock.is_short);
+        if is_short { u64::from(time as u32) } else { time }.to_le_bytes()
+    }
+
     pub(super) fn show_time(&mut self) {
         if let Some(time) = self.system_time(self.now) {
-            self.put(0x0910, &time.to_le_bytes());
+            self.put(0x0910, &self.shown(time));
         }
     }
 
@@ -99,7 +108,7 @@ impl OddSlave {
                 self.put(0x0900 + 4 * n, &(time as u32).to_le_bytes());
             }
         }
-        self.put(0x0918, &unit.to_le_bytes());
+        self.put(0x0918, &self.shown(unit));
     }
 
     /// Takes the time of the reference.

@@ -17,8 +17,16 @@ pub struct Coe {
     pub read_only: BTreeSet<u16>,
     /// The abort code for writes of assignment and mapping, if these are fixed.
     pub fixed: Option<u32>,
+    /// The only entries that can be mapped; others are refused, also where the mapping is not fixed. `None`: all can be.
+    pub mappable: Option<BTreeSet<u32>>,
+    /// The abort code for writes of synchronization types, if the slave does not support the wanted ones.
+    pub refuses_sync_types: Option<u32>,
     /// The slave has no complete access.
     pub lacks_complete: bool,
+    /// Fragments of SDO information do not have the bit for more to come.
+    pub marks_no_fragments: bool,
+    /// The slave refuses SDO information, with this code.
+    pub refuses_information: Option<u32>,
     /// The slave aborts with the service of answers.
     pub aborts_as_answer: bool,
     transfer: Option<Transfer>,
@@ -39,6 +47,7 @@ const TOGGLE: u32 = 0x0503_0000;
 const COMMAND: u32 = 0x0504_0001;
 const LENGTH: u32 = 0x0607_0010;
 const COUNT_FIRST: u32 = 0x0601_0003;
+const NOT_MAPPABLE: u32 = 0x0604_0041;
 
 impl Coe {
     /// A value.
@@ -208,6 +217,9 @@ impl Coe {
         if let Some(code) = self.fixed.filter(|_| is_mapping) {
             return Some(code);
         }
+        if let Some(code) = self.refuses_sync_types.filter(|_| matches!(at, (0x1C32 | 0x1C33, 1))) {
+            return Some(code);
+        }
         if !self.objects.contains_key(&at) {
             let has_index = self.objects.keys().any(|(other, _)| *other == at.0);
             return Some(if has_index { NO_SUB_INDEX } else { NO_OBJECT });
@@ -228,6 +240,11 @@ impl Coe {
     fn store(&mut self, at: (u16, u8), value: Vec<u8>, state: u8) -> Option<Vec<u8>> {
         if let Some(code) = self.refusal(at, value.len(), state) {
             return self.abort(at, code);
+        }
+        let is_entry = (0x1600..0x1C00).contains(&at.0) && at.1 > 0;
+        let entry = value.first_chunk().map(|four| u32::from_le_bytes(*four));
+        if is_entry && entry.is_some_and(|entry| self.mappable.as_ref().is_some_and(|all| !all.contains(&entry))) {
+            return self.abort(at, NOT_MAPPABLE);
         }
         self.written.push((at.0, at.1, value.clone()));
         self.objects.insert(at, value);

@@ -1,5 +1,7 @@
 //! A slave controller: datagrams and registers.
 
+use std::ops::Range;
+
 use super::{Clock, Device, Eeprom, Mailbox, Ns, States};
 
 /// Registers, and 8 KiB of RAM behind them.
@@ -19,6 +21,8 @@ pub struct OddSlave {
     pub mailbox: Mailbox,
     /// The distributed clock; `None`: the slave has none.
     pub clock: Option<Clock>,
+    /// Registers of the clock that the controller does not have.
+    pub lacks_registers: Vec<Range<usize>>,
     /// The device behind the controller.
     pub device: Device,
     /// The cables at IN and OUT are swapped.
@@ -43,6 +47,7 @@ impl OddSlave {
             states: States::default(),
             mailbox: Mailbox::default(),
             clock: Some(Clock::default()),
+            lacks_registers: Vec::new(),
             device,
             is_swapped: false,
             has_closed_ports: false,
@@ -66,7 +71,12 @@ impl OddSlave {
     fn switch_on(&mut self) {
         self.memory.fill(0);
         self.memory[..8].copy_from_slice(&[0x11, 0, 2, 0, UNITS as u8, UNITS as u8, 8, 0x0F]);
-        self.put(0x0008, &if self.clock.is_some() { 0x00CC_u16 } else { 0x00C0 }.to_le_bytes());
+        let features: u16 = match &self.clock {
+            None => 0x00C0,
+            Some(clock) if clock.is_short => 0x00C4,
+            Some(_) => 0x00CC,
+        };
+        self.put(0x0008, &features.to_le_bytes());
         self.put(0x0100, &0x0007_C001_u32.to_le_bytes());
         self.put(0x0110, &0x5611_u16.to_le_bytes());
         self.put(0x0120, &[1]);
@@ -163,6 +173,7 @@ impl OddSlave {
         match at {
             0x0600..0x0800 => at < 0x0600 + 16 * UNITS,
             0x0800..0x0900 => at < 0x0800 + 8 * UNITS,
+            0x0900..0x0A00 if self.lacks_registers.iter().any(|block| block.contains(&at)) => false,
             0x0900..0x0A00 => self.clock.is_some(),
             _ => at + len <= MEMORY,
         }
@@ -200,6 +211,9 @@ impl OddSlave {
         }
         let covers = |register: usize| (at..at + len).contains(&register);
         if covers(0x0502) && at < 0x0510 && self.is_eeprom_kept() {
+            return false;
+        }
+        if covers(0x0120) && self.refuses_requests() {
             return false;
         }
         if covers(0x0900) {

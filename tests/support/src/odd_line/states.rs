@@ -1,6 +1,6 @@
 //! The AL state machine: steps, refusals, the watchdog.
 
-use super::{Device, Ns, OddSlave};
+use super::{Ns, OddSlave};
 
 const INIT: u8 = 1;
 const PREOP: u8 = 2;
@@ -17,8 +17,17 @@ pub struct States {
     pub copies_control: bool,
     /// Duration of a step, ns.
     pub takes_ns: Ns,
+    /// How often the firmware reads AL control, ns; 0: at once. Until then the controller refuses further writes to it.
+    pub polls_ns: Ns,
+    /// On its way down from OP the slave shows SafeOP for so long, ns.
+    pub passes_safeop_ns: Ns,
+    /// The slave ignores that many requests for a lower state: each time it goes to SafeOP by itself first, as if its
+    /// watchdog had expired.
+    pub expires_first: u32,
     /// States that are refused, with their AL status codes.
     pub refuses: Vec<(u8, u16)>,
+    /// A request that the firmware has not read yet, and the time at which it does.
+    unread: Option<(u8, Ns)>,
     /// The step under way: its target state, and the time of its end.
     step: Option<(u8, Ns)>,
     /// All requests so far.
@@ -50,11 +59,28 @@ impl OddSlave {
         self.show(state, code);
     }
 
+    /// Whether the controller refuses writes to AL control, because the firmware has not read the last one.
+    pub(super) const fn refuses_requests(&self) -> bool {
+        self.states.unread.is_some()
+    }
+
     pub(super) fn ask_for_state(&mut self, control: u8) {
         self.states.requests.push(control);
         if self.states.copies_control {
             self.memory[0x0130] = control & 0x1F;
             return;
+        }
+        match self.states.polls_ns {
+            0 => self.read_request(control),
+            polls_ns => self.states.unread = Some((control, (self.now / polls_ns + 1) * polls_ns)),
+        }
+    }
+
+    fn read_request(&mut self, control: u8) {
+        let asked = control & 0x0F;
+        if asked < self.state() && self.states.expires_first > 0 {
+            self.states.expires_first -= 1;
+            self.fall(SAFEOP, 0x001B);
         }
         let (asked, now) = (control & 0x0F, self.memory[0x0130]);
         if now & BIT_4 != 0 && control & BIT_4 == 0 && asked != INIT {
@@ -67,10 +93,17 @@ impl OddSlave {
             self.outputs_at = None;
         }
         self.states.step = Some((asked, self.now + self.states.takes_ns));
+        if self.state() == OP && asked < SAFEOP && self.states.passes_safeop_ns > 0 {
+            self.show(SAFEOP, 0);
+            self.states.step = Some((asked, self.now + self.states.passes_safeop_ns));
+        }
         self.advance_state();
     }
 
     pub(super) fn advance_state(&mut self) {
+        if let Some((control, _)) = self.states.unread.take_if(|(_, at)| *at <= self.now) {
+            self.read_request(control);
+        }
         if let Some((to, at)) = self.states.step
             && self.now >= at
         {
@@ -131,8 +164,7 @@ impl OddSlave {
     }
 
     fn check_process_data(&self) -> Result<(), u16> {
-        let Device::Drive(_) = &self.device else { return Ok(()) };
-        let coe = self.mailbox.coe.as_ref().expect("a drive has objects");
+        let Some(coe) = &self.mailbox.coe else { return Ok(()) };
         let [outputs, inputs] = coe.process_managers();
         for (n, is_written, code) in [(inputs, false, 0x001E), (outputs, true, 0x001D)] {
             let (wanted, manager) = (coe.mapped_bytes(n), self.manager(n));

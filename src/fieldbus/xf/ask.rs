@@ -5,7 +5,7 @@ use crate::ethercat::{AlState, Ns};
 use crate::fieldbus::pdo::MappingImage;
 use crate::xf::host::{Host, HostError, Ticket};
 use crate::xf::request::{
-    DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, GpioMode, GpioPull,
+    ConfigMap, DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, GpioMode, GpioPull,
     GpioSetMode, Reconfig, ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet,
     SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
 };
@@ -62,7 +62,10 @@ pub(super) enum Ask {
         pdo: u16,
         timeout_ns: Ns,
     },
+    /// Lays out the process data in the chip's process image.
     Reconfig,
+    /// The same for slaves that fall back to their default process data with [`Self::Reconfig`] (XF ZH 410).
+    ConfigMap,
     /// Makes those GPIO pins of the chip outputs whose bits are set: bit k is pin k.
     OutputPins(u16),
     RxEntries(u8),
@@ -124,6 +127,7 @@ impl Ask {
                 host.submit_within(now, &request, timeout_ns.saturating_add(COMMAND_NS))
             }
             Self::Reconfig => host.submit_within(now, &Reconfig, COMMAND_NS),
+            Self::ConfigMap => host.submit_within(now, &ConfigMap, COMMAND_NS),
             Self::OutputPins(pins) => host.submit(now, &output_pins(pins)),
             Self::RxEntries(entries) => host.submit(now, &FifoSetRxCount { entries }),
             Self::TxEntries(entries) => host.submit(now, &FifoSetTxCount { entries }),
@@ -196,6 +200,7 @@ impl Asked {
                 done(host.take(ticket, &request)?)
             }
             Ask::Reconfig => done(host.take(ticket, &Reconfig)?),
+            Ask::ConfigMap => done(host.take(ticket, &ConfigMap)?),
             Ask::OutputPins(pins) => done(host.take(ticket, &output_pins(pins))?),
             Ask::RxEntries(entries) => done(host.take(ticket, &FifoSetRxCount { entries })?),
             Ask::TxEntries(entries) => done(host.take(ticket, &FifoSetTxCount { entries })?),

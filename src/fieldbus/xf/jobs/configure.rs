@@ -191,7 +191,10 @@ impl<W: Wires> Steps<W> {
     async fn write(&self, slave: u8, downloads: Downloads, mapped: Mapped) -> Result<(), Refusal> {
         for download in downloads.into_iter().filter(|download| !mapped.has(download)) {
             if download.direction().is_some() {
-                self.with(|bus| bus.network.forget_objects(slave));
+                self.with(|bus| {
+                    bus.network.forget_objects(slave);
+                    bus.network.remapped.insert(slave);
+                });
             }
             let Download { object, size, value, .. } = download;
             let Err(error) = self.ask(Ask::Download { slave, object, size, value, timeout_ns: SDO_NS }).await else {
@@ -238,9 +241,21 @@ impl<W: Wires> Steps<W> {
             bus.part = Part::LaysOut;
             bus.network.found
         });
-        if self.ask(Ask::Reconfig).await.is_err() {
-            let slave = config.selected.iter().next().unwrap_or(1);
-            return Err(Refusal::of(slave, AlStatus::INVALID_OUTPUTS));
+        loop {
+            let falls_back = self.with(|bus| bus.network.falls_back);
+            if self.ask(if falls_back { Ask::ConfigMap } else { Ask::Reconfig }).await.is_err() {
+                let slave = config.selected.iter().next().unwrap_or(1);
+                return Err(Refusal::of(slave, AlStatus::INVALID_OUTPUTS));
+            }
+            let Some(slave) = self.map_again(is_ahead).await? else { break };
+            self.with(|bus| bus.network.falls_back = true);
+            if is_ahead {
+                break;
+            }
+            if falls_back {
+                // The slave has fallen back with CONFIG_MAP, too: it would take its outputs for those of other objects.
+                return Err(Refusal::of(slave, AlStatus::INVALID_OUTPUTS));
+            }
         }
         for slave in 1..=found {
             let outputs = self.ask(Ask::Info(slave, SlaveInfoItem::OutputBytes)).await.unwrap_or(0) as usize;
@@ -256,6 +271,53 @@ impl<W: Wires> Steps<W> {
         let _ = self.ask(Ask::BuildFifos).await;
         self.with(|bus| bus.network.laid_out = true);
         Ok(())
+    }
+}
+
+impl<W: Wires> Steps<W> {
+    /// Called when the chip has laid out the process data: writes the mapping of each slave that has fallen back to another
+    /// one. With `is_ahead` nothing is written, and what is known of such a slave is forgotten. Returns the first of these
+    /// slaves; `None`: all have their mapping.
+    async fn map_again(&self, is_ahead: bool) -> Result<Option<u8>, Refusal> {
+        let mut first = None;
+        for slave in self.with(|bus| bus.network.may_have_fallen_back()).iter() {
+            let n = usize::from(slave) - 1;
+            let Some(Seen { config, data, mapped, .. }) = self.with(|bus| bus.network.seen[n]) else { continue };
+            let downloads = data.downloads(config.sync);
+            if mapped.is_whole() {
+                if self.keeps_mapping(slave, &downloads).await? {
+                    continue;
+                }
+                first.get_or_insert(slave);
+            }
+            if is_ahead {
+                self.with(|bus| bus.network.seen[n] = None);
+            } else if mapped.is_whole() {
+                self.write(slave, downloads, Mapped::default()).await?;
+                self.with(|bus| bus.note_seen(slave, Seen::all(config, data)));
+            }
+        }
+        Ok(first)
+    }
+
+    /// Whether a slave has the mapping of these downloads. An object that complete access does not show as wanted is read
+    /// entry by entry. \[OURS] An entry that cannot be read counts as right, since it was written before.
+    async fn keeps_mapping(&self, slave: u8, downloads: &Downloads) -> Result<bool, Refusal> {
+        for image in downloads.mapping_images() {
+            match self.ask(Ask::Compare { slave, image, timeout_ns: SDO_NS }).await {
+                Ok(shown) if shown != 0 => continue,
+                Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),
+                _ => {}
+            }
+            for Download { object, size, value, .. } in downloads.final_values(&image) {
+                match self.ask(Ask::Upload { slave, object, timeout_ns: SDO_NS }).await {
+                    Ok(read) if read & size.mask() != value => return Ok(false),
+                    Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),
+                    _ => {}
+                }
+            }
+        }
+        Ok(true)
     }
 }
 

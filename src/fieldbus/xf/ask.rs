@@ -5,8 +5,8 @@ use crate::ethercat::{AlState, Ns};
 use crate::fieldbus::pdo::MappingImage;
 use crate::xf::host::{Host, HostError, Ticket};
 use crate::xf::request::{
-    ConfigMap, DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, GpioMode, GpioPull,
-    GpioSetMode, Reconfig, ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet,
+    ConfigMap, DcSync, DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, GpioMode, GpioPull,
+    GpioSetMode, InitDc, Reconfig, ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet,
     SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
 };
 
@@ -29,6 +29,13 @@ pub(super) enum Ask {
     Init {
         sync0_ns: u32,
     },
+    /// Sets whether one slave gets SYNC0, from the next [`Self::InitDc`] on.
+    DcSync {
+        slave: u8,
+        sync0_ns: u32,
+        is_active: bool,
+    },
+    InitDc,
     Count,
     /// Brings one slave to a state; `None`: all slaves.
     Enter(Option<u8>, AlState),
@@ -103,6 +110,10 @@ impl Ask {
             Self::Fifo { on } => host.submit(now, &FifoEnable { on }),
             Self::Clear(fifos) => host.submit(now, &FifoClear { fifos }),
             Self::Init { sync0_ns } => host.submit_within(now, &init(sync0_ns), INIT_NS),
+            Self::DcSync { slave, sync0_ns, is_active } => {
+                host.submit_within(now, &dc_sync(slave, sync0_ns, is_active), COMMAND_NS)
+            }
+            Self::InitDc => host.submit_within(now, &InitDc, COMMAND_NS),
             Self::Count => host.submit(now, &SlaveCountGet),
             Self::Enter(slave, state) => host.submit_within(now, &enter(slave, state), COMMAND_NS),
             Self::UpdateStates => host.submit_within(now, &StateUpdate, COMMAND_NS),
@@ -137,8 +148,18 @@ impl Ask {
     }
 }
 
+/// The times of SYNC0, which is active or not.
+const fn timing(sync0_ns: u32, is_active: bool) -> DcTiming {
+    let assign_activate = if is_active { 0x0300 } else { 0 };
+    DcTiming { assign_activate, sync0_ns, sync1_ns: 0, shift_ns: 0 }
+}
+
+fn dc_sync(slave: u8, sync0_ns: u32, is_active: bool) -> DcSync {
+    DcSync { slaves: Slaves::One(number(slave)), dc: timing(sync0_ns, is_active) }
+}
+
 const fn init(sync0_ns: u32) -> EcatInit {
-    let dc = DcTiming { assign_activate: 0x0300, sync0_ns, sync1_ns: 0, shift_ns: 0 };
+    let dc = timing(sync0_ns, true);
     EcatInit { special_slaves: false, reference_clock: ReferenceClock::Chip, lrw: true, fifo_on: false, dc }
 }
 
@@ -182,6 +203,10 @@ impl Asked {
             Ask::Fifo { on } => done(host.take(ticket, &FifoEnable { on })?),
             Ask::Clear(fifos) => done(host.take(ticket, &FifoClear { fifos })?),
             Ask::Init { sync0_ns } => done(host.take(ticket, &init(sync0_ns))?),
+            Ask::DcSync { slave, sync0_ns, is_active } => {
+                done(host.take(ticket, &dc_sync(slave, sync0_ns, is_active))?)
+            }
+            Ask::InitDc => done(host.take(ticket, &InitDc)?),
             Ask::Count => host.take(ticket, &SlaveCountGet)?.map(u32::from),
             Ask::Enter(slave, state) => done(host.take(ticket, &enter(slave, state))?),
             Ask::UpdateStates => done(host.take(ticket, &StateUpdate)?),

@@ -126,6 +126,9 @@ pub(super) struct Network {
     /// The number of slaves that the last scan has found.
     pub found: u8,
     pub with_dc: SlaveSet,
+    /// The slaves with distributed clocks to which the chip sends no SYNC0, because they run free. The initialisation of
+    /// the network switches it on for all.
+    pub free_running: SlaveSet,
     /// The state to which the newest job has brought each slave. The slave may have left it by itself.
     pub commanded: [AlState; MAX_SLAVES],
     /// The process data that are mapped for the role of each slave; `None`: the slave is unused, or is not configured.
@@ -175,6 +178,7 @@ impl Network {
             cycle: CycleTime::DEFAULT,
             found: 0,
             with_dc: SlaveSet::EMPTY,
+            free_running: SlaveSet::EMPTY,
             commanded: [AlState::Init; MAX_SLAVES],
             process_data: [None; MAX_SLAVES],
             places: [Place { outputs_at: 0, output_bytes: 0, inputs_at: 0, input_bytes: 0 }; MAX_SLAVES],

@@ -10,6 +10,7 @@ use crate::fieldbus::xf::fifo_entries;
 use crate::fieldbus::xf::network::{Mapped, Network, Place, Seen};
 use crate::fieldbus::xf::plan::{CycleDemand, CyclePlan};
 use crate::fieldbus::{BusConfig, Configured, HardwareLimit, Refusal, Role, SlaveConfig};
+use crate::sk::DriveSync;
 use crate::xf::DataSize;
 use crate::xf::host::{HostError, Wires};
 use crate::xf::request::SlaveInfoItem;
@@ -47,6 +48,9 @@ impl<W: Wires> Steps<W> {
             if data.is_some_and(|data| data.axes() > 1) {
                 configured.second_axes.insert(slave);
             }
+        }
+        if !is_ahead {
+            self.set_sync(config).await?;
         }
         self.lay_out(config, keeps_layout, is_ahead).await?;
         if !is_ahead {
@@ -211,6 +215,31 @@ impl<W: Wires> Steps<W> {
         Ok(())
     }
 
+    /// Switches SYNC0 off for the slaves with distributed clocks that DRIVE_MODE has declared as free run, and on for the
+    /// others. The initialisation of the network has switched it on for all of them.
+    async fn set_sync(&self, config: &BusConfig) -> Result<(), Refusal> {
+        let (with_dc, before) = self.with(|bus| {
+            let found = SlaveSet::first(bus.network.found);
+            (bus.network.with_dc.intersection(found), bus.network.free_running)
+        });
+        let (mut free_running, mut first) = (before, None);
+        for slave in config.selected.intersection(with_dc).iter() {
+            let SlaveConfig { role, sync } = config.slaves[usize::from(slave) - 1];
+            let is_free = sync == DriveSync::FreeRun;
+            if role == Role::Unused || is_free == before.contains(slave) {
+                continue;
+            }
+            let set = Ask::DcSync { slave, sync0_ns: config.cycle.ns() as u32, is_active: !is_free };
+            self.ask(set).await.map_err(|_| Refusal::of(slave, AlStatus::INVALID_DC_SYNC))?;
+            if is_free { free_running.insert(slave) } else { free_running.remove(slave) };
+            first.get_or_insert(slave);
+        }
+        let Some(slave) = first else { return Ok(()) };
+        self.ask(Ask::InitDc).await.map_err(|_| Refusal::of(slave, AlStatus::INVALID_DC_SYNC))?;
+        self.with(|bus| bus.network.free_running = free_running);
+        Ok(())
+    }
+
     /// Lays out the process data after all slaves were mapped, unless the layout already matches the mapping.
     async fn lay_out(&self, config: &BusConfig, keeps_layout: bool, is_ahead: bool) -> Result<(), Failure> {
         if is_ahead && !self.with(|bus| bus.all_are_seen(config)) {
@@ -254,7 +283,7 @@ impl<W: Wires> Steps<W> {
             }
             if falls_back {
                 // The slave has fallen back with CONFIG_MAP, too: it would take its outputs for those of other objects.
-                return Err(Refusal::of(slave, AlStatus::INVALID_OUTPUTS));
+                return Err(Refusal::of(slave, AlStatus::INVALID_OUTPUT_MAPPING));
             }
         }
         for slave in 1..=found {

@@ -34,6 +34,7 @@ impl<W: Wires> Steps<W> {
         let _ = self.ask(Ask::Clear(Fifos::Both)).await;
         if self.with(|bus| bus.is_network_up()) {
             // As applications do (OBS). A program that has ended may have left its slaves in OP.
+            self.with(|bus| bus.network.commanded.fill(AlState::Init));
             let _ = self.ask(Ask::Enter(None, AlState::Init)).await;
         }
         if self.ask(Ask::Init { sync0_ns: cycle.ns() as u32 }).await.is_err() {

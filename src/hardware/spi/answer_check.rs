@@ -2,7 +2,9 @@
 
 use std::collections::VecDeque;
 
-use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
+use crate::sk::{
+    CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, MasterState, SlotForm, SlotSize, StateByte,
+};
 
 /// By how many bits the answers may be shifted, too early or too late: [`AnswerCheck::explain`] tries each of these
 /// numbers. \[OURS]
@@ -207,7 +209,20 @@ fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
     let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
     fits && frame.check_crc(size, policy).is_ok()
         && SlotForm::StrictReport.fits(frame, size)
+        && has_usual_state(frame, size)
         && !same(frame.wire(size), 0)
+}
+
+/// Whether slot 0 has a state as most boards show it, and the fields of that state (SK-2). \[OURS] A report may have others.
+/// But bytes that have them only if they are read in another way show by that how they have to be read.
+fn has_usual_state(frame: &Frame, size: SlotSize) -> bool {
+    let slot = frame.slot(size, 0);
+    let state = MasterResponse::decode(&slot).state;
+    match state.state() {
+        Some(MasterState::Op) => true,
+        Some(_) => slot.data2 == 0,
+        None => slot.data2 == 0 && matches!(state.0, 0 | StateByte::FAILED),
+    }
 }
 
 fn same(bytes: &[u8], value: u8) -> bool {

@@ -20,12 +20,13 @@ use support::chip_line::ChipLine;
 use crate::host::Host;
 use crate::probe::drives;
 
-/// A packet on the wires: its code, its parameter, information byte 0, and the first 8 bytes of its data.
+/// A packet on the wires: its code, its parameter, information byte 0, its reserve, and the first 8 bytes of its data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Packet {
     code: CommandCode,
     parameter: u8,
     information: u8,
+    reserve: u16,
     data: [u8; 8],
 }
 
@@ -51,7 +52,8 @@ impl Wires for Logged {
             if std::mem::replace(&mut self.newest, packet) != packet {
                 let data = to_chip[HEADER_LEN..HEADER_LEN + 8].try_into().unwrap();
                 let (code, parameter, information) = (CommandCode::from_code(packet.1), to_chip[0x0D], to_chip[0x04]);
-                self.log.lock().unwrap().push(Packet { code, parameter, information, data });
+                let reserve = u16::from_le_bytes([to_chip[0x08], to_chip[0x09]]);
+                self.log.lock().unwrap().push(Packet { code, parameter, information, reserve, data });
             }
         }
         self.wires.exchange(to_chip, from_chip)
@@ -108,6 +110,18 @@ fn a_network_that_is_up_goes_to_init_first() {
     let seen = start(&log);
     assert!(seen.ends_with(&after_init), "another cycle: {seen:?}");
     host.go(MasterState::Op).drained().servo_on(2);
+}
+
+/// XF-19.19 The chip's own clock is the reference clock (bit 12 of the reserve of ECAT_INIT_OP is 0: no master shift), so a
+/// snapshot of the board names no slave.
+#[test]
+fn the_reference_clock_is_the_chips() {
+    let (mut host, log) = board(drives(2));
+    let packets = std::mem::take(&mut *log.lock().unwrap());
+    let init = packets.iter().find(|packet| packet.code == CommandCode::EcatInit).expect("the network is initialised");
+    assert_eq!(init.reserve & 1 << 12, 0);
+    host.op(2);
+    assert_eq!(host.board.snapshot().reference_clock, None);
 }
 
 /// A drive, and the SYNC0 cycle that it has got.

@@ -158,6 +158,8 @@ fn dc_sync(slave: u8, sync0_ns: u32, is_active: bool) -> DcSync {
     DcSync { slaves: Slaves::One(number(slave)), dc: timing(sync0_ns, is_active) }
 }
 
+/// \[OURS] The chip's own clock is the reference clock: reserve bit 12 is 0. The two manuals contradict each other about the
+/// meaning of that bit (XF EN 375, XF ZH 384), and older firmware does not know it, so the bus does not set it.
 const fn init(sync0_ns: u32) -> EcatInit {
     let dc = timing(sync0_ns, true);
     EcatInit { special_slaves: false, reference_clock: ReferenceClock::Chip, lrw: true, fifo_on: false, dc }

@@ -5,9 +5,9 @@ use crate::ethercat::{AlState, Ns};
 use crate::fieldbus::pdo::MappingImage;
 use crate::xf::host::{Host, HostError, Ticket};
 use crate::xf::request::{
-    ConfigMap, DcSync, DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, GpioMode, GpioPull,
-    GpioSetMode, InitDc, Reconfig, ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet,
-    SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
+    ConfigMap, DcSync, DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos,
+    GpioMode, GpioPull, GpioSetMode, InitDc, Reconfig, ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet,
+    SlaveInfoGet, SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
 };
 
 /// The timeout for the command that initialises the network, ns. \[OURS]

@@ -231,7 +231,11 @@ impl<W: Wires> Steps<W> {
             }
             let set = Ask::DcSync { slave, sync0_ns: config.cycle.ns() as u32, is_active: !is_free };
             self.ask(set).await.map_err(|_| Refusal::of(slave, AlStatus::INVALID_DC_SYNC))?;
-            if is_free { free_running.insert(slave) } else { free_running.remove(slave) };
+            if is_free {
+                free_running.insert(slave)
+            } else {
+                free_running.remove(slave)
+            };
             first.get_or_insert(slave);
         }
         let Some(slave) = first else { return Ok(()) };

@@ -124,16 +124,24 @@ fn without_a_crc_faults_are_found_by_the_form_of_slots() {
 }
 
 /// SK-2.9 A board that fills no CRC may show any state byte, and outside OP any bytes 8..11 of slot 0: its answers are judged
-/// by the ids of their slots. In OP the free count is 160 at most (ecm-sk 2).
+/// by the ids of their slots, once an id of slot 0 has shown that they are in step. In OP the free count is 160 at most
+/// (ecm-sk 2).
 #[test]
 fn without_a_crc_any_state_is_an_answer() {
     let size = SlotSize::Bytes12;
-    let accepts = |id: u8, state: u8, data2: u32| {
+    const LIO_RD: u8 = 0x21;
+    let answer = |id: u8, state: u8, data2: u32| {
         let mut answer = Frame::new();
         answer.put(size, 0, &RawSlot { id, parm: state.into(), data1: 3, data2, ..RawSlot::ZERO });
-        AnswerCheck::new(size).check(&answer).is_ok()
+        answer
     };
-    const LIO_RD: u8 = 0x21;
+    let accepts = |id: u8, state: u8, data2: u32| {
+        let mut answer_check = AnswerCheck::new(size);
+        assert!(answer_check.check(&answer(LIO_RD, 0x1F, 0)).is_ok());
+        answer_check.check(&answer(id, state, data2)).is_ok()
+    };
+    let mut new = AnswerCheck::new(size);
+    assert!(new.check(&answer(0, 0x1F, 0)).is_err() && new.check(&answer(0, 2, 0)).is_ok(), "not known to be in step");
     for state in 0..=u8::MAX {
         for data2 in [0, 160, 7 << 16 | 160] {
             assert!(accepts(0, state, data2) && accepts(LIO_RD, state, data2), "{state:02x} {data2:x}");

@@ -88,6 +88,10 @@ pub struct AnswerCheck {
     valid_crcs: u8,
     /// The CRC of the latest answer that `valid_crcs` counts.
     crc: u8,
+    /// Whether a valid answer has shown an id in slot 0 that only answers in step with the board show ([`shows_id`]). \[OURS]
+    /// Before that, the byte in the place of the state may be another byte of an answer that came too late or too early, so
+    /// it has to be a usual state. After that, any state is one.
+    has_shown_id: bool,
     /// The latest invalid answers since a valid one, at most [`INVALID_KEPT`]. An answer that repeats the one before it
     /// is not kept, because it shows nothing new about the fault.
     invalid: VecDeque<Frame>,
@@ -96,7 +100,7 @@ pub struct AnswerCheck {
 impl AnswerCheck {
     /// Checks the answers of a board with this slot size.
     pub fn new(size: SlotSize) -> Self {
-        Self { size, valid_crcs: 0, crc: 0, invalid: VecDeque::with_capacity(INVALID_KEPT) }
+        Self { size, valid_crcs: 0, crc: 0, has_shown_id: false, invalid: VecDeque::with_capacity(INVALID_KEPT) }
     }
 
     /// Whether the board sends CRCs, as far as its answers have shown.
@@ -120,6 +124,7 @@ impl AnswerCheck {
             return Err(InvalidAnswer);
         }
         self.invalid.clear();
+        self.has_shown_id |= shows_id(answer, self.size);
         self.note_crc(answer.crc_byte());
         Ok(MasterResponse::decode(&answer.slot(self.size, 0)))
     }
@@ -142,7 +147,9 @@ impl AnswerCheck {
         if answer.crc_byte() != 0 || self.fills_crc() {
             return answer.check_crc(self.size, CrcPolicy::Strict).is_ok();
         }
-        !same(bytes, 0) && SlotForm::StrictReport.fits(answer, self.size)
+        !same(bytes, 0)
+            && SlotForm::StrictReport.fits(answer, self.size)
+            && (self.has_shown_id || shows_id(answer, self.size) || has_usual_state(answer, self.size))
     }
 
     /// The wiring fault that explains the latest invalid answers.
@@ -211,6 +218,12 @@ fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
         && SlotForm::StrictReport.fits(frame, size)
         && has_usual_state(frame, size)
         && !same(frame.wire(size), 0)
+}
+
+/// Whether slot 0 has the id of LIO_RD or of the cyclic response, which is rarely there if the answer is shifted.
+fn shows_id(frame: &Frame, size: SlotSize) -> bool {
+    let id = frame.slot(size, 0).id;
+    id == CommandId::LocalRead.code() || id == MASTER_CYCLIC
 }
 
 /// Whether slot 0 has a state as most boards show it, and the fields of that state (SK-2). \[OURS] A report may have others.

@@ -117,6 +117,7 @@ impl Engine {
         let size = self.config.slot;
         let slots = frame.slots(size);
         self.homing_before = self.homing_slaves();
+        self.homing_elsewhere = self.excludes_go_home(frame);
         for slave in 1..size.max_slaves() + 1 {
             self.execute_slave(slave, &slots.get(slave), at);
         }
@@ -290,10 +291,7 @@ impl Engine {
             SlaveCommand::Csv(motion) => self.set_targets(slave, Mode::Csv, &motion)?,
             SlaveCommand::Cst(torque) => self.set_targets(slave, Mode::Cst, &Motion::to(torque.into()))?,
             SlaveCommand::GoHome => self.go_home(slave)?,
-            SlaveCommand::AbortHome => {
-                self.aborts_homing = true;
-                self.abort_home(at);
-            }
+            SlaveCommand::AbortHome => self.abort_home_in_frame(at),
             SlaveCommand::GetStatus
             | SlaveCommand::IoRead
             | SlaveCommand::DriveMode { .. }

@@ -1,9 +1,11 @@
 //! GO_HOME, ABORT_HOME and everything that ends homing (SK-7), for all slaves. `homing.rs` has the homing of one axis.
 
+use super::commands::check_kind;
 use super::homing::{Answer, HomingEnd, HomingEvent};
 use super::{Engine, Event, EventKind, Reason};
 use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
+use crate::sk::{CommandId, Frame, SlaveCommand, SlotKind};
 
 /// Whether a slave is homing, or is finishing the steps after homing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -51,8 +53,12 @@ impl Engine {
 
     /// Decides whether a motion command is ignored because the slave is homing, and if so counts it in
     /// [`Counters::ignored_homing`](super::Counters).
+    ///
+    /// A slave that was homing before this frame still counts as homing if an ABORT_HOME in an earlier slot has ended that
+    /// \[OURS]: so a command has the same result in either order of the slots.
     pub(super) fn ignores_motion(&mut self, slave: usize) -> bool {
-        let ignored = self.homing_phase(slave as u8) != HomingPhase::Idle;
+        let slave = slave as u8;
+        let ignored = self.homing_before.contains(slave) || self.homing_phase(slave) != HomingPhase::Idle;
         self.counters.ignored_homing += u64::from(ignored);
         ignored
     }
@@ -70,7 +76,7 @@ impl Engine {
         if !(0..axes).any(|axis| is_chosen(&axis)) {
             return Err(Reason::NotInHomingMode);
         }
-        if self.config.firmware.one_homing_at_a_time() && self.is_any_homing_of(self.homing_before) {
+        if self.homing_elsewhere {
             return Err(Reason::HomingElsewhere);
         }
         let axes_of_slave = &self.axes[slave - 1];
@@ -102,6 +108,27 @@ impl Engine {
         }
     }
 
+    /// Whether slaves that are homing exclude every GO_HOME of this frame, of which no slot is executed yet.
+    ///
+    /// SK-7.27 \[OURS]: a homing that a slot of the same frame ends, by SV_OFF, has not ended before the GO_HOME: the GO_HOME
+    /// is rejected, whichever slot is first. In a frame with an ABORT_HOME no GO_HOME starts, and each is answered (SK-7.56),
+    /// so none is rejected there because other slaves are homing.
+    pub(super) fn excludes_go_home(&self, frame: &Frame) -> bool {
+        self.config.firmware.one_homing_at_a_time()
+            && self.is_any_homing_of(self.homing_before)
+            && !self.has_abort_home(frame)
+    }
+
+    /// Whether a slot of this frame has an ABORT_HOME that is not rejected.
+    fn has_abort_home(&self, frame: &Frame) -> bool {
+        let size = self.config.slot;
+        self.admit(CommandId::AbortHome, SlotKind::Slave).is_ok()
+            && (1..=size.max_slaves()).any(|slave| {
+                frame.slot(size, slave).id == CommandId::AbortHome.code()
+                    && check_kind(&SlaveCommand::AbortHome, self.role(slave)).is_ok()
+            })
+    }
+
     /// Whether an axis of these slaves is homing. An axis does not count once a report has shown the result of its homing to
     /// the host, even if the board still waits to accept the result.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
@@ -114,8 +141,15 @@ impl Engine {
         })
     }
 
-    /// ABORT_HOME in the slot of any slave: ends the homing of all slaves.
-    pub(super) fn abort_home(&mut self, at: Ns) {
+    /// ABORT_HOME in the slot of any slave: ends the homing of all slaves, and keeps each GO_HOME of the same frame from
+    /// starting.
+    pub(super) fn abort_home_in_frame(&mut self, at: Ns) {
+        self.aborts_homing = true;
+        self.abort_home(at);
+    }
+
+    /// Ends the homing of all slaves.
+    fn abort_home(&mut self, at: Ns) {
         for slave in 1..=MAX_SLAVES {
             self.end_homing(slave, HomingEnd::Aborted, at);
         }

@@ -199,8 +199,9 @@ impl Engine {
             }
         });
         match right {
-            // ABORT_HOME concerns all slaves, so it is executed although this slave is lost.
-            Ok(()) if id == CommandId::AbortHome => self.abort_home(at),
+            // ABORT_HOME concerns all slaves, so it is executed although this slave is lost. It keeps the GO_HOMEs of its
+            // frame from starting, too (SK-7.56).
+            Ok(()) if id == CommandId::AbortHome => self.abort_home_in_frame(at),
             Ok(()) => self.counters.for_lost += 1,
             Err(reason) => self.reject(slave, id, reason, at),
         }

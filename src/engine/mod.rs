@@ -127,9 +127,11 @@ pub struct Engine {
     /// The slaves that the bus named as lost in the previous answered cycle, to find those that are named for the first
     /// time.
     lost_before: SlaveSet,
-    /// The slaves that were homing before the frame whose slots are being executed. Slaves that start homing by one frame
-    /// do not exclude each other.
+    /// The slaves that were homing before the frame whose slots are being executed, and whether these exclude every
+    /// GO_HOME in it. Both are found before the first slot, so that the order of the slots makes no difference. Slaves that
+    /// start homing by one frame do not exclude each other.
     homing_before: SlaveSet,
+    homing_elsewhere: bool,
     /// The slaves with a GO_HOME in the frame that is being executed, and whether that frame has an ABORT_HOME.
     go_homes: SlaveSet,
     aborts_homing: bool,
@@ -209,6 +211,7 @@ impl Engine {
             newest_answered: None,
             lost_before: SlaveSet::EMPTY,
             homing_before: SlaveSet::EMPTY,
+            homing_elsewhere: false,
             go_homes: SlaveSet::EMPTY,
             aborts_homing: false,
             records: History::new(unconfirmed_max + answered + 1, OutputsRecord::new()),

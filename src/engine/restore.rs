@@ -140,6 +140,9 @@ impl Engine {
     }
 
     /// Called when the host has written a mode of operation by SDO: the board does not overwrite it by a restore.
+    ///
+    /// SK-6.5 \[OURS]: on a pulse module of two channels each axis has a mode of its own, so that the write concerns the homing
+    /// of that axis alone. A program may set the mode of the axis that is home while the other one is still homing.
     pub(super) fn mode_written(&mut self, slave: u8, axis: usize, mode: u8, now: Ns) {
         self.note_mode(slave, axis, mode);
         self.volatile.restores.cancel(Restore { slave, axis });

@@ -55,7 +55,7 @@ pub struct Snapshot {
     /// too long.
     pub lost: SlaveSet,
     /// The slave with the reference clock: the first one with distributed clocks. `None`: no slave has distributed
-    /// clocks, or the bus has no way to find out.
+    /// clocks, the reference clock is that of an ECM-XF, or the bus has no way to find out.
     pub reference_clock: Option<u8>,
     /// The state of the cable ring, a line of slaves with a network card of the PC at each end. `None`: the bus has no
     /// second network card, so there is no ring.

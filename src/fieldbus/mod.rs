@@ -425,7 +425,8 @@ pub trait Fieldbus: Send {
     }
 
     /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no
-    /// slave has distributed clocks, or the bus has no way to find out.
+    /// slave has distributed clocks, the reference clock is not a slave's but that of an ECM-XF, or the bus has no way to
+    /// find out.
     fn reference_clock(&self) -> Option<u8> {
         None
     }

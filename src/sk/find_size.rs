@@ -6,7 +6,6 @@
 
 use super::{
     CommandId, CrcPolicy, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SlotKind, SlotSize,
-    StateByte,
 };
 
 impl SlotSize {
@@ -49,8 +48,10 @@ pub enum SlotForm {
     /// (SK-3, SK-6), and bytes 12..15 of slot 0 are 0 (SK-1).
     Report,
     /// The frame is a report, and the host refuses it if it does not match. So the pattern checks only what is certain
-    /// for every report: slot 0 shows a state and has the fields of that state (SK-2), the SDO slot begins as for
-    /// [`SlotForm::Report`], and a slave's slot begins with any known command.
+    /// for every report: slot 0 begins with a command that belongs there or, in OP and in a state that is not known, with the
+    /// id of the cyclic response; in OP its free count is at most the FIFO's depth. The SDO slot begins as for
+    /// [`SlotForm::Report`], and a slave's slot begins with any known command. The state may be any (SK-2.9), and outside
+    /// OP so may bytes 8..11 of slot 0, of which no source says what they are (SK-2.21).
     StrictReport,
     /// The frame is a command frame or a report. Each slave's slot and the SDO slot are all zero, or hold a command
     /// that belongs there (SK-4) and is not GET_STATUS, or the answer to such a command. A report with slots that
@@ -80,16 +81,14 @@ impl SlotForm {
     }
 }
 
-/// Whether a board may send such a slot 0: its id is that of a command for the board or, in OP, of the cyclic response,
-/// and its free count is at most the depth of the FIFO in OP, and 0 outside OP.
+/// Whether a board may send such a slot 0 ([`SlotForm::StrictReport`]).
 fn is_answer_of_board(slot: &RawSlot) -> bool {
     let master = MasterResponse::decode(slot);
-    let is_known = belongs(slot, SlotKind::Master);
-    let is_quiet = is_known && slot.data2 == 0;
+    let (is_known, is_cyclic) = (belongs(slot, SlotKind::Master), master.id == MASTER_CYCLIC);
     match master.state.state() {
-        Some(MasterState::Op) => (master.id == MASTER_CYCLIC || is_known) && master.fifo_free <= FIFO_ENTRIES,
-        Some(_) => is_quiet,
-        None => is_quiet && matches!(master.state.0, 0 | StateByte::FAILED),
+        Some(MasterState::Op) => (is_known || is_cyclic) && master.fifo_free <= FIFO_ENTRIES,
+        Some(_) => is_known,
+        None => is_known || is_cyclic,
     }
 }
 

@@ -1,12 +1,14 @@
 //! The ends of homing other than success.
 
 use ecmsk::coe::SdoSize;
-use ecmsk::engine::{Firmware, HomingEnd, HomingPhase};
-use ecmsk::sk::{CommandId, MasterCommand, MasterState, SlaveCommand};
+use ecmsk::engine::{Firmware, HomingEnd, HomingPhase, Reason};
+use ecmsk::sk::{CommandId, MasterCommand, MasterState, Motion, SlaveCommand};
 
 use crate::homer::{BIT_4, BIT_10, BIT_12, BIT_13, Home, Script};
+use crate::network_rig::buses;
 use crate::puppet::{DISABLED, FAULT, FAULT_REACTION, QUICK_STOP, READY, SWITCHED_ON};
 use crate::rig::ahead;
+use support::ahead_bus::Ahead;
 
 const PROFILES: [Firmware; 2] = [Firmware::V17, Firmware::V15];
 
@@ -157,6 +159,117 @@ fn an_abort_in_the_frame_of_go_home() {
                 assert_eq!((counters.ignored_homing, counters.rejected_total()), (2, 0), "{what}");
                 home.go_home(1).drained().cycles(40);
                 assert_eq!((home.phase(1), home.drives[0].begun()), (HomingPhase::Homing, 1), "{what}");
+            }
+        }
+    }
+}
+
+/// SK-7.56 The same with ABORT_HOME in the slot of a lost slave, the first or the last (ecm-sk 13: "ABORT_HOME in any slot").
+#[test]
+fn an_abort_in_a_lost_slot_in_the_frame_of_go_home() {
+    for how in buses() {
+        for firmware in PROFILES {
+            for lost in [1, 3] {
+                let mut home = Home::ready_of(3, firmware, how);
+                home.drives.iter().for_each(|drive| drive.script(Script { takes: 5000, ..Script::default() }));
+                home.network.silence(lost, true);
+                home.host.until("the loss", |host| host.state().0 == 0x18);
+                home.host.build(|frame, size| {
+                    for slave in 1..=3 {
+                        let is_lost = slave == usize::from(lost);
+                        let command = if is_lost { SlaveCommand::AbortHome } else { SlaveCommand::GoHome };
+                        frame.put_slave(size, slave, &command.into());
+                    }
+                });
+                home.host.drained().cycles(30);
+                let what = format!("{firmware:?} {how:?} {lost}");
+                for slave in (1..=3).filter(|slave| *slave != usize::from(lost)) {
+                    let state = (home.phase(slave), home.drives[slave - 1].begun());
+                    assert_eq!(state, (HomingPhase::Idle, 0), "{what}: no axis moves");
+                    assert_eq!(home.host.drive(slave).head.id, CommandId::GoHome.code(), "{what}");
+                }
+                let counters = home.host.counters();
+                assert_eq!((counters.ignored_homing, counters.rejected_total()), (2, 0), "{what}");
+            }
+        }
+    }
+}
+
+/// Two drives of which one is homing, and then a frame with a command for that one and one for the other.
+fn beside_a_homing(firmware: Firmware, how: Option<Ahead>, homing: usize, commands: [SlaveCommand; 2]) -> Home {
+    let mut home = Home::ready_of(2, firmware, how);
+    home.drives.iter().for_each(|drive| drive.script(Script { takes: 5000, ..Script::default() }));
+    home.go_home(homing).drained().cycles(20);
+    assert_eq!(home.phase(homing), HomingPhase::Homing);
+    home.host.build(|frame, size| {
+        for (slave, command) in [homing, 3 - homing].into_iter().zip(commands) {
+            frame.put_slave(size, slave, &command.into());
+        }
+    });
+    home.host.drained().cycles(30);
+    home
+}
+
+/// SK-7.27 Homing of all slaves must have ended before a GO_HOME for another one: an SV_OFF in the same frame ends it too
+/// late, whichever slot is first. In profile 1.5 (SK-3.9) the other slave starts, also whichever is first.
+#[test]
+fn a_servo_off_in_the_frame_of_another_go_home() {
+    for how in buses() {
+        for firmware in PROFILES {
+            for homing in [1, 2] {
+                let other = 3 - homing;
+                let home = beside_a_homing(firmware, how, homing, [SlaveCommand::ServoOff, SlaveCommand::GoHome]);
+                let refused = firmware == Firmware::V17;
+                let what = format!("{firmware:?} {how:?} {homing}");
+                assert_eq!(home.host.drive(homing).head.id, CommandId::ServoOff.code(), "{what}");
+                assert_ne!(home.phase(homing), HomingPhase::Homing, "{what}");
+                let id = if refused { CommandId::GetStatus } else { CommandId::GoHome };
+                let shown = (home.host.drive(other).head.id, home.drives[other - 1].begun());
+                assert_eq!(shown, (id.code(), u32::from(!refused)), "{what}");
+                let counters = home.host.counters();
+                let told = (counters.rejected[Reason::HomingElsewhere.kind()], counters.rejected_total());
+                assert_eq!(told, (refused.into(), refused.into()), "{what}");
+                assert_eq!(counters.ignored_homing, 0, "{what}");
+            }
+        }
+    }
+}
+
+/// SK-7.56 An ABORT_HOME that ends a homing, and a GO_HOME for another slave in its frame: the GO_HOME is answered and
+/// counted and does not start, whichever slot is first.
+#[test]
+fn an_abort_of_a_homing_in_the_frame_of_another_go_home() {
+    for how in buses() {
+        for firmware in PROFILES {
+            for homing in [1, 2] {
+                let other = 3 - homing;
+                let home = beside_a_homing(firmware, how, homing, [SlaveCommand::AbortHome, SlaveCommand::GoHome]);
+                let what = format!("{firmware:?} {how:?} {homing}");
+                assert_ne!(home.phase(homing), HomingPhase::Homing, "{what}");
+                let shown = (home.host.drive(other).head.id, home.drives[other - 1].begun(), home.phase(other));
+                assert_eq!(shown, (CommandId::GoHome.code(), 0, HomingPhase::Idle), "{what}");
+                let counters = home.host.counters();
+                assert_eq!((counters.ignored_homing, counters.rejected_total()), (1, 0), "{what}");
+            }
+        }
+    }
+}
+
+/// SK-7.37 SK-7.29 A command for a slave that is homing counts as ignored, and never as rejected, also beside the ABORT_HOME
+/// in another slot that ends this homing, whichever slot is first.
+#[test]
+fn a_command_beside_the_abort_of_its_homing() {
+    for how in buses() {
+        for firmware in PROFILES {
+            for homing in [1, 2] {
+                for command in [SlaveCommand::Csp(Motion::to(7)), SlaveCommand::GoHome] {
+                    let home = beside_a_homing(firmware, how, homing, [command, SlaveCommand::AbortHome]);
+                    let what = format!("{firmware:?} {how:?} {homing} {command:?}");
+                    assert_ne!(home.phase(homing), HomingPhase::Homing, "{what}");
+                    assert_eq!(home.drives[homing - 1].begun(), 1, "{what}");
+                    let counters = home.host.counters();
+                    assert_eq!((counters.ignored_homing, counters.rejected_total()), (1, 0), "{what}");
+                }
             }
         }
     }

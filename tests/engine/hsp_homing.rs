@@ -202,7 +202,7 @@ fn no_axis_is_restored_before_the_other_is_home() {
     }
 }
 
-/// SK-7.21 Each axis ends on its own: an error, a host's write of its mode; ABORT_HOME and SV_OFF end both.
+/// SK-7.21 Each axis ends on its own: an error, SK-6.5 a host's write of its mode; ABORT_HOME and SV_OFF end both.
 #[test]
 fn ends_of_one_axis_and_of_both() {
     type Case = (fn(&mut Host, &[Homer; 2]), [HomingEnd; 2]);

@@ -10,7 +10,8 @@
 //! - SDO: `sdo`, `sdo_beside`
 //! - buses that take outputs ahead: `bus_ahead`, `ahead_entries`, `honest`, `sag`, `repeats`, and `over`, which runs the whole
 //!   group over such a bus; `any_bus`, rules that others show cycle by cycle, for every bus
-//! - over an ECM-XF: `xf_bus`, `xf_counters`, `xf_faults`, `xf_doubts`, `xf_packets`, `xf_start`, `xf_state`, `xf_ahead`
+//! - over an ECM-XF: `xf_bus`, `xf_counters`, `xf_faults`, `xf_doubts`, `xf_network`, `xf_packets`, `xf_remap`, `xf_start`,
+//!   `xf_state`, `xf_ahead`
 //! - over our own master: `nic_bus`, `nic_counters`, `nic_gone`, `nic_odd`, `nic_predecessor`, `nic_ring`, `nic_runner`,
 //!   `nic_terminals`, `stale_program`
 //! - random runs, and invariants: `random`, `random_networks`, `allocation`, `nic_allocation`
@@ -90,6 +91,8 @@ mod xf_bus;
 mod xf_counters;
 mod xf_doubts;
 mod xf_faults;
+mod xf_network;
 mod xf_packets;
+mod xf_remap;
 mod xf_start;
 mod xf_state;

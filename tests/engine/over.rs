@@ -107,7 +107,7 @@ const WATCHDOG: &str =
     "its cycle is longer than 100 ms: behind the chip the watchdogs of the slaves end OP between two sets of outputs";
 
 /// Tests that cannot pass with the slaves behind an ECM-XF, besides those above, and why.
-const CANNOT_BEHIND_CHIP: [(&str, &str); 41] = [
+const CANNOT_BEHIND_CHIP: [(&str, &str); 43] = [
     ("cable::a_cut_before_the_first_slave", SILENCE),
     ("cable::a_cut_between_slaves", LOST_LATER),
     ("cable::a_set_state_while_the_cable_is_cut", SLOWER),
@@ -164,7 +164,9 @@ const CANNOT_BEHIND_CHIP: [(&str, &str); 41] = [
     ("xf_ahead::", "it has such a bus"),
     ("xf_faults::", "it has such a bus"),
     ("xf_doubts::", "it has such a bus"),
+    ("xf_network::", "it has such a bus"),
     ("xf_packets::", "it has such a bus"),
+    ("xf_remap::", "it has such a bus"),
     ("xf_start::", "it has such a bus"),
     ("xf_state::", "it has such a bus"),
 ];
@@ -176,7 +178,7 @@ const ITS_TIMES: &str =
     "it looks while a change, a configuration or an SDO is under way, and those of our master take other times";
 
 /// Tests that cannot pass with the slaves at the end of a wire, besides those of [`CANNOT`], and why.
-const CANNOT_ON_WIRE: [(&str, &str); 49] = [
+const CANNOT_ON_WIRE: [(&str, &str); 51] = [
     ("answers::a_failed_change_goes_by_the_low_nibble", WAY_DOWN),
     (
         "any_bus::states_and_the_ways_between",
@@ -232,7 +234,9 @@ const CANNOT_ON_WIRE: [(&str, &str); 49] = [
     ("xf_ahead::", "it has another bus"),
     ("xf_faults::", "it has another bus"),
     ("xf_doubts::", "it has another bus"),
+    ("xf_network::", "it has another bus"),
     ("xf_packets::", "it has another bus"),
+    ("xf_remap::", "it has another bus"),
     ("xf_start::", "it has another bus"),
     ("xf_state::", "it has another bus"),
 ];

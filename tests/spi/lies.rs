@@ -123,6 +123,47 @@ fn without_a_crc_faults_are_found_by_the_form_of_slots() {
     says(&refused(&held, LINK), &["1 bit(s) too late"]);
 }
 
+/// SK-2.9 A board that fills no CRC may show any state byte, and outside OP any bytes 8..11 of slot 0: its answers are judged
+/// by the ids of their slots, once an id of slot 0 has shown that they are in step. In OP the free count is 160 at most
+/// (ecm-sk 2).
+#[test]
+fn without_a_crc_any_state_is_an_answer() {
+    let size = SlotSize::Bytes12;
+    const LIO_RD: u8 = 0x21;
+    let answer = |id: u8, state: u8, data2: u32| {
+        let mut answer = Frame::new();
+        answer.put(size, 0, &RawSlot { id, parm: state.into(), data1: 3, data2, ..RawSlot::ZERO });
+        answer
+    };
+    let accepts = |id: u8, state: u8, data2: u32| {
+        let mut answer_check = AnswerCheck::new(size);
+        assert!(answer_check.check(&answer(LIO_RD, 0x1F, 0)).is_ok());
+        answer_check.check(&answer(id, state, data2)).is_ok()
+    };
+    let mut new = AnswerCheck::new(size);
+    assert!(new.check(&answer(0, 0x1F, 0)).is_err() && new.check(&answer(0, 2, 0)).is_ok(), "not known to be in step");
+    for state in 0..=u8::MAX {
+        for data2 in [0, 160, 7 << 16 | 160] {
+            assert!(accepts(0, state, data2) && accepts(LIO_RD, state, data2), "{state:02x} {data2:x}");
+        }
+        // No command of slot 0: CSP, SDO_RD, and an unknown id.
+        assert!([0x15, 0x07, 0x5F].iter().all(|id| !accepts(*id, state, 0)), "{state:02x}");
+    }
+    assert!([0x08, 0x18, 0x1F, 0x03].iter().all(|state| accepts(0xBF, *state, 160)), "the cyclic response");
+    assert!([0x01, 0x02, 0x04, 0x14].iter().all(|state| !accepts(0xBF, *state, 160)), "which is for OP alone");
+    assert!([0x08, 0x18].iter().all(|state| !accepts(0xBF, *state, 161)));
+
+    // Over a whole link, from its opening on.
+    let held = Held::board(BOARD).tamper(|_, answer| (answer[2], answer[3], answer[8]) = (0x1F, 0, 0x33));
+    let link = held.open(LINK).expect("a board that shows a failure");
+    let mut report = Frame::new();
+    for _ in 0..40 {
+        link.read(&mut report, Wait::For(Duration::from_secs(10))).unwrap();
+        assert_eq!(report.bytes()[2], 0x1F);
+    }
+    assert_eq!(link.spi_stats().invalid_answers, 0);
+}
+
 /// SK-10.4 BUSY that never falls or never rises, when the link is opened.
 #[test]
 fn a_stuck_busy_is_named() {

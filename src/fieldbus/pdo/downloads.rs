@@ -271,6 +271,14 @@ impl Downloads {
         objects.filter_map(|n| Some(self.mapping_image(list[n].object.index, list[n].direction()?)))
     }
 
+    /// The downloads that write the final values of the object with this image: one for each of its sub-indices.
+    pub fn final_values(&self, image: &MappingImage) -> impl Iterator<Item = Download> {
+        let (list, index) = (&self.list[..self.len], image.index);
+        let is_last = move |n: usize| list[n + 1..].iter().all(|later| later.object != list[n].object);
+        let entries = (0..list.len()).filter(move |n| list[*n].object.index == index && is_last(*n));
+        entries.map(move |n| list[n])
+    }
+
     /// The content of the object with that index: the last written count, and the entries in the order of the downloads.
     fn mapping_image(&self, index: u16, direction: MappedDirection) -> MappingImage {
         let mut image = MappingImage { index, direction, bytes: [0; MAPPING_IMAGE_MAX], len: 2 };

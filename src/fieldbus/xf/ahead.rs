@@ -29,6 +29,11 @@ const fn may_change_mapping(object: ObjectAddress) -> bool {
     !matches!(object.index, 0x6000..=0x9FFF)
 }
 
+/// Whether an object belongs to the mapping or the assignment of process data.
+const fn is_mapping(object: ObjectAddress) -> bool {
+    matches!(object.index, 0x1600..=0x1C2F)
+}
+
 impl<W: Wires> ChipBus<W> {
     /// Sets the configuration to prepare, as declared by the programs' commands so far.
     pub(super) fn declare(&mut self, config: &BusConfig) {
@@ -73,6 +78,9 @@ impl<W: Wires> ChipBus<W> {
     pub(super) fn note_sdo(&mut self, request: &SdoRequest) {
         if request.write.is_some() && may_change_mapping(request.object) {
             self.network.forget_objects(request.slave);
+            if is_mapping(request.object) {
+                self.network.remapped.insert(request.slave);
+            }
         }
     }
 }

@@ -5,9 +5,9 @@ use crate::ethercat::{AlState, Ns};
 use crate::fieldbus::pdo::MappingImage;
 use crate::xf::host::{Host, HostError, Ticket};
 use crate::xf::request::{
-    DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, GpioMode, GpioPull,
-    GpioSetMode, Reconfig, ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet,
-    SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
+    ConfigMap, DcSync, DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos,
+    GpioMode, GpioPull, GpioSetMode, InitDc, Reconfig, ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet,
+    SlaveInfoGet, SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
 };
 
 /// The timeout for the command that initialises the network, ns. \[OURS]
@@ -29,6 +29,13 @@ pub(super) enum Ask {
     Init {
         sync0_ns: u32,
     },
+    /// Sets whether one slave gets SYNC0, from the next [`Self::InitDc`] on.
+    DcSync {
+        slave: u8,
+        sync0_ns: u32,
+        is_active: bool,
+    },
+    InitDc,
     Count,
     /// Brings one slave to a state; `None`: all slaves.
     Enter(Option<u8>, AlState),
@@ -62,7 +69,10 @@ pub(super) enum Ask {
         pdo: u16,
         timeout_ns: Ns,
     },
+    /// Lays out the process data in the chip's process image.
     Reconfig,
+    /// The same for slaves that fall back to their default process data with [`Self::Reconfig`] (XF ZH 410).
+    ConfigMap,
     /// Makes those GPIO pins of the chip outputs whose bits are set: bit k is pin k.
     OutputPins(u16),
     RxEntries(u8),
@@ -100,6 +110,10 @@ impl Ask {
             Self::Fifo { on } => host.submit(now, &FifoEnable { on }),
             Self::Clear(fifos) => host.submit(now, &FifoClear { fifos }),
             Self::Init { sync0_ns } => host.submit_within(now, &init(sync0_ns), INIT_NS),
+            Self::DcSync { slave, sync0_ns, is_active } => {
+                host.submit_within(now, &dc_sync(slave, sync0_ns, is_active), COMMAND_NS)
+            }
+            Self::InitDc => host.submit_within(now, &InitDc, COMMAND_NS),
             Self::Count => host.submit(now, &SlaveCountGet),
             Self::Enter(slave, state) => host.submit_within(now, &enter(slave, state), COMMAND_NS),
             Self::UpdateStates => host.submit_within(now, &StateUpdate, COMMAND_NS),
@@ -124,6 +138,7 @@ impl Ask {
                 host.submit_within(now, &request, timeout_ns.saturating_add(COMMAND_NS))
             }
             Self::Reconfig => host.submit_within(now, &Reconfig, COMMAND_NS),
+            Self::ConfigMap => host.submit_within(now, &ConfigMap, COMMAND_NS),
             Self::OutputPins(pins) => host.submit(now, &output_pins(pins)),
             Self::RxEntries(entries) => host.submit(now, &FifoSetRxCount { entries }),
             Self::TxEntries(entries) => host.submit(now, &FifoSetTxCount { entries }),
@@ -133,8 +148,20 @@ impl Ask {
     }
 }
 
+/// The times of SYNC0, which is active or not.
+const fn timing(sync0_ns: u32, is_active: bool) -> DcTiming {
+    let assign_activate = if is_active { 0x0300 } else { 0 };
+    DcTiming { assign_activate, sync0_ns, sync1_ns: 0, shift_ns: 0 }
+}
+
+fn dc_sync(slave: u8, sync0_ns: u32, is_active: bool) -> DcSync {
+    DcSync { slaves: Slaves::One(number(slave)), dc: timing(sync0_ns, is_active) }
+}
+
+/// \[OURS] The chip's own clock is the reference clock: reserve bit 12 is 0. The two manuals contradict each other about the
+/// meaning of that bit (XF EN 375, XF ZH 384), and older firmware does not know it, so the bus does not set it.
 const fn init(sync0_ns: u32) -> EcatInit {
-    let dc = DcTiming { assign_activate: 0x0300, sync0_ns, sync1_ns: 0, shift_ns: 0 };
+    let dc = timing(sync0_ns, true);
     EcatInit { special_slaves: false, reference_clock: ReferenceClock::Chip, lrw: true, fifo_on: false, dc }
 }
 
@@ -178,6 +205,10 @@ impl Asked {
             Ask::Fifo { on } => done(host.take(ticket, &FifoEnable { on })?),
             Ask::Clear(fifos) => done(host.take(ticket, &FifoClear { fifos })?),
             Ask::Init { sync0_ns } => done(host.take(ticket, &init(sync0_ns))?),
+            Ask::DcSync { slave, sync0_ns, is_active } => {
+                done(host.take(ticket, &dc_sync(slave, sync0_ns, is_active))?)
+            }
+            Ask::InitDc => done(host.take(ticket, &InitDc)?),
             Ask::Count => host.take(ticket, &SlaveCountGet)?.map(u32::from),
             Ask::Enter(slave, state) => done(host.take(ticket, &enter(slave, state))?),
             Ask::UpdateStates => done(host.take(ticket, &StateUpdate)?),
@@ -196,6 +227,7 @@ impl Asked {
                 done(host.take(ticket, &request)?)
             }
             Ask::Reconfig => done(host.take(ticket, &Reconfig)?),
+            Ask::ConfigMap => done(host.take(ticket, &ConfigMap)?),
             Ask::OutputPins(pins) => done(host.take(ticket, &output_pins(pins))?),
             Ask::RxEntries(entries) => done(host.take(ticket, &FifoSetRxCount { entries })?),
             Ask::TxEntries(entries) => done(host.take(ticket, &FifoSetTxCount { entries })?),

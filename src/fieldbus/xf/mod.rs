@@ -316,10 +316,6 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     fn set_local_outputs(&mut self, bits: u8) {
         self.bus.lock().put_local_outputs(bits);
     }
-
-    fn reference_clock(&self) -> Option<u8> {
-        self.bus.lock().network.with_dc.iter().next()
-    }
 }
 
 /// The interval at which the bus returns cycles while no slave is in OP, ns: the cycle time that a board has before OP.

@@ -1,5 +1,6 @@
 //! What the bus knows of the chip's network and its slaves.
 
+use crate::ethercat::cia402::Mode;
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::SlaveConfig;
 use crate::fieldbus::pdo::{Download, MappedDirection, MappingImage, ProcessData};
@@ -64,6 +65,11 @@ impl Mapped {
         }
     }
 
+    /// Whether no object of the mapping has to be written.
+    pub(super) const fn is_whole(&self) -> bool {
+        self.outputs.is_whole() && self.inputs.is_whole()
+    }
+
     pub(super) const fn of(&self, direction: MappedDirection) -> MappedObjects {
         match direction {
             MappedDirection::Outputs => self.outputs,
@@ -120,6 +126,9 @@ pub(super) struct Network {
     /// The number of slaves that the last scan has found.
     pub found: u8,
     pub with_dc: SlaveSet,
+    /// The slaves with distributed clocks to which the chip sends no SYNC0, because they run free. The initialisation of
+    /// the network switches it on for all.
+    pub free_running: SlaveSet,
     /// The state to which the newest job has brought each slave. The slave may have left it by itself.
     pub commanded: [AlState; MAX_SLAVES],
     /// The process data that are mapped for the role of each slave; `None`: the slave is unused, or is not configured.
@@ -131,6 +140,12 @@ pub(super) struct Network {
     /// What is known of the objects of each slave; `None`: nothing is known, or the objects may have changed since they
     /// were read.
     pub seen: [Option<Seen>; MAX_SLAVES],
+    /// The slaves of which an object of the mapping was written. The slaves keep these objects while the chip's network is
+    /// started again, so this set stays.
+    pub remapped: SlaveSet,
+    /// Whether a slave has fallen back to its default process data when the chip laid them out by RECONFIG. From then on
+    /// CONFIG_MAP lays them out (XF ZH 410).
+    pub falls_back: bool,
     /// Whether the chip's layout of process data matches the mapping of the slaves, and no change of state to PreOP or
     /// below was requested since: after such a change the chip makes a new layout.
     pub laid_out: bool,
@@ -163,11 +178,14 @@ impl Network {
             cycle: CycleTime::DEFAULT,
             found: 0,
             with_dc: SlaveSet::EMPTY,
+            free_running: SlaveSet::EMPTY,
             commanded: [AlState::Init; MAX_SLAVES],
             process_data: [None; MAX_SLAVES],
             places: [Place { outputs_at: 0, output_bytes: 0, inputs_at: 0, input_bytes: 0 }; MAX_SLAVES],
             configured: SlaveSet::EMPTY,
             seen: [None; MAX_SLAVES],
+            remapped: SlaveSet::EMPTY,
+            falls_back: false,
             laid_out: false,
             mapped: false,
             rx_bytes: 0,
@@ -184,14 +202,14 @@ impl Network {
     /// Called when the chip's network has stopped. The number of slaves stays known, because only a scan counts them
     /// again. Lost slaves stay lost, because only a change of state brings them back.
     pub(super) fn stop(&mut self) {
-        let Self { cycle, found, with_dc, lost, stale, lost_from, .. } = *self;
-        *self = Self { cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
+        let Self { cycle, found, with_dc, remapped, falls_back, lost, stale, lost_from, .. } = *self;
+        *self = Self { cycle, found, with_dc, remapped, falls_back, lost, stale, lost_from, ..Self::new() };
     }
 
     /// Called when the chip has initialised its network and found `found` slaves, which are in Init.
     pub(super) fn start(&mut self, found: u8, cycle: CycleTime) {
-        let Self { with_dc, lost, stale, lost_from, .. } = *self;
-        *self = Self { initialised: true, cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
+        self.stop();
+        (self.initialised, self.cycle, self.found) = (true, cycle, found);
     }
 
     /// Whether the network is initialised with this cycle time.
@@ -226,6 +244,19 @@ impl Network {
     pub(super) fn seen(&self, slave: u8, config: &SlaveConfig, now: Ns) -> Option<Seen> {
         let holds = |seen: &Seen| seen.config == *config && now.saturating_sub(seen.at) < SEEN_FOR_NS;
         self.seen[usize::from(slave) - 1].filter(holds)
+    }
+
+    /// The slaves whose mapping the chip may have taken back by laying out the process data: a slave may fall back to its
+    /// default one (XF ZH 410). Not checked are slaves that had the mapping of CSP, or of an IO slave, before any of it was
+    /// written \[OURS]: it is most likely their default one.
+    pub(super) fn may_have_fallen_back(&self) -> SlaveSet {
+        let may_fall = |slave: &u8| {
+            self.seen[usize::from(*slave) - 1].is_some_and(|Seen { config, mapped, .. }| {
+                let is_chosen = config.role.mode().is_some_and(|mode| mode != Mode::Csp);
+                self.remapped.contains(*slave) || is_chosen && mapped.is_whole()
+            })
+        };
+        SlaveSet::first(self.found).iter().filter(may_fall).collect()
     }
 
     /// Forgets the objects of a slave, because they may have changed. The chip's layout counts as invalid, because it

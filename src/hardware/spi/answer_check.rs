@@ -2,7 +2,9 @@
 
 use std::collections::VecDeque;
 
-use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
+use crate::sk::{
+    CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, MasterState, SlotForm, SlotSize, StateByte,
+};
 
 /// By how many bits the answers may be shifted, too early or too late: [`AnswerCheck::explain`] tries each of these
 /// numbers. \[OURS]
@@ -86,6 +88,10 @@ pub struct AnswerCheck {
     valid_crcs: u8,
     /// The CRC of the latest answer that `valid_crcs` counts.
     crc: u8,
+    /// Whether a valid answer has shown an id in slot 0 that only answers in step with the board show ([`shows_id`]). \[OURS]
+    /// Before that, the byte in the place of the state may be another byte of an answer that came too late or too early, so
+    /// it has to be a usual state. After that, any state is one.
+    has_shown_id: bool,
     /// The latest invalid answers since a valid one, at most [`INVALID_KEPT`]. An answer that repeats the one before it
     /// is not kept, because it shows nothing new about the fault.
     invalid: VecDeque<Frame>,
@@ -94,7 +100,7 @@ pub struct AnswerCheck {
 impl AnswerCheck {
     /// Checks the answers of a board with this slot size.
     pub fn new(size: SlotSize) -> Self {
-        Self { size, valid_crcs: 0, crc: 0, invalid: VecDeque::with_capacity(INVALID_KEPT) }
+        Self { size, valid_crcs: 0, crc: 0, has_shown_id: false, invalid: VecDeque::with_capacity(INVALID_KEPT) }
     }
 
     /// Whether the board sends CRCs, as far as its answers have shown.
@@ -118,6 +124,7 @@ impl AnswerCheck {
             return Err(InvalidAnswer);
         }
         self.invalid.clear();
+        self.has_shown_id |= shows_id(answer, self.size);
         self.note_crc(answer.crc_byte());
         Ok(MasterResponse::decode(&answer.slot(self.size, 0)))
     }
@@ -140,7 +147,9 @@ impl AnswerCheck {
         if answer.crc_byte() != 0 || self.fills_crc() {
             return answer.check_crc(self.size, CrcPolicy::Strict).is_ok();
         }
-        !same(bytes, 0) && SlotForm::StrictReport.fits(answer, self.size)
+        !same(bytes, 0)
+            && SlotForm::StrictReport.fits(answer, self.size)
+            && (self.has_shown_id || shows_id(answer, self.size) || has_usual_state(answer, self.size))
     }
 
     /// The wiring fault that explains the latest invalid answers.
@@ -207,7 +216,26 @@ fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
     let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
     fits && frame.check_crc(size, policy).is_ok()
         && SlotForm::StrictReport.fits(frame, size)
+        && has_usual_state(frame, size)
         && !same(frame.wire(size), 0)
+}
+
+/// Whether slot 0 has the id of LIO_RD or of the cyclic response, which is rarely there if the answer is shifted.
+fn shows_id(frame: &Frame, size: SlotSize) -> bool {
+    let id = frame.slot(size, 0).id;
+    id == CommandId::LocalRead.code() || id == MASTER_CYCLIC
+}
+
+/// Whether slot 0 has a state as most boards show it, and the fields of that state (SK-2). \[OURS] A report may have others.
+/// But bytes that have them only if they are read in another way show by that how they have to be read.
+fn has_usual_state(frame: &Frame, size: SlotSize) -> bool {
+    let slot = frame.slot(size, 0);
+    let state = MasterResponse::decode(&slot).state;
+    match state.state() {
+        Some(MasterState::Op) => true,
+        Some(_) => slot.data2 == 0,
+        None => slot.data2 == 0 && matches!(state.0, 0 | StateByte::FAILED),
+    }
 }
 
 fn same(bytes: &[u8], value: u8) -> bool {

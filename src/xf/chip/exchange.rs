@@ -166,9 +166,10 @@ impl<N: SlaveNetwork> Chip<N> {
         if is_repeated {
             return Reply::nop(header);
         }
+        let was_busy = self.job.is_some();
         let outcome = self.run_command(packet, data);
         let updates = header.control.contains(Control::UPDATE_STATE);
-        if outcome.is_err() || updates && !self.start_update() {
+        if outcome.is_err() || updates && !self.start_update(was_busy) {
             self.raise(Errors::COMMAND);
         }
         let returned = outcome.unwrap_or(Returned::NONE);

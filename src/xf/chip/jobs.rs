@@ -125,9 +125,9 @@ impl<N: SlaveNetwork> Chip<N> {
         true
     }
 
-    /// Gives up the running job and the operation that the network is executing for it.
+    /// Gives up the running job, the update of states that would follow it, and the operation that the network is executing for it.
     pub(super) fn drop_job(&mut self) {
-        self.job = None;
+        (self.job, self.update_is_due) = (None, false);
         self.network.give_up();
     }
 
@@ -176,7 +176,7 @@ impl<N: SlaveNetwork> Chip<N> {
                 }
             };
             match self.end_part(&mut running.job, result) {
-                Progress::Done => {}
+                Progress::Done => self.update_if_due(),
                 Progress::Next(due) => {
                     running.due = due.max(self.now + 1);
                     running.begin_at = if self.network.takes_time() { self.now } else { running.due };
@@ -186,8 +186,18 @@ impl<N: SlaveNetwork> Chip<N> {
                     (running.due, running.begin_at) = (at, at);
                     self.job = Some(running);
                 }
-                Progress::Failed => self.raise(Errors::NON_IMMEDIATE),
+                Progress::Failed => {
+                    self.raise(Errors::NON_IMMEDIATE);
+                    self.update_if_due();
+                }
             }
+        }
+    }
+
+    /// Called at the end of a job: starts the update of states that its packet has requested.
+    fn update_if_due(&mut self) {
+        if std::mem::take(&mut self.update_is_due) {
+            self.start_job(Job::StateUpdate);
         }
     }
 

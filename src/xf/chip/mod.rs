@@ -133,6 +133,8 @@ pub struct Chip<N> {
     fifo_on: bool,
     helper: Helper,
     job: Option<ActiveJob>,
+    /// Whether an update of states follows the running job, because the packet of that job has requested it.
+    update_is_due: bool,
     sdo: SdoResult,
     results: Results,
     requests: Requests,
@@ -179,6 +181,7 @@ impl<N: SlaveNetwork> Chip<N> {
             fifo_on: true,
             helper: Helper::new(),
             job: None,
+            update_is_due: false,
             sdo: SdoResult::new(),
             results: Results::default(),
             requests: Requests::default(),
@@ -217,7 +220,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.fifos.reset();
         self.fifo_on = true;
         self.helper = Helper::new();
-        self.job = None;
+        (self.job, self.update_is_due) = (None, false);
         self.network.reset();
         self.sdo = SdoResult::new();
         self.results = Results::default();

@@ -317,6 +317,47 @@ fn a_header_updates_states() {
     assert_eq!(host.send(&InfoUpdate).errors(), Errors::COMMAND);
 }
 
+/// XF-11.14 Beside a command that takes time the states are read when it has ended, well or not; both count as one packet that
+/// takes time (ecm-xf-commands, control bit 1). A command of an earlier packet makes it a command error.
+#[test]
+fn a_header_updates_states_behind_a_command_that_takes_time() {
+    let read = sdo(0, 0x1000, 0, SdoOperation::Read { bytes: 4 });
+    let aborted = sdo(0, 0x5FFF, 0, SdoOperation::Read { bytes: 4 });
+    for (request, errors) in [(&read, Errors::NONE), (&aborted, Errors::NON_IMMEDIATE)] {
+        let mut host = Host::in_state(EtherCatState::PreOp);
+        host.chip.network_mut().silence(1, true);
+        let header = CommandHeader { control: Control::UPDATE_STATE, ..CommandHeader::with_index(90) };
+        host.send_with(header, request);
+        assert!(host.send(&InfoUpdate).has(Status::BUSY));
+        let end = host.wait();
+        assert_eq!(end.errors(), errors, "{request:?}");
+        assert!(end.header.state.has_error(), "slave 1 does not answer");
+        assert!(!end.has(Status::BUSY));
+        // The update is one of its packet: none follows the next command.
+        host.chip.network_mut().silence(1, false);
+        host.send(&read);
+        assert!(host.wait().header.state.has_error(), "nothing has read the state anew");
+        // With a command of an earlier packet running, the own one is dropped, and no update comes.
+        host.send(&to_all(EtherCatState::PreOp));
+        host.wait();
+        host.send(&read);
+        host.send_with(CommandHeader { index: 91, ..header }, &read);
+        assert!(host.send(&InfoUpdate).errors().contains(Errors::COMMAND));
+    }
+}
+
+/// XF-11.14 XF-11.11 An update behind a command that is given up is given up with it.
+#[test]
+fn an_update_behind_a_command_is_given_up_with_it() {
+    let mut host = Host::in_state(EtherCatState::PreOp);
+    host.chip.network_mut().silence(1, true);
+    let header = CommandHeader { control: Control::UPDATE_STATE, ..CommandHeader::with_index(90) };
+    host.send_with(header, &sdo(0, 0x1000, 0, SdoOperation::Read { bytes: 4 }));
+    host.call(&AsyncReset::new(AsyncResetActions::CLEAR_BUSY).expect("known bits"));
+    let end = host.send(&InfoUpdate);
+    assert!(!end.has(Status::BUSY) && !end.header.state.has_error());
+}
+
 /// XF-11.15 As a stream the chip has a byte for each byte, however they are split. A host that does not know n or the
 /// place finds both; a host that is out of step makes framing errors; after SPI_RECONFIG_OP the next packet has the new
 /// n.

@@ -10,6 +10,7 @@ use crate::fieldbus::xf::fifo_entries;
 use crate::fieldbus::xf::network::{Mapped, Network, Place, Seen};
 use crate::fieldbus::xf::plan::{CycleDemand, CyclePlan};
 use crate::fieldbus::{BusConfig, Configured, HardwareLimit, Refusal, Role, SlaveConfig};
+use crate::sk::DriveSync;
 use crate::xf::DataSize;
 use crate::xf::host::{HostError, Wires};
 use crate::xf::request::SlaveInfoItem;
@@ -47,6 +48,9 @@ impl<W: Wires> Steps<W> {
             if data.is_some_and(|data| data.axes() > 1) {
                 configured.second_axes.insert(slave);
             }
+        }
+        if !is_ahead {
+            self.set_sync(config).await?;
         }
         self.lay_out(config, keeps_layout, is_ahead).await?;
         if !is_ahead {
@@ -191,7 +195,10 @@ impl<W: Wires> Steps<W> {
     async fn write(&self, slave: u8, downloads: Downloads, mapped: Mapped) -> Result<(), Refusal> {
         for download in downloads.into_iter().filter(|download| !mapped.has(download)) {
             if download.direction().is_some() {
-                self.with(|bus| bus.network.forget_objects(slave));
+                self.with(|bus| {
+                    bus.network.forget_objects(slave);
+                    bus.network.remapped.insert(slave);
+                });
             }
             let Download { object, size, value, .. } = download;
             let Err(error) = self.ask(Ask::Download { slave, object, size, value, timeout_ns: SDO_NS }).await else {
@@ -205,6 +212,35 @@ impl<W: Wires> Steps<W> {
                 return Err(Refusal { slave, ..download.refused(code) });
             }
         }
+        Ok(())
+    }
+
+    /// Switches SYNC0 off for the slaves with distributed clocks that DRIVE_MODE has declared as free run, and on for the
+    /// others. The initialisation of the network has switched it on for all of them.
+    async fn set_sync(&self, config: &BusConfig) -> Result<(), Refusal> {
+        let (with_dc, before) = self.with(|bus| {
+            let found = SlaveSet::first(bus.network.found);
+            (bus.network.with_dc.intersection(found), bus.network.free_running)
+        });
+        let (mut free_running, mut first) = (before, None);
+        for slave in config.selected.intersection(with_dc).iter() {
+            let SlaveConfig { role, sync } = config.slaves[usize::from(slave) - 1];
+            let is_free = sync == DriveSync::FreeRun;
+            if role == Role::Unused || is_free == before.contains(slave) {
+                continue;
+            }
+            let set = Ask::DcSync { slave, sync0_ns: config.cycle.ns() as u32, is_active: !is_free };
+            self.ask(set).await.map_err(|_| Refusal::of(slave, AlStatus::INVALID_DC_SYNC))?;
+            if is_free {
+                free_running.insert(slave)
+            } else {
+                free_running.remove(slave)
+            };
+            first.get_or_insert(slave);
+        }
+        let Some(slave) = first else { return Ok(()) };
+        self.ask(Ask::InitDc).await.map_err(|_| Refusal::of(slave, AlStatus::INVALID_DC_SYNC))?;
+        self.with(|bus| bus.network.free_running = free_running);
         Ok(())
     }
 
@@ -238,9 +274,21 @@ impl<W: Wires> Steps<W> {
             bus.part = Part::LaysOut;
             bus.network.found
         });
-        if self.ask(Ask::Reconfig).await.is_err() {
-            let slave = config.selected.iter().next().unwrap_or(1);
-            return Err(Refusal::of(slave, AlStatus::INVALID_OUTPUTS));
+        loop {
+            let falls_back = self.with(|bus| bus.network.falls_back);
+            if self.ask(if falls_back { Ask::ConfigMap } else { Ask::Reconfig }).await.is_err() {
+                let slave = config.selected.iter().next().unwrap_or(1);
+                return Err(Refusal::of(slave, AlStatus::INVALID_OUTPUTS));
+            }
+            let Some(slave) = self.map_again(is_ahead).await? else { break };
+            self.with(|bus| bus.network.falls_back = true);
+            if is_ahead {
+                break;
+            }
+            if falls_back {
+                // The slave has fallen back with CONFIG_MAP, too: it would take its outputs for those of other objects.
+                return Err(Refusal::of(slave, AlStatus::INVALID_OUTPUT_MAPPING));
+            }
         }
         for slave in 1..=found {
             let outputs = self.ask(Ask::Info(slave, SlaveInfoItem::OutputBytes)).await.unwrap_or(0) as usize;
@@ -256,6 +304,53 @@ impl<W: Wires> Steps<W> {
         let _ = self.ask(Ask::BuildFifos).await;
         self.with(|bus| bus.network.laid_out = true);
         Ok(())
+    }
+}
+
+impl<W: Wires> Steps<W> {
+    /// Called when the chip has laid out the process data: writes the mapping of each slave that has fallen back to another
+    /// one (XF ZH 410). \[OURS] Their objects show it. With `is_ahead` nothing is written, and what is known of such a slave is forgotten. Returns the first of these
+    /// slaves; `None`: all have their mapping.
+    async fn map_again(&self, is_ahead: bool) -> Result<Option<u8>, Refusal> {
+        let mut first = None;
+        for slave in self.with(|bus| bus.network.may_have_fallen_back()).iter() {
+            let n = usize::from(slave) - 1;
+            let Some(Seen { config, data, mapped, .. }) = self.with(|bus| bus.network.seen[n]) else { continue };
+            let downloads = data.downloads(config.sync);
+            if mapped.is_whole() {
+                if self.keeps_mapping(slave, &downloads).await? {
+                    continue;
+                }
+                first.get_or_insert(slave);
+            }
+            if is_ahead {
+                self.with(|bus| bus.network.seen[n] = None);
+            } else if mapped.is_whole() {
+                self.write(slave, downloads, Mapped::default()).await?;
+                self.with(|bus| bus.note_seen(slave, Seen::all(config, data)));
+            }
+        }
+        Ok(first)
+    }
+
+    /// Whether a slave has the mapping of these downloads. An object that complete access does not show as wanted is read
+    /// entry by entry. \[OURS] An entry that cannot be read counts as right, since it was written before.
+    async fn keeps_mapping(&self, slave: u8, downloads: &Downloads) -> Result<bool, Refusal> {
+        for image in downloads.mapping_images() {
+            match self.ask(Ask::Compare { slave, image, timeout_ns: SDO_NS }).await {
+                Ok(shown) if shown != 0 => continue,
+                Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),
+                _ => {}
+            }
+            for Download { object, size, value, .. } in downloads.final_values(&image) {
+                match self.ask(Ask::Upload { slave, object, timeout_ns: SDO_NS }).await {
+                    Ok(read) if read & size.mask() != value => return Ok(false),
+                    Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),
+                    _ => {}
+                }
+            }
+        }
+        Ok(true)
     }
 }
 

@@ -32,6 +32,11 @@ impl<W: Wires> Steps<W> {
         });
         let _ = self.ask(Ask::Fifo { on: false }).await;
         let _ = self.ask(Ask::Clear(Fifos::Both)).await;
+        if self.with(|bus| bus.is_network_up()) {
+            // As applications do (OBS). A program that has ended may have left its slaves in OP.
+            self.with(|bus| bus.network.commanded.fill(AlState::Init));
+            let _ = self.ask(Ask::Enter(None, AlState::Init)).await;
+        }
         if self.ask(Ask::Init { sync0_ns: cycle.ns() as u32 }).await.is_err() {
             self.with(|bus| bus.network.stop());
             return Err(Refusal::no_answer(1));
@@ -92,6 +97,13 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
+    /// Whether slaves of the chip may be above Init: the newest answer shows such a state, or a job has brought a slave
+    /// there. The chip shows the lowest state of all slaves.
+    fn is_network_up(&self) -> bool {
+        let shown = self.host.header().and_then(|header| header.state.state());
+        shown.is_some_and(|state| state != EtherCatState::Init) || !self.network.at_least(AlState::PreOp).is_empty()
+    }
+
     /// Evaluates the states of all slaves. Any slave may have left its state by itself, including those that the job is
     /// about to move. Returns whether slaves were lost and the engine has not polled this loss yet, so that the job has
     /// to wait.

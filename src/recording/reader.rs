@@ -170,7 +170,8 @@ impl<R: Read> Recording<R> {
 
     fn next_frame(&mut self) -> Result<Option<Recorded>, RecordError> {
         loop {
-            if let Some(frame) = self.pending.pop() {
+            if let Some(mut frame) = self.pending.pop() {
+                frame.damage_before = self.lacks.damage.count;
                 self.first_ns.get_or_insert(frame.at_ns);
                 self.frames += 1;
                 return Ok(Some(frame));

@@ -221,7 +221,9 @@ mod tests {
     #[test]
     fn a_following_error_past_the_largest_position() {
         const SIZE: SlotSize = SlotSize::Bytes12;
-        for (position, says) in [(i32::MAX - 5, None), (i32::MAX - 5000, Some("slave 1 is 5006 counts from its target"))] {
+        for (position, says) in
+            [(i32::MAX - 5, None), (i32::MAX - 5000, Some("slave 1 is 5006 counts from its target"))]
+        {
             let mut watch = FlightEvents::new(Some(SIZE), Some(1000));
             let state = StateByte::reached(MasterState::Op);
             let board = MasterResponse { state, fifo_free: FIFO_ENTRIES, ..MasterResponse::default() };
@@ -229,8 +231,7 @@ mod tests {
             command.put_slave(SIZE, 1, &SlaveCommand::Csp(Motion::to(i32::MIN + 5)).into());
             report.put(SIZE, 0, &board.encode());
             let head = SlaveResponse { id: 0x15, index: 0 };
-            let drive =
-                DriveResponse { head, statusword: Statusword(0x1637), position, ..DriveResponse::default() };
+            let drive = DriveResponse { head, statusword: Statusword(0x1637), position, ..DriveResponse::default() };
             report.put(SIZE, 1, &drive.encode());
             let mut found = Vec::new();
             for (at_ms, dir) in [(1, Dir::Read), (2, Dir::Write), (3, Dir::Read)] {

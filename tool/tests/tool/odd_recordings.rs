@@ -56,7 +56,7 @@ fn is_even(file: &Path) {
         let values = ["following_error", "target_step", "velocity"].map(value);
         assert!(values[0] < 110.0 && values[1] <= 10.0 && values[2] <= 11_000.0, "{json}");
     }
-    assert_eq!(json["gaps"], 1, "{json}");
+    assert_eq!(json["counts"]["gaps"], 1, "{json}");
     let ran = run(["find", "following_error(1) > 1000 or target_step(1) > 100", utf8(file)]);
     assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""), "{ran:?}");
 }
@@ -123,7 +123,10 @@ fn odd_times_are_judged() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
     script.record(&file, "sim:?clock=virtual", Some(SlotSize::Bytes12));
-    let rules = text("odd_times.toml", "format = 1\n[[events]]\nstate = \"safeop\"\n[[events]]\nstate = \"op\"\nwithin = \"1s\"\n");
+    let rules = text(
+        "odd_times.toml",
+        "format = 1\n[[events]]\nstate = \"safeop\"\n[[events]]\nstate = \"op\"\nwithin = \"1s\"\n",
+    );
     let ran = run(["assert", utf8(&file), &rules]);
     assert!(matches!(ran.code, Some(0 | 1)) && !ran.err.contains("panicked"), "{ran:?}");
 }

@@ -14,7 +14,8 @@ use crate::threads;
 const END_WAIT_MAX: Duration = Duration::from_secs(10);
 
 /// What is said if the thread has ended by an error of this crate. The segments go on without it.
-const PANICKED: &str = "the thread that keeps moments and syncs to the disk has failed; open the board again, and report it";
+const PANICKED: &str =
+    "the thread that keeps moments and syncs to the disk has failed; open the board again, and report it";
 
 /// What the thread is sent.
 pub(super) enum Message {

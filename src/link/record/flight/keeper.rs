@@ -25,7 +25,8 @@ pub(super) const MARK: &str = ".mark";
 const BEGIN_MAX: usize = 128 * 1024;
 
 /// Why a moment lacks frames whose number nobody knows any more.
-const BEGIN_MISSING: &str = "and more, at the beginning: the ring had no room for them any more; give it a larger flight_bytes=";
+const BEGIN_MISSING: &str =
+    "and more, at the beginning: the ring had no room for them any more; give it a larger flight_bytes=";
 
 /// What the recorder's thread asks of the keeper.
 pub(super) enum Job {

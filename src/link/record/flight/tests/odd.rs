@@ -34,9 +34,10 @@ fn a_panic_of_the_thread_is_said() {
 
 /// Keeps a moment of these segments and events; returns what the keeper says.
 fn keep(memory: &Memory, bounds: Bounds, moment: Moment, last: u64) -> Vec<Done> {
-    let kept = memory.files().into_iter().filter_map(|(name, bytes)| {
-        folder::number(&name, folder::moment).map(|number| (number, bytes.len() as u64))
-    });
+    let kept = memory
+        .files()
+        .into_iter()
+        .filter_map(|(name, bytes)| folder::number(&name, folder::moment).map(|number| (number, bytes.len() as u64)));
     let mut keeper = Keeper::new(Arc::new(memory.clone()), bounds.kept, kept.collect());
     let mut said = Vec::new();
     keeper.work(Job::Keep(moment, last), &mut |done| said.push(done));

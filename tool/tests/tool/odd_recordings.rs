@@ -20,15 +20,16 @@ fn go(board: &mut FakeBoard, start: i32, cycles: std::ops::Range<i32>) {
     }
 }
 
-/// Records a motion of 2.5 s from `start` on, in blocks of 1,024 frames. After 2 s the FIFO is empty for 40 ms.
-fn recorded(start: i32) -> (TempDir, PathBuf) {
+/// Records a motion from `start` on, in blocks of 1,024 frames, which are half a second. After so many cycles of 1 ms the FIFO
+/// is empty for 40 ms, and the motion goes on for 500 ms.
+fn recorded(start: i32, cycles: i32) -> (TempDir, PathBuf) {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 2);
     (board.targets, board.positions) = (vec![start; 2], vec![start; 2]);
-    go(&mut board, start, 0..2000);
+    go(&mut board, start, 0..cycles);
     for _ in 0..40 {
         board.cycle();
     }
-    go(&mut board, start, 2000..2500);
+    go(&mut board, start, cycles..cycles + 500);
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.ecmrec");
     board.script.record(&file, "sim:?slaves=drive*3&clock=virtual", Some(board.size));
@@ -65,7 +66,7 @@ fn is_even(file: &Path) {
 /// and a later gap is one as ever. `assert` does not call a rule broken.
 #[test]
 fn a_damaged_block_gives_no_false_values() {
-    let (_folder, file) = recorded(0);
+    let (_folder, file) = recorded(0, 2000);
     is_even(&file);
     damage(&file, 3, 100);
     is_even(&file);
@@ -80,17 +81,17 @@ fn a_damaged_block_gives_no_false_values() {
 /// Positions have 32 bits, and an axis may turn without end.
 #[test]
 fn positions_go_on_past_the_largest_one() {
-    let (_folder, file) = recorded(i32::MAX - 10_005);
+    let (_folder, file) = recorded(i32::MAX - 10_005, 2000);
     is_even(&file);
 }
 
 /// A plot of a range in which the header of a block is damaged reads all of the recording, and names the damage.
 #[test]
 fn a_plot_of_a_range_with_a_damaged_header_names_the_damage() {
-    let (_folder, file) = recorded(0);
-    damage(&file, 3, 20);
-    let ran = run(["plot", "--from", "0.8", "--to", "1.2", utf8(&file)]);
-    assert!(ran.code == Some(0) && ran.err.contains("damaged, and not read: from 1."), "{ran:?}");
+    let (_folder, file) = recorded(0, 10_000);
+    damage(&file, 10, 20);
+    let ran = run(["plot", "--from", "4.2", "--to", "4.8", utf8(&file)]);
+    assert!(ran.code == Some(0) && ran.err.contains("damaged, and not read: from 4."), "{ran:?}");
 }
 
 /// A value that is exactly the limit in units is not above it.

@@ -170,8 +170,7 @@ impl<R: Read> Recording<R> {
 
     fn next_frame(&mut self) -> Result<Option<Recorded>, RecordError> {
         loop {
-            if let Some(mut frame) = self.pending.pop() {
-                frame.damage_before = self.lacks.damage.count;
+            if let Some(frame) = self.pending.pop() {
                 self.first_ns.get_or_insert(frame.at_ns);
                 self.frames += 1;
                 return Ok(Some(frame));
@@ -223,7 +222,10 @@ impl<R: Read> Iterator for Recording<R> {
         if self.ended {
             return None;
         }
-        let frame = self.next_frame().transpose();
+        let mut frame = self.next_frame().transpose();
+        if let Some(Ok(frame)) = &mut frame {
+            frame.damage_before = self.lacks.damage.count;
+        }
         self.ended = !matches!(frame, Some(Ok(_)));
         frame
     }

@@ -28,8 +28,10 @@ pub struct WindowOf {
 impl WindowOf {
     /// Opens the part of a recording for the stretch from `from_ns` to `to_ns`, both included, ns since the first frame
     /// of the recording. `None` if this part is the whole file, or cannot be found without reading all frames: the file
-    /// has another format than `.ecmrec`, the clock was set during the recording, so that the times of its blocks do not
-    /// rise evenly, or the header of a block that the part needs is damaged. Who reads all of the file then learns of the
+    /// has another format than `.ecmrec`, or the clock was set during the recording, so that the times of its blocks do
+    /// not rise evenly.
+    ///
+    /// `None`, too, if the header of a block that the part needs is damaged: who reads all of the file learns of the
     /// damage.
     ///
     /// # Errors

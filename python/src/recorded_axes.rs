@@ -77,7 +77,12 @@ impl Reader {
         }
     }
 
-    pub fn frame(&mut self, at_ns: i64, dir: Dir, frame: &Frame) {
+    /// Adds the next frame. `damage_before`: see `Recorded`.
+    pub fn frame(&mut self, at_ns: i64, damage_before: u64, dir: Dir, frame: &Frame) {
+        self.watch.damage(damage_before);
+        if self.run.damage(damage_before) {
+            self.axes.iter_mut().for_each(|axis| axis.in_force = None);
+        }
         self.last_ns = self.last_ns.max(at_ns);
         match dir {
             Dir::Write => {

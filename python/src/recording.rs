@@ -97,7 +97,9 @@ impl InTime {
 /// Gives all frames to the reader. Returns how many there are, and what is wrong with the rest of the file.
 fn follow(recording: &mut Recording<std::fs::File>, reader: &mut Reader) -> Result<(u64, Option<String>), Failure> {
     let (mut in_time, mut frames) = (InTime::default(), 0_u64);
-    let mut take = |(at_ns, recorded): (i64, Recorded)| reader.frame(at_ns, recorded.dir, &recorded.frame);
+    let mut take = |(at_ns, recorded): (i64, Recorded)| {
+        reader.frame(at_ns, recorded.damage_before, recorded.dir, &recorded.frame);
+    };
     let mut damage = None;
     for recorded in recording {
         match recorded {

@@ -20,6 +20,14 @@ const HELD_UP_MAX_NS: u64 = 50_000_000;
 /// That is for threads which real time alone wakes every few milliseconds, as timers that send signals do.
 const STANDSTILL_MAX_NS: u64 = 5_000_000_000;
 
+/// How far time goes on in the first step of the boards, in nanoseconds \[OURS]; each further step is twice as long as the one
+/// before.
+const STEP_NS: u64 = 100_000_000;
+
+/// No step begins after so long on the real clock, in nanoseconds \[OURS]. The thread then releases the lock of the table, so
+/// that a thread that comes back from a call outside goes on, however long the wait is that boards are passing.
+const STEPS_REAL_NS: u64 = 1_000_000;
+
 /// What the threads are doing.
 enum Standstill {
     /// All wait.
@@ -29,8 +37,8 @@ enum Standstill {
 }
 
 impl Threads {
-    /// Lets time go on to the earliest deadline if all threads wait, and ends the waits whose deadline that is. Returns
-    /// whether any wait has ended.
+    /// Lets time go on towards the earliest deadline if all threads wait, and ends the waits whose deadline it reaches.
+    /// Returns whether any wait has ended.
     pub fn advance(&mut self) -> bool {
         let earliest = self.earliest();
         if earliest == NEVER {
@@ -54,10 +62,7 @@ impl Threads {
             }
         }
         self.entries.iter_mut().for_each(|entry| entry.is_retried = false);
-        if earliest > clock::now() {
-            boards::pass_to(earliest);
-            clock::set_on(earliest);
-        }
+        go_on(earliest);
         let now = clock::now();
         self.end_waits(Outcome::Reached, |deadline, _| deadline <= now) > 0
     }
@@ -123,13 +128,37 @@ impl Threads {
         is_any
     }
 
-    /// Ends the waits for descriptors that are ready: another thread of the program may have written to them.
+    /// Ends the waits for descriptors that are ready, once in each call before time goes on: another thread of the program may
+    /// have written to them. What is ready for poll need not be for the call, as a descriptor that has hung up is not for the
+    /// exceptions of select.
     fn end_ready(&mut self) -> bool {
-        let is_ready = |what: &What| match what {
-            What::Descriptors(descriptors) => is_any_ready(descriptors),
-            _ => false,
-        };
-        self.end_waits(Outcome::Woken, |_, what| is_ready(what)) > 0
+        let mut is_any = false;
+        for entry in &mut self.entries {
+            if let State::Waiting { what: What::Descriptors(descriptors), .. } = &entry.state
+                && !entry.is_retried
+                && is_any_ready(descriptors)
+            {
+                entry.is_retried = true;
+                entry.end_wait(Outcome::Woken);
+                is_any = true;
+            }
+        }
+        is_any
+    }
+}
+
+/// Lets time go on towards `time`, and there if that takes no longer than [`STEPS_REAL_NS`].
+fn go_on(time: u64) {
+    let began = system::real_ns(libc::CLOCK_MONOTONIC);
+    let mut step = STEP_NS;
+    while clock::now() < time {
+        let next = clock::now().saturating_add(step).min(time);
+        boards::pass_to(next);
+        clock::set_on(next);
+        if system::real_ns(libc::CLOCK_MONOTONIC).saturating_sub(began) >= STEPS_REAL_NS {
+            return;
+        }
+        step = step.saturating_mul(2);
     }
 }
 

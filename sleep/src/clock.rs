@@ -12,6 +12,10 @@ const READ_NS: u64 = 1_000;
 /// No deadline.
 pub const NEVER: u64 = u64::MAX;
 
+/// The longest wait that has an end \[OURS], in nanoseconds: ten years. A longer one is how programs wait for ever, and no
+/// board passes it.
+const WAIT_MAX_NS: u64 = 10 * 365 * 86_400 * 1_000_000_000;
+
 /// The virtual clock, in nanoseconds.
 static NOW: AtomicU64 = AtomicU64::new(0);
 /// The earliest deadline of a thread that waits, or [`NEVER`].
@@ -24,7 +28,10 @@ pub fn now() -> u64 {
 
 /// The virtual clock for a call of the program that reads a clock.
 pub fn read() -> u64 {
-    let now = NOW.fetch_add(READ_NS, Ordering::AcqRel) + READ_NS;
+    // The clock ends before it, so that it reaches no wait without a deadline.
+    let on = |now: u64| now.saturating_add(READ_NS).min(NEVER - 1);
+    let (Ok(before) | Err(before)) = NOW.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| Some(on(now)));
+    let now = on(before);
     after(now);
     now
 }
@@ -100,11 +107,11 @@ pub fn start(clock: c_int) -> Option<u64> {
 
 /// The deadline on the virtual clock of a time that a clock of the program shows.
 pub fn deadline(clock: c_int, shown_ns: u64) -> Option<u64> {
-    Some(shown_ns.saturating_sub(start(clock)?))
+    let deadline = shown_ns.saturating_sub(start(clock)?);
+    Some(if deadline.saturating_sub(now()) > WAIT_MAX_NS { NEVER } else { deadline })
 }
 
 /// The deadline of a wait that begins now.
 pub fn in_ns(ns: u64) -> u64 {
-    // A deadline that no clock reaches is still one, so that the thread is no thread without a deadline.
-    now().saturating_add(ns).min(NEVER - 1)
+    if ns > WAIT_MAX_NS { NEVER } else { now().saturating_add(ns).min(NEVER - 1) }
 }

@@ -82,7 +82,7 @@ pub struct Entry {
     pub blocked: Option<(u64, u64)>,
     /// The time of the processor that it had used when it was first found running while time stands still, in nanoseconds.
     pub used_ns: Option<u64>,
-    /// Whether it has tried its lock since time went on.
+    /// Whether it has tried again what it waits for since time went on.
     pub is_retried: bool,
 }
 
@@ -296,8 +296,13 @@ pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: im
         if !is_turn && deadline <= clock::now() {
             break Outcome::Reached;
         }
+        let before = clock::now();
         if threads.advance() {
             continue;
+        }
+        if clock::now() > before {
+            // Time has gone on a part of the way.
+            pause = FIRST_PAUSE;
         }
         let seen = thread.word.load(Ordering::Acquire);
         drop(threads);
@@ -310,6 +315,14 @@ pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: im
     };
     threads.set(thread, State::Running);
     outcome
+}
+
+/// The calling thread begins a call in which it may wait several times for the same.
+pub fn begin_call() {
+    let thread = current();
+    if let Some(entry) = lock().entry(thread) {
+        entry.is_retried = false;
+    }
 }
 
 /// Waits until all other threads wait.

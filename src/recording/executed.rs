@@ -113,6 +113,11 @@ impl Executed {
         (passed.saturating_add(self.cycle_ns / 2) / self.cycle_ns).unsigned_abs()
     }
 
+    /// Notes that frames are missing before the next one. It is unknown which of the earlier commands were executed.
+    pub const fn lost(&mut self) {
+        (self.known_from, self.previous, self.last_certain) = (self.count, None, None);
+    }
+
     /// Forgets all commands when OP is left, since the FIFO is empty then. `cycle_ns` is the cycle time from now on.
     pub fn reset(&mut self, cycle_ns: i64) {
         *self = Self { losses: self.losses, ..Self::new(cycle_ns) };

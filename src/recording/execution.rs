@@ -102,7 +102,7 @@ impl Execution {
         }
         let before = self.before.replace((at_ns, waits));
         let idle_since_ns = before.filter(|(_, waited)| !waited).and_then(|(then_ns, _)| {
-            let cycles = (at_ns.saturating_sub(then_ns) + self.cycle_ns / 2) / self.cycle_ns;
+            let cycles = at_ns.saturating_sub(then_ns).saturating_add(self.cycle_ns / 2) / self.cycle_ns;
             // The FIFO was empty if more cycles have passed than commands were executed. One cycle more proves nothing,
             // because on a real link the times of reports vary by up to a cycle.
             let idle = (entries.is_empty() && !waits) || entries.len() as i64 + 1 < cycles;
@@ -111,10 +111,35 @@ impl Execution {
         ExecutionReport::Executed { entries, idle_since_ns }
     }
 
+    /// Notes that frames are missing before the next one, such as damaged ones.
+    pub fn lost(&mut self) {
+        self.executed.lost();
+        self.sent.clear();
+        self.before = None;
+    }
+
     /// Starts anew when OP is left, since the FIFO is empty then.
     pub fn reset(&mut self) {
         self.executed.reset(self.cycle_ns);
         self.sent.clear();
         self.before = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sk::{MasterState, StateByte};
+
+    /// A damaged file may have any times.
+    #[test]
+    fn odd_times_are_no_panic() {
+        let state = StateByte::reached(MasterState::Op);
+        let board = MasterResponse { state, fifo_free: FIFO_ENTRIES, ..MasterResponse::default() };
+        let mut execution = Execution::new(1_000_000);
+        for at_ns in [i64::MIN, i64::MAX, i64::MIN, i64::MAX] {
+            execution.command(at_ns, NO_ORDERS, false);
+            execution.report(at_ns, &board);
+        }
     }
 }

@@ -222,7 +222,10 @@ impl<R: Read> Iterator for Recording<R> {
         if self.ended {
             return None;
         }
-        let frame = self.next_frame().transpose();
+        let mut frame = self.next_frame().transpose();
+        if let Some(Ok(frame)) = &mut frame {
+            frame.damage_before = self.lacks.damage.count;
+        }
         self.ended = !matches!(frame, Some(Ok(_)));
         frame
     }

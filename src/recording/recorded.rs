@@ -19,6 +19,8 @@ pub struct Recorded {
     pub bus: u16,
     /// The number of the board on its bus. It changes when the board is plugged in again.
     pub device: u8,
+    /// How many damaged parts of the file, which were skipped, come before the frame: the frames there are missing.
+    pub damage_before: u64,
 }
 
 impl Recorded {

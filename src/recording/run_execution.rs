@@ -15,6 +15,7 @@ pub struct RunExecution {
     execution: Execution,
     cycle_ns: i64,
     in_op: bool,
+    damage_before: u64,
 }
 
 impl Default for RunExecution {
@@ -24,6 +25,7 @@ impl Default for RunExecution {
             execution: Execution::new(DEFAULT_CYCLE_NS),
             cycle_ns: DEFAULT_CYCLE_NS,
             in_op: false,
+            damage_before: 0,
         }
     }
 }
@@ -32,6 +34,18 @@ impl RunExecution {
     /// Starts without frames. The cycle time is 1 ms until a SET_DC command sets another one.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// To be called before each frame of a recording that may be damaged, with its
+    /// [`damage_before`](super::Recorded::damage_before). Returns whether frames are missing since the frame before. It is
+    /// then unknown which commands were executed.
+    pub fn damage(&mut self, damage_before: u64) -> bool {
+        let is_lost = damage_before > self.damage_before;
+        if is_lost {
+            self.damage_before = damage_before;
+            self.execution.lost();
+        }
+        is_lost
     }
 
     /// Adds the next command frame.

@@ -31,8 +31,11 @@ impl WindowOf {
     /// has another format than `.ecmrec`, or the clock was set during the recording, so that the times of its blocks do
     /// not rise evenly.
     ///
+    /// `None`, too, if the header of a block that the part needs is damaged: who reads all of the file learns of the
+    /// damage.
+    ///
     /// # Errors
-    /// The file cannot be read, or a block that the part needs is damaged.
+    /// The file cannot be read.
     pub fn open(path: &Path, from_ns: i64, to_ns: i64) -> io::Result<Option<Self>> {
         let Some((mut file, index)) = Index::open(path)? else { return Ok(None) };
         let Some(first) = index.blocks.first().filter(|_| is_even(&index.blocks)) else { return Ok(None) };
@@ -53,7 +56,7 @@ impl WindowOf {
             file.seek(SeekFrom::Start(at))?;
             let mut header = [0; HEADER_LEN];
             file.read_exact(&mut header)?;
-            let header = Header::parse(&header).ok_or(io::ErrorKind::InvalidData)?;
+            let Some(header) = Header::parse(&header) else { return Ok(None) };
             parts.push((at, header.block_len() as u64));
         }
         parts.sort_unstable();

@@ -171,8 +171,9 @@ impl Following {
                 *axis = Axis::default();
                 continue;
             }
-            let error = i64::from(target).abs_diff(i64::from(drive.position));
-            let was_beyond = std::mem::replace(&mut axis.is_beyond, error > u64::from(self.limit));
+            // Positions have 32 bits, and an axis may turn without end.
+            let error = target.wrapping_sub(drive.position).unsigned_abs();
+            let was_beyond = std::mem::replace(&mut axis.is_beyond, error > self.limit);
             if axis.is_beyond && !was_beyond {
                 found(Kind::FollowingError, format!("slave {slave} is {error} counts from its target {target}"));
             }
@@ -183,6 +184,8 @@ impl Following {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ethercat::cia402::Statusword;
+    use crate::sk::{FIFO_ENTRIES, Motion, SlaveResponse};
 
     const MS: u64 = 1_000_000;
 
@@ -212,5 +215,31 @@ mod tests {
         assert_eq!(events(every(0, 500).chain(every(15_000, 500))), ["no report for 5.500 s"]);
         // Nobody knows at first how often the program reads.
         assert_eq!(events([0, 1000 * MS, 3000 * MS]), [""; 0]);
+    }
+
+    /// A following error is the shorter way, also where positions begin anew.
+    #[test]
+    fn a_following_error_past_the_largest_position() {
+        const SIZE: SlotSize = SlotSize::Bytes12;
+        for (position, says) in
+            [(i32::MAX - 5, None), (i32::MAX - 5000, Some("slave 1 is 5006 counts from its target"))]
+        {
+            let mut watch = FlightEvents::new(Some(SIZE), Some(1000));
+            let state = StateByte::reached(MasterState::Op);
+            let board = MasterResponse { state, fifo_free: FIFO_ENTRIES, ..MasterResponse::default() };
+            let (mut command, mut report) = (Frame::new(), Frame::new());
+            command.put_slave(SIZE, 1, &SlaveCommand::Csp(Motion::to(i32::MIN + 5)).into());
+            report.put(SIZE, 0, &board.encode());
+            let head = SlaveResponse { id: 0x15, index: 0 };
+            let drive = DriveResponse { head, statusword: Statusword(0x1637), position, ..DriveResponse::default() };
+            report.put(SIZE, 1, &drive.encode());
+            let mut found = Vec::new();
+            for (at_ms, dir) in [(1, Dir::Read), (2, Dir::Write), (3, Dir::Read)] {
+                let frame = if dir == Dir::Write { &command } else { &report };
+                watch.frame(dir, at_ms * MS, frame, &mut |_, text| found.push(text));
+            }
+            assert_eq!(found.len(), usize::from(says.is_some()), "{found:?}");
+            assert!(says.is_none_or(|says| found[0].starts_with(says)), "{found:?}");
+        }
     }
 }

@@ -37,7 +37,8 @@ impl GapFinder {
     pub fn target(&mut self, at_ns: i64, target: i32) -> Option<i64> {
         let idle_since_ns = self.idle_since_ns.take();
         let before = self.target.replace(target)?;
-        let step = i64::from(target) - i64::from(before);
+        // An axis may turn without end, past the largest position.
+        let step = i64::from(target.wrapping_sub(before));
         let steps = [self.steps[0], self.steps[1], step];
         self.longest_step = self.longest_step.max(step.abs());
         let moves = |step: &i64| {
@@ -87,6 +88,14 @@ mod tests {
         let back: Vec<i32> = targets.iter().rev().copied().collect();
         assert_eq!(gaps(&back, 50, 7), [(50 * MS, 57 * MS)]);
         assert_eq!(gaps(&targets, 100, 7), []);
+    }
+
+    /// A gap is one as well where positions, which have 32 bits, begin anew.
+    #[test]
+    fn past_the_largest_position() {
+        let targets: Vec<i32> = (0..100).map(|i| (i32::MAX - 495).wrapping_add(10 * i)).collect();
+        assert_eq!(gaps(&targets, 50, 7), [(50 * MS, 57 * MS)]);
+        assert_eq!(gaps(&targets, 70, 7), [(70 * MS, 77 * MS)]);
     }
 
     /// An empty FIFO is no gap if the axis stands, reverses, is starting or has slowly reached its end. A long pause is none

@@ -62,6 +62,7 @@ pub struct FrameWatch {
     /// was executed, which is normal for a program that sends one target per cycle. A second one is a gap in a motion.
     idle_reports: u32,
     counts: FrameCounts,
+    damage_before: u64,
 }
 
 impl FrameWatch {
@@ -80,12 +81,24 @@ impl FrameWatch {
             sent_ns: i64::MIN,
             idle_reports: 0,
             counts: FrameCounts::default(),
+            damage_before: 0,
         }
     }
 
     /// The counts so far.
     pub const fn counts(&self) -> FrameCounts {
         self.counts
+    }
+
+    /// To be called before each frame of a recording that may be damaged, with its
+    /// [`damage_before`](crate::recording::Recorded::damage_before). What is missing makes no gap in a motion, and no lost
+    /// command frames.
+    pub fn damage(&mut self, damage_before: u64) {
+        if damage_before > self.damage_before {
+            self.damage_before = damage_before;
+            (self.losses, self.idle_reports) = (None, 0);
+            self.gaps.iter_mut().for_each(GapFinder::reset);
+        }
     }
 
     /// Examines a command frame that was sent at `at_ns`, ns on the clock of the link or the recording.

@@ -293,8 +293,11 @@ fn judge_events(events: &[Event], run: &Run, machine: Option<&MachineFile>, judg
         let is_kept = event.within.is_none_or(|within| since <= within)
             && event.by.is_none_or(|by| after <= by)
             && event.not_before.is_none_or(|earliest| after >= earliest);
-        let since =
-            if event.within.is_some() { format!(", after {}", seconds(at_ns - before_ns)) } else { String::new() };
+        let since = if event.within.is_some() {
+            format!(", after {}", seconds(at_ns.saturating_sub(before_ns)))
+        } else {
+            String::new()
+        };
         judged.push(Judged { rule, is_kept, found: format!("at {}{since}", seconds(at_ns)), at_ns });
         (next, before_ns) = (at + 1, at_ns);
     }

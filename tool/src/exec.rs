@@ -154,9 +154,9 @@ pub enum ExecError {
         library: PathBuf,
     },
     /// This system has no way to put the program's waits on another clock.
-    #[cfg(not(target_os = "linux"))]
+    #[cfg(not(all(target_os = "linux", target_pointer_width = "64")))]
     #[error(
-        "--clock virtual is for programs of Linux; here give the link clock=virtual, which lets time pass by the program's calls"
+        "--clock virtual is for programs of Linux with 64 bits; here give the link clock=virtual, which lets time pass by the program's calls"
     )]
     NoSuchClock,
     /// This build cannot open the link.

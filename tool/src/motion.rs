@@ -90,7 +90,7 @@ impl Axis {
                 self.is_moved = true;
                 let target = motion.first.target;
                 let before = self.target.replace(target);
-                (before.map(|before| i64::from(target) - i64::from(before)), self.gaps.target(at_ns, target))
+                (before.map(|before| way(before, target)), self.gaps.target(at_ns, target))
             }
             SlaveCommand::GetStatus | SlaveCommand::Other(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_) => {
                 (None, None)
@@ -126,7 +126,7 @@ impl Axis {
         if let Some((then_ns, position)) = before {
             let passed = at_ns.saturating_sub(then_ns);
             if passed > 0 && passed <= CYCLES_APART_MAX.saturating_mul(cycle_ns) {
-                let counts = i64::from(drive.position) - i64::from(position);
+                let counts = way(position, drive.position);
                 take(Quantity::Velocity, counts.saturating_mul(1_000_000_000) / passed.max(cycle_ns));
             }
         }
@@ -136,9 +136,15 @@ impl Axis {
         if !drive.statusword.is_enabled() {
             self.forget_target();
         } else if let Some(target) = self.target.filter(|_| is_certain) {
-            take(Quantity::FollowingError, i64::from(target) - i64::from(drive.position));
+            take(Quantity::FollowingError, way(drive.position, target));
         }
     }
+}
+
+/// The way from one position to another, in counts. Positions have 32 bits, and behind the largest one comes the smallest: an
+/// axis may turn without end.
+fn way(from: i32, to: i32) -> i64 {
+    to.wrapping_sub(from).into()
 }
 
 /// Follows the axes in the frames of a run, sorted by time.
@@ -174,6 +180,9 @@ impl Axes {
 
     /// Adds the next frame. `take` gets the values that it shows of each axis that was moved.
     pub fn frame(&mut self, framed: &Framed, take: &mut dyn FnMut(Value)) -> Execution {
+        if self.run.damage(framed.recorded.damage_before) {
+            self.forget();
+        }
         match framed.recorded.dir {
             Dir::Write => {
                 self.run.command(framed.time_ns, &framed.recorded.frame, framed.size);
@@ -188,10 +197,7 @@ impl Axes {
         let mut shown = Execution::default();
         let is_certain = match self.run.report(at_ns, frame, size) {
             None => {
-                for axis in &mut self.axes {
-                    axis.forget_target();
-                    axis.position = None;
-                }
+                self.forget();
                 return shown;
             }
             Some(ExecutionReport::Executed { entries, idle_since_ns }) => {
@@ -224,6 +230,14 @@ impl Axes {
             });
         }
         shown
+    }
+
+    /// Forgets what the axes did last.
+    fn forget(&mut self) {
+        for axis in &mut self.axes {
+            axis.forget_target();
+            axis.position = None;
+        }
     }
 
     /// Executes the commands of a frame. Returns the time at which a gap began that they end.

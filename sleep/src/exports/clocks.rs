@@ -17,7 +17,7 @@ fn shown(clock: clockid_t) -> Option<u64> {
     let _own = Own::begin();
     let start = clock::start(clock)?;
     let passed = if mode == Mode::Program { clock::read() } else { clock::now() };
-    Some(start + passed)
+    Some(start.saturating_add(passed))
 }
 
 /// clock_gettime(3).

@@ -10,38 +10,44 @@ use super::{fail, is_passed_on, test_cancel};
 use crate::clock;
 use crate::mode::{self, Own};
 use crate::system::{nanoseconds, real};
-use crate::threads::{Outcome, What, outside, wait};
+use crate::threads::{Outcome, What, begin_call, outside, wait};
 
 /// Waits for descriptors: `attempt` is the C library's function without a wait. `None`: the limit is no time.
 ///
 /// Only for the program, which may be cancelled here.
-fn limited(descriptors: Arc<[pollfd]>, limit_ns: u64, mut attempt: impl FnMut() -> c_int) -> c_int {
-    let (mut result, mut errno) = (attempt(), mode::errno());
-    if result != 0 || limit_ns == 0 {
-        return result;
-    }
-    {
+fn limited(descriptors: Arc<[pollfd]>, limit_ns: u64, attempt: impl FnMut() -> c_int) -> c_int {
+    let (result, errno) = {
         let _own = Own::begin();
-        let deadline = clock::in_ns(limit_ns);
-        let what = if descriptors.is_empty() { What::Time } else { What::Descriptors(descriptors) };
-        loop {
-            let outcome = wait(what.clone(), deadline, || {
-                (result, errno) = (attempt(), mode::errno());
-                result != 0
-            });
-            if result == 0 && outcome == Outcome::Interrupted {
-                (result, errno) = (-1, libc::EINTR);
-            }
-            if result == 0 {
-                (result, errno) = (attempt(), mode::errno());
-            }
-            if result != 0 || outcome == Outcome::Reached {
-                break;
-            }
-        }
-    }
+        attempts(descriptors, limit_ns, attempt)
+    };
     mode::set_errno(errno);
     result
+}
+
+/// What [`limited`] does in [`Own`]. Returns the result and errno.
+fn attempts(descriptors: Arc<[pollfd]>, limit_ns: u64, mut attempt: impl FnMut() -> c_int) -> (c_int, c_int) {
+    let (mut result, mut errno) = (attempt(), mode::errno());
+    if result != 0 || limit_ns == 0 {
+        return (result, errno);
+    }
+    let deadline = clock::in_ns(limit_ns);
+    let what = if descriptors.is_empty() { What::Time } else { What::Descriptors(descriptors) };
+    begin_call();
+    loop {
+        let outcome = wait(what.clone(), deadline, || {
+            (result, errno) = (attempt(), mode::errno());
+            result != 0
+        });
+        if result == 0 && outcome == Outcome::Interrupted {
+            return (-1, libc::EINTR);
+        }
+        if result == 0 {
+            (result, errno) = (attempt(), mode::errno());
+        }
+        if result != 0 || outcome == Outcome::Reached {
+            return (result, errno);
+        }
+    }
 }
 
 /// A limit in milliseconds; negative: none.
@@ -142,19 +148,13 @@ const NO_TIME: timespec = timespec { tv_sec: 0, tv_nsec: 0 };
 /// The three sets of select: to read, to write, with an exception.
 type Sets = [*mut fd_set; 3];
 
-/// The descriptors of the sets.
-///
-/// # Safety
-/// Each set is NULL or valid.
-unsafe fn selected(count: c_int, sets: Sets) -> Arc<[pollfd]> {
+/// The descriptors of the sets, which are below `count`.
+fn selected(count: c_int, sets: &[fd_set; 3]) -> Arc<[pollfd]> {
     const EVENTS: [c_short; 3] = [libc::POLLIN, libc::POLLOUT, libc::POLLPRI];
-    let count = count.clamp(0, libc::FD_SETSIZE as c_int);
     let found = (0..count).filter_map(|fd| {
-        let is_in = |set: *mut fd_set| {
-            // SAFETY: NULL or valid, and the descriptor is one that a set has room for.
-            !set.is_null() && unsafe { libc::FD_ISSET(fd, set) }
-        };
-        let events = sets.into_iter().zip(EVENTS).filter(|(set, _)| is_in(*set)).fold(0, |all, (_, event)| all | event);
+        // SAFETY: the set is whole, and the descriptor is one that it has room for.
+        let is_in = |set: &fd_set| unsafe { libc::FD_ISSET(fd, set) };
+        let events = sets.iter().zip(EVENTS).filter(|(set, _)| is_in(set)).fold(0, |all, (_, event)| all | event);
         (events != 0).then_some(pollfd { fd, events, revents: 0 })
     });
     found.collect()
@@ -163,17 +163,25 @@ unsafe fn selected(count: c_int, sets: Sets) -> Arc<[pollfd]> {
 /// Waits for sets of descriptors. `call` is the C library's function with these sets, without a wait.
 ///
 /// # Safety
-/// Each set is NULL or valid.
+/// Each set is NULL, or has the words with the first `count` descriptors. It need not have more: the kernel uses no others.
 unsafe fn select_limited(count: c_int, sets: Sets, limit_ns: u64, mut call: impl FnMut(Sets) -> c_int) -> c_int {
-    // SAFETY: the caller's promise.
-    let wanted = sets.map(|set| unsafe { set.as_ref() }.copied());
-    // SAFETY: the caller's promise.
-    limited(unsafe { selected(count, sets) }, limit_ns, || {
+    let known = count.clamp(0, libc::FD_SETSIZE as c_int);
+    let length = (known as usize).div_ceil(usize::BITS as usize) * size_of::<usize>();
+    let wanted = sets.map(|set| {
+        // SAFETY: a set is an array of integers.
+        let mut copy: fd_set = unsafe { std::mem::zeroed() };
+        if !set.is_null() {
+            // SAFETY: the caller's promise, and a set has room for the descriptors that are known.
+            unsafe { set.cast::<u8>().copy_to_nonoverlapping((&raw mut copy).cast(), length) };
+        }
+        copy
+    });
+    limited(selected(known, &wanted), limit_ns, || {
         // Each attempt overwrites the sets.
-        for (set, wanted) in sets.into_iter().zip(wanted) {
-            if let Some(wanted) = wanted {
-                // SAFETY: valid, since it was copied above.
-                unsafe { set.write(wanted) };
+        for (set, wanted) in sets.into_iter().zip(&wanted) {
+            if !set.is_null() {
+                // SAFETY: as above.
+                unsafe { set.cast::<u8>().copy_from_nonoverlapping((&raw const *wanted).cast(), length) };
             }
         }
         call(sets)

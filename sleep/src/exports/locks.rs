@@ -41,87 +41,47 @@ unsafe fn lock_until(clock: clockid_t, until: *const timespec, attempt: impl Fn(
     }
 }
 
-/// pthread_mutex_timedlock(3).
-#[unsafe(no_mangle)]
-unsafe extern "C-unwind" fn pthread_mutex_timedlock(mutex: *mut pthread_mutex_t, until: *const timespec) -> c_int {
-    if is_passed_on() {
-        return real!(pthread_mutex_timedlock(mutex: *mut pthread_mutex_t, until: *const timespec) -> c_int);
-    }
-    // SAFETY: the caller's arguments.
-    unsafe { lock_until(libc::CLOCK_REALTIME, until, || libc::pthread_mutex_trylock(mutex)) }
+/// A function that waits for a lock until a time of the real-time clock: its name, the type of the lock, and the C library's
+/// function without a wait.
+macro_rules! timed {
+    ($name:ident, $lock:ty, $attempt:path) => {
+        #[doc = concat!(stringify!($name), "(3).")]
+        #[unsafe(no_mangle)]
+        unsafe extern "C-unwind" fn $name(lock: *mut $lock, until: *const timespec) -> c_int {
+            if is_passed_on() {
+                return real!($name(lock: *mut $lock, until: *const timespec) -> c_int);
+            }
+            // SAFETY: the caller's arguments.
+            unsafe { lock_until(libc::CLOCK_REALTIME, until, || $attempt(lock)) }
+        }
+    };
 }
 
-/// pthread_mutex_clocklock(3).
-#[unsafe(no_mangle)]
-unsafe extern "C-unwind" fn pthread_mutex_clocklock(
-    mutex: *mut pthread_mutex_t,
-    clock: clockid_t,
-    until: *const timespec,
-) -> c_int {
-    if is_passed_on() {
-        return real!(
-            pthread_mutex_clocklock(mutex: *mut pthread_mutex_t, clock: clockid_t, until: *const timespec) -> c_int
-        );
-    }
-    // SAFETY: the caller's arguments.
-    unsafe { lock_until(clock, until, || libc::pthread_mutex_trylock(mutex)) }
+/// As `timed`, with a clock of the caller's.
+macro_rules! clocked {
+    ($name:ident, $lock:ty, $attempt:path) => {
+        #[doc = concat!(stringify!($name), "(3).")]
+        #[unsafe(no_mangle)]
+        unsafe extern "C-unwind" fn $name(lock: *mut $lock, clock: clockid_t, until: *const timespec) -> c_int {
+            if is_passed_on() {
+                return real!($name(lock: *mut $lock, clock: clockid_t, until: *const timespec) -> c_int);
+            }
+            // SAFETY: the caller's arguments.
+            unsafe { lock_until(clock, until, || $attempt(lock)) }
+        }
+    };
 }
+
+timed!(pthread_mutex_timedlock, pthread_mutex_t, libc::pthread_mutex_trylock);
+clocked!(pthread_mutex_clocklock, pthread_mutex_t, libc::pthread_mutex_trylock);
+timed!(pthread_rwlock_timedrdlock, pthread_rwlock_t, libc::pthread_rwlock_tryrdlock);
+clocked!(pthread_rwlock_clockrdlock, pthread_rwlock_t, libc::pthread_rwlock_tryrdlock);
+timed!(pthread_rwlock_timedwrlock, pthread_rwlock_t, libc::pthread_rwlock_trywrlock);
+clocked!(pthread_rwlock_clockwrlock, pthread_rwlock_t, libc::pthread_rwlock_trywrlock);
 
 /// mtx_timedlock(3), of C11, whose mutex is that of POSIX.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn mtx_timedlock(mutex: *mut pthread_mutex_t, until: *const timespec) -> c_int {
     // SAFETY: the caller's arguments.
     of_c11(unsafe { pthread_mutex_timedlock(mutex, until) })
-}
-
-/// pthread_rwlock_timedrdlock(3).
-#[unsafe(no_mangle)]
-unsafe extern "C-unwind" fn pthread_rwlock_timedrdlock(lock: *mut pthread_rwlock_t, until: *const timespec) -> c_int {
-    if is_passed_on() {
-        return real!(pthread_rwlock_timedrdlock(lock: *mut pthread_rwlock_t, until: *const timespec) -> c_int);
-    }
-    // SAFETY: the caller's arguments.
-    unsafe { lock_until(libc::CLOCK_REALTIME, until, || libc::pthread_rwlock_tryrdlock(lock)) }
-}
-
-/// pthread_rwlock_timedwrlock(3).
-#[unsafe(no_mangle)]
-unsafe extern "C-unwind" fn pthread_rwlock_timedwrlock(lock: *mut pthread_rwlock_t, until: *const timespec) -> c_int {
-    if is_passed_on() {
-        return real!(pthread_rwlock_timedwrlock(lock: *mut pthread_rwlock_t, until: *const timespec) -> c_int);
-    }
-    // SAFETY: the caller's arguments.
-    unsafe { lock_until(libc::CLOCK_REALTIME, until, || libc::pthread_rwlock_trywrlock(lock)) }
-}
-
-/// pthread_rwlock_clockrdlock(3).
-#[unsafe(no_mangle)]
-unsafe extern "C-unwind" fn pthread_rwlock_clockrdlock(
-    lock: *mut pthread_rwlock_t,
-    clock: clockid_t,
-    until: *const timespec,
-) -> c_int {
-    if is_passed_on() {
-        return real!(
-            pthread_rwlock_clockrdlock(lock: *mut pthread_rwlock_t, clock: clockid_t, until: *const timespec) -> c_int
-        );
-    }
-    // SAFETY: the caller's arguments.
-    unsafe { lock_until(clock, until, || libc::pthread_rwlock_tryrdlock(lock)) }
-}
-
-/// pthread_rwlock_clockwrlock(3).
-#[unsafe(no_mangle)]
-unsafe extern "C-unwind" fn pthread_rwlock_clockwrlock(
-    lock: *mut pthread_rwlock_t,
-    clock: clockid_t,
-    until: *const timespec,
-) -> c_int {
-    if is_passed_on() {
-        return real!(
-            pthread_rwlock_clockwrlock(lock: *mut pthread_rwlock_t, clock: clockid_t, until: *const timespec) -> c_int
-        );
-    }
-    // SAFETY: the caller's arguments.
-    unsafe { lock_until(clock, until, || libc::pthread_rwlock_trywrlock(lock)) }
 }

@@ -5,7 +5,8 @@
 //! these calls such a function for the program, and where it calls [`test_cancel`].
 //!
 //! Not here, and so on the real clock: timers that send signals (alarm, setitimer, timer_create), descriptors of
-//! timerfd_create, and limits of calls that receive (SO_RCVTIMEO, sigtimedwait, mq_timedreceive).
+//! timerfd_create, limits of calls that receive (SO_RCVTIMEO, sigtimedwait, mq_timedreceive), epoll_pwait2,
+//! pthread_timedjoin_np and pthread_clockjoin_np.
 
 mod clocks;
 mod conditions;

@@ -21,6 +21,11 @@ fn sleep_until(deadline: u64) -> u64 {
     if outcome == Outcome::Interrupted { deadline.saturating_sub(clock::now()) } else { 0 }
 }
 
+/// As [`sleep_until`], for so many nanoseconds.
+fn sleep_for(ns: u64) -> u64 {
+    sleep_until(clock::in_ns(ns)).min(ns)
+}
+
 /// The result of a sleep: an error number, or 0.
 ///
 /// # Safety
@@ -45,7 +50,7 @@ unsafe extern "C-unwind" fn nanosleep(time: *const timespec, left: *mut timespec
     };
     let Some(ns) = nanoseconds(given) else { return fail(libc::EINVAL) };
     // SAFETY: the caller gives NULL or room for a time.
-    match unsafe { slept(sleep_until(clock::in_ns(ns)), left) } {
+    match unsafe { slept(sleep_for(ns), left) } {
         0 => 0,
         error => fail(error),
     }
@@ -69,7 +74,7 @@ unsafe extern "C-unwind" fn clock_nanosleep(
     let Some(ns) = nanoseconds(given) else { return libc::EINVAL };
     if flags & libc::TIMER_ABSTIME == 0 {
         // SAFETY: the caller gives NULL or room for a time.
-        return unsafe { slept(sleep_until(clock::in_ns(ns)), left) };
+        return unsafe { slept(sleep_for(ns), left) };
     }
     let deadline = clock::deadline(clock, ns).unwrap_or(0);
     if sleep_until(deadline) == 0 { 0 } else { libc::EINTR }
@@ -81,7 +86,7 @@ unsafe extern "C-unwind" fn usleep(micros: useconds_t) -> c_int {
     if is_passed_on() {
         return real!(usleep(micros: useconds_t) -> c_int);
     }
-    if sleep_until(clock::in_ns(u64::from(micros) * 1_000)) == 0 { 0 } else { fail(libc::EINTR) }
+    if sleep_for(u64::from(micros) * 1_000) == 0 { 0 } else { fail(libc::EINTR) }
 }
 
 /// sleep(3), which returns the seconds that are left.
@@ -90,7 +95,7 @@ unsafe extern "C-unwind" fn sleep(seconds: c_uint) -> c_uint {
     if is_passed_on() {
         return real!(sleep(seconds: c_uint) -> c_uint);
     }
-    let left = sleep_until(clock::in_ns(u64::from(seconds) * 1_000_000_000));
+    let left = sleep_for(u64::from(seconds) * 1_000_000_000);
     c_uint::try_from(left.div_ceil(1_000_000_000)).unwrap_or(seconds)
 }
 
@@ -103,5 +108,5 @@ unsafe extern "C-unwind" fn thrd_sleep(time: *const timespec, left: *mut timespe
     };
     let Some(ns) = nanoseconds(given) else { return -2 };
     // SAFETY: the caller gives NULL or room for a time.
-    if unsafe { slept(sleep_until(clock::in_ns(ns)), left) } == 0 { 0 } else { -1 }
+    if unsafe { slept(sleep_for(ns), left) } == 0 { 0 } else { -1 }
 }

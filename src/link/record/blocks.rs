@@ -43,6 +43,9 @@ pub(super) struct BlockWriter<E> {
     /// The entries that are not in a block yet. If entries are sorted, the newest ones stay here for the next block,
     /// because an entry that comes late may belong before them.
     entries: Vec<E>,
+    /// How many of `entries`, at their beginning, repeat earlier ones ([`Section::repeated`]). Entries that come late do not
+    /// get before them.
+    repeated: usize,
     /// How many of `entries` are in the file already, as pieces.
     in_pieces: usize,
     /// The number of pieces behind the last block, and the number of their bytes at the end of the file.
@@ -100,6 +103,7 @@ impl<E: Entry> BlockWriter<E> {
             sink,
             form,
             entries: Vec::with_capacity(BLOCK + SORTED_FRAMES),
+            repeated: section.repeated as usize,
             in_pieces: 0,
             pieces: 0,
             pieces_bytes: 0,
@@ -195,8 +199,11 @@ impl<E: Entry> BlockWriter<E> {
             self.written(count);
             return Ok(());
         }
-        if self.sorts && !self.entries.is_sorted_by_key(E::key) {
-            self.entries.sort_by_key(E::key);
+        if self.sorts
+            && let Some(entries) = self.entries.get_mut(self.repeated..)
+            && !entries.is_sorted_by_key(E::key)
+        {
+            entries.sort_by_key(E::key);
         }
         self.number += 1;
         let block = self.add_block(count);
@@ -242,6 +249,7 @@ impl<E: Entry> BlockWriter<E> {
     /// Removes the first entries from memory, because a block in the file has them.
     fn written(&mut self, count: usize) {
         self.entries.drain(..count);
+        self.repeated = self.repeated.saturating_sub(count);
         (self.number, self.packets) = (self.number + 1, self.packets + count as u64);
         (self.in_pieces, self.pieces) = (0, 0);
     }

@@ -1,12 +1,13 @@
 //! `--clock virtual`: the program's waits and clocks on the virtual clock of its board. A library that is preloaded into the
-//! program does that (docs/decisions/sleeping-programs-are-preloaded.md).
+//! program does that (docs/decisions/sleeping-programs-are-preloaded.md). It is for 64 bits: on a machine of 32 bits programs
+//! may call functions with 64-bit times, which it does not have.
 
-#[cfg(target_os = "linux")]
+#[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 mod linux;
 
-#[cfg(target_os = "linux")]
+#[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 pub use linux::{FILE_NAME, Preloaded};
-#[cfg(not(target_os = "linux"))]
+#[cfg(not(all(target_os = "linux", target_pointer_width = "64")))]
 pub use other::{FILE_NAME, Preloaded};
 
 /// The clock of the program and its board.
@@ -16,7 +17,7 @@ pub enum ProgramClock {
     Virtual,
 }
 
-#[cfg(not(target_os = "linux"))]
+#[cfg(not(all(target_os = "linux", target_pointer_width = "64")))]
 mod other {
     use std::path::Path;
     use std::process::Command;

@@ -89,8 +89,8 @@ pub struct Leaf {
     /// Where it begins in the expression, in bytes.
     pub at: usize,
     pub what: What,
-    /// By what a value is multiplied to get the unit of the comparison.
-    pub factor: f64,
+    /// By what a value is divided to get the unit of the comparison.
+    pub divisor: f64,
 }
 
 /// What a [`Leaf`] is.
@@ -171,7 +171,7 @@ fn joined(all: &[Condition], decides: bool, holds: impl Fn(&Condition) -> Option
 impl Number {
     fn value(&self, values: &impl Values) -> Option<f64> {
         match self {
-            Self::Leaf(leaf) => Some(leaf.value(values)? * leaf.factor),
+            Self::Leaf(leaf) => Some(leaf.value(values)? / leaf.divisor),
             Self::Magnitude(number) => Some(number.value(values)?.abs()),
             Self::Sum(all) => all.iter().map(|(sign, number)| Some(sign * number.value(values)?)).sum(),
         }

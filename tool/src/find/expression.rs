@@ -257,7 +257,7 @@ impl<'t> Parser<'t> {
         let value = value.ok_or_else(|| self.error(at, format!("`{}` is no number", &rest[..end])))?;
         self.at += len;
         let measure = self.unit()?;
-        let leaf = Leaf { at, what: What::Literal { value, measure }, factor: 1.0 };
+        let leaf = Leaf { at, what: What::Literal { value, measure }, divisor: 1.0 };
         Ok(Part { at, is: Is::Number(Number::Leaf(leaf)) })
     }
 
@@ -280,7 +280,7 @@ impl<'t> Parser<'t> {
 
     /// What a word at `at` names, which is taken.
     fn named(&mut self, at: usize, word: &str) -> Result<Part, ExpressionError> {
-        let leaf = |what| Ok(Part { at, is: Is::Number(Number::Leaf(Leaf { at, what, factor: 1.0 })) });
+        let leaf = |what| Ok(Part { at, is: Is::Number(Number::Leaf(Leaf { at, what, divisor: 1.0 })) });
         let lower = word.to_lowercase();
         let states = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
         if let Some(state) = states.into_iter().find(|state| state.name().eq_ignore_ascii_case(word)) {

@@ -94,7 +94,7 @@ pub fn settle(at: usize, sides: [&mut Number; 2], machine: Option<&MachineFile>)
     match kind {
         Kind::Percent => {
             let torques = leaves.into_iter().filter(|leaf| leaf.axis().is_some());
-            torques.for_each(|leaf| leaf.factor = 0.1);
+            torques.for_each(|leaf| leaf.divisor = 10.0);
             Ok(())
         }
         Kind::Distance | Kind::Speed => in_one_unit(&mut leaves, machine),
@@ -131,8 +131,8 @@ fn in_one_unit(leaves: &mut [&mut Leaf], machine: Option<&MachineFile>) -> Resul
                 let Some(found) = machine.and_then(|machine| machine.axis_of(slave)).filter(|_| in_file == unit) else {
                     return Err((leaf.at, format!("axis {axis} is not in {unit} by a machine file; see --machine")));
                 };
-                let factor = 1.0 / found.scale.counts_per_unit;
-                leaf.factor = if quantity.is_magnitude() { factor.abs() } else { factor };
+                let counts = found.scale.counts_per_unit;
+                leaf.divisor = if quantity.is_magnitude() { counts.abs() } else { counts };
             }
             _ => {}
         }

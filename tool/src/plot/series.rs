@@ -74,6 +74,7 @@ pub struct Series {
     failed_ns: Option<(i64, i64)>,
     kinds: Kinds,
     execution: Execution,
+    damage_before: u64,
 }
 
 struct Plane {
@@ -107,6 +108,7 @@ impl Series {
             failed_ns: None,
             kinds: Kinds::new(None),
             execution: Execution::new(subject.cycle_ns),
+            damage_before: 0,
         }
     }
 
@@ -114,6 +116,11 @@ impl Series {
     pub fn frame(&mut self, framed: &Framed) {
         if self.board.is_some_and(|board| board != framed.board()) {
             return;
+        }
+        if framed.recorded.damage_before > self.damage_before {
+            self.damage_before = framed.recorded.damage_before;
+            self.execution.lost();
+            self.axes.iter_mut().for_each(|axis| axis.forget_target(framed.time_ns));
         }
         match framed.recorded.dir {
             Dir::Write => self.command(framed),

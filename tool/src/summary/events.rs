@@ -51,6 +51,7 @@ impl Events {
     pub fn frame(&mut self, framed: &Framed) {
         let (at_ns, frame, times) = (framed.time_ns, &framed.recorded.frame, self.times);
         let watch = self.watch.get_or_insert_with(|| FrameWatch::new(framed.size));
+        watch.damage(framed.recorded.damage_before);
         let gaps = watch.counts().gaps;
         let mut alarms = Vec::new();
         match framed.recorded.dir {

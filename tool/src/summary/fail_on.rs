@@ -88,7 +88,7 @@ impl Reason {
             return Err(allowed());
         }
         let limit = if quantity == Quantity::Torque { limit * 10.0 } else { limit };
-        Ok(Self::Above(quantity, limit.floor() as u64))
+        Ok(Self::Above(quantity, whole(limit)))
     }
 
     /// The lines that say why the run has failed, as [`FailOn::failures`].
@@ -113,7 +113,7 @@ impl Reason {
             Self::AboveUnits(quantity, limit, unit) => {
                 let counts = |axis: Option<&MachineAxis>| {
                     let axis = axis.filter(|axis| axis.unit == unit)?;
-                    Some((limit * axis.scale.counts_per_unit.abs()).floor() as u64)
+                    Some(whole(limit * axis.scale.counts_per_unit.abs()))
                 };
                 let failed: Vec<String> =
                     axes.iter().filter_map(|axis| above(axis, quantity, machine, counts)).collect();
@@ -140,6 +140,13 @@ fn above(
     Some(format!("axis {label}: {name} {value} at {}, above {limit}", seconds(peak.at_ns)))
 }
 
+/// The largest whole number that is not above a limit. A product such as 0.57 * 10000 is a little less than the number that is
+/// meant. \[OURS]
+fn whole(limit: f64) -> u64 {
+    let near = limit.round();
+    if (limit - near).abs() <= 1e-9 * near.max(1.0) { near as u64 } else { limit.floor() as u64 }
+}
+
 /// A limit with a unit: `0.5mm`, `100 mm/s`.
 fn in_units(text: &str) -> Option<(f64, Unit)> {
     let text = text.trim();
@@ -150,6 +157,19 @@ fn in_units(text: &str) -> Option<(f64, Unit)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A limit in a unit is the number of counts that it means.
+    #[test]
+    fn limits_are_whole_counts() {
+        for thousandths in 1..=3000_u32 {
+            for counts_per_unit in [1000.0, 10_000.0, 1e6] {
+                let limit: f64 = format!("{}.{:03}", thousandths / 1000, thousandths % 1000).parse().unwrap();
+                let counts = f64::from(thousandths) * (counts_per_unit / 1000.0);
+                assert_eq!(whole(limit * counts_per_unit), counts as u64, "{limit}");
+            }
+        }
+        assert_eq!([0.0, 0.4, 0.999, 2.5, 1e15].map(whole), [0, 0, 0, 2, 1_000_000_000_000_000]);
+    }
 
     #[test]
     fn reasons_are_read() {

@@ -150,6 +150,15 @@ mod needs_cxx {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
     }
 
+    /// A wait for ever lets no time pass. A wait that a board takes long to pass does not keep other threads from going on. The
+    /// clock has an end. Of a set for select no more is used than the program has given.
+    #[test]
+    fn long_waits_and_small_sets() {
+        let ran = exec(&["--quiet", "--clock", "virtual", "--link", LINK], &program("long_waits.c"), &[]);
+        let expected = "a small set\nhung up\nfor ever\na day\nok\n";
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
+    }
+
     /// A static program, into which nothing can be preloaded, is named.
     #[test]
     fn a_static_program_is_named() {

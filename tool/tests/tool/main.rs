@@ -13,7 +13,7 @@
 //! - `assert_rules.rs`: `ecmsk assert`
 //! - `fault.rs`: `ecmsk fault`, `--control`, and faults in scripts
 //! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and recordings of unknown origin
-//! - `recording_files.rs`: `ecmsk recording`, and recordings in blocks in other verbs
+//! - `recording_files.rs`: `ecmsk recording`, and recordings in blocks in other verbs; `odd_recordings.rs`: damaged ones, odd values
 //! - `verbs.rs`, `moves.rs`, `stop.rs`, `stalled.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk
 //!   to a board,
 //!   signals, scripts, the shell
@@ -68,6 +68,7 @@ mod monitor_tcp;
 mod monitor_terminal;
 mod moves;
 mod objects;
+mod odd_recordings;
 mod one_clock;
 mod page;
 mod params;

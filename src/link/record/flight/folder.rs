@@ -161,10 +161,14 @@ pub(super) fn is_unfinished(name: &str) -> bool {
     is_text || number(name, packed).or(number(name, unfinished)).is_some()
 }
 
+/// The largest number of a segment or a moment; a file with a larger one is of no recorder. \[OURS] The next number has
+/// to exist, and by counting no recorder gets there.
+const NUMBER_MAX: u64 = u64::MAX / 2;
+
 /// The number in a name that one of the functions above makes.
 pub(super) fn number(name: &str, of: fn(u64) -> String) -> Option<u64> {
     let digits: String = name.chars().filter(char::is_ascii_digit).collect();
-    digits.parse().ok().filter(|number| of(*number) == name)
+    digits.parse().ok().filter(|number| *number <= NUMBER_MAX && of(*number) == name)
 }
 
 /// Reads a short text, at most `max` bytes of it.

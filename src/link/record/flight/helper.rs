@@ -1,5 +1,6 @@
 //! Who runs the [`Keeper`]: a thread of its own, or the recorder's thread.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -11,6 +12,10 @@ use crate::threads;
 /// How long the end of a recording waits until the last moment is kept. What is not kept by then is when the folder is
 /// opened again. \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_secs(10);
+
+/// What is said if the thread has ended by an error of this crate. The segments go on without it.
+const PANICKED: &str =
+    "the thread that keeps moments and syncs to the disk has failed; open the board again, and report it";
 
 /// What the thread is sent.
 pub(super) enum Message {
@@ -40,24 +45,9 @@ impl Helper {
         let work = move || {
             // If the recorder's thread has gone, nobody needs to know.
             let mut report = |done| drop(tell.send(done));
-            let mut ticked = Instant::now();
-            loop {
-                match to_do.recv_timeout(SYNC_EVERY.saturating_sub(ticked.elapsed())) {
-                    Ok(Message::Job(job)) => keeper.work(job, &mut report),
-                    Ok(Message::Tick(over)) => {
-                        keeper.tick(&mut report);
-                        // Who asked may have given up waiting.
-                        let _ = over.send(());
-                    }
-                    Err(RecvTimeoutError::Timeout) => {}
-                    Err(RecvTimeoutError::Disconnected) => break,
-                }
-                if ticked.elapsed() >= SYNC_EVERY {
-                    ticked = Instant::now();
-                    keeper.tick(&mut report);
-                }
+            if catch_unwind(AssertUnwindSafe(|| work(&mut keeper, &to_do, &mut report))).is_err() {
+                report(Done::NotKept(PANICKED.to_owned()));
             }
-            keeper.sync(&mut report);
         };
         let thread = threads::spawn("ecmsk-flight", work)?;
         Ok(Self::Thread { jobs: Some(jobs), done, thread: Some(thread) })
@@ -111,4 +101,26 @@ impl Helper {
         drop(jobs.take());
         thread.take().is_none_or(|thread| threads::end_within(thread, END_WAIT_MAX))
     }
+}
+
+/// The work of the thread, until nobody sends any more.
+fn work(keeper: &mut Keeper, to_do: &Receiver<Message>, report: &mut dyn FnMut(Done)) {
+    let mut ticked = Instant::now();
+    loop {
+        match to_do.recv_timeout(SYNC_EVERY.saturating_sub(ticked.elapsed())) {
+            Ok(Message::Job(job)) => keeper.work(job, report),
+            Ok(Message::Tick(over)) => {
+                keeper.tick(report);
+                // Who asked may have given up waiting.
+                let _ = over.send(());
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+        if ticked.elapsed() >= SYNC_EVERY {
+            ticked = Instant::now();
+            keeper.tick(report);
+        }
+    }
+    keeper.sync(report);
 }

@@ -24,6 +24,10 @@ pub(super) const MARK: &str = ".mark";
 /// than its first block has. \[OURS]
 const BEGIN_MAX: usize = 128 * 1024;
 
+/// Why a moment lacks frames whose number nobody knows any more.
+const BEGIN_MISSING: &str =
+    "and more, at the beginning: the ring had no room for them any more; give it a larger flight_bytes=";
+
 /// What the recorder's thread asks of the keeper.
 pub(super) enum Job {
     /// A segment grows from now on.
@@ -151,20 +155,21 @@ impl Keeper {
 
     /// Copies the frames of a moment from the ring to a recording of their own.
     fn keep(&mut self, moment: &Moment, last: u64) -> io::Result<()> {
-        let lengths: BTreeMap<String, u64> = self.folder.list()?.into_iter().collect();
-        let segments = || moment.segment..=last;
-        let bytes = segments().filter_map(|number| lengths.get(&folder::segment(number))).sum();
-        if !self.make_room(bytes, moment)? {
+        let numbered = |(name, bytes): (String, u64)| Some((folder::number(&name, folder::segment)?, bytes));
+        let mut segments: BTreeMap<u64, u64> = self.folder.list()?.into_iter().filter_map(numbered).collect();
+        segments.retain(|number, _| (moment.segment..=last).contains(number));
+        if !self.make_room(segments.values().sum(), moment)? {
             return Ok(());
         }
         self.put_note(moment)?;
         let unfinished = folder::unfinished(moment.number);
         let mut copy = Copy::new(moment, self.folder.create(&unfinished)?);
-        for number in segments() {
+        // The ring may have had no room for the first ones any more.
+        copy.is_begin_missing = !segments.contains_key(&moment.segment);
+        for number in segments.into_keys() {
             match self.folder.open(&folder::segment(number)) {
                 Ok(file) => copy.segment(file)?,
-                // The ring has had no room for it any more.
-                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) if error.kind() == io::ErrorKind::NotFound => copy.is_begin_missing = true,
                 Err(error) => return Err(error),
             }
         }
@@ -179,20 +184,24 @@ impl Keeper {
         Ok(())
     }
 
-    /// Deletes moments until a new one has room, those with the least reasons first, and of these the oldest. Returns
-    /// false if all that are there have better reasons than the new one, which then is not kept. \[OURS]
+    /// Deletes moments until a new one has room, those with the least reasons first, and of these the oldest. If those with
+    /// better reasons than the new one leave it no room, deletes none and returns false: the new one is not kept. \[OURS]
     fn make_room(&mut self, bytes: u64, moment: &Moment) -> io::Result<bool> {
         if bytes > self.bound {
             let what = format!("{bytes} bytes have no room; give moments a larger flight_kept_bytes=");
             return Err(io::Error::new(io::ErrorKind::QuotaExceeded, what));
         }
-        while self.kept.values().map(|kept| kept.bytes).sum::<u64>() + bytes > self.bound {
+        let sum = |kept: &BTreeMap<u64, Kept>, is_counted: &dyn Fn(&Kept) -> bool| -> u64 {
+            kept.values().filter(|kept| is_counted(kept)).map(|kept| kept.bytes).sum()
+        };
+        let rank = moment.rank();
+        if sum(&self.kept, &|kept| kept.rank > rank) + bytes > self.bound {
+            self.forget(moment.number)?;
+            return Ok(false);
+        }
+        while sum(&self.kept, &|_| true) + bytes > self.bound {
             let least = self.kept.iter().min_by_key(|(number, kept)| (kept.rank, **number));
-            let Some((number, rank)) = least.map(|(number, kept)| (*number, kept.rank)) else { return Ok(true) };
-            if rank > moment.rank() {
-                self.forget(moment.number)?;
-                return Ok(false);
-            }
+            let Some(number) = least.map(|(number, _)| *number) else { return Ok(true) };
             self.forget(number)?;
             self.kept.remove(&number);
         }
@@ -226,8 +235,10 @@ struct Copy<'a> {
     meta: Option<RecordMeta>,
     settings: Settings,
     missing: u64,
-    /// Whether a segment was not ended, or is damaged.
+    /// Whether a segment was not ended, is damaged, or cannot be read to its end.
     is_cut: bool,
+    /// Whether the ring has deleted the first segments.
+    is_begin_missing: bool,
 }
 
 impl<'a> Copy<'a> {
@@ -241,6 +252,7 @@ impl<'a> Copy<'a> {
             settings: Settings::default(),
             missing: 0,
             is_cut: false,
+            is_begin_missing: false,
         }
     }
 
@@ -257,7 +269,10 @@ impl<'a> Copy<'a> {
             self.meta = Some(meta.clone());
         }
         for (place, recorded) in (0..).zip(&mut recording) {
-            let Ok(Recorded { at_ns, dir, frame, .. }) = recorded else { break };
+            let Ok(Recorded { at_ns, dir, frame, .. }) = recorded else {
+                self.is_cut = true;
+                break;
+            };
             let entry = FrameEntry { at_ns, dir, frame };
             if self.writer.is_none() && (place < repeated || at_ns < self.moment.from_ns) {
                 self.settings.look(&entry);
@@ -276,7 +291,7 @@ impl<'a> Copy<'a> {
             let sink = Sink::Other(Box::new(Counted { output, length: Arc::clone(&self.length) }));
             let section = Section { meta: Some(meta.clone()), repeated: self.settings.len() };
             let mut writer = BlockWriter::begin_as(Pieces::None, Loss::quiet(), sink, &section, meta.clock)?;
-            self.settings.at(entry.at_ns).for_each(|entry| writer.push(entry));
+            self.settings.before(entry.at_ns).for_each(|entry| writer.push(entry));
             self.writer = Some(writer);
         }
         let Some(writer) = &mut self.writer else { return Ok(()) };
@@ -287,7 +302,10 @@ impl<'a> Copy<'a> {
     /// Ends the recording; returns its length in bytes, or `None` if it has no frame.
     fn end(mut self) -> io::Result<Option<u64>> {
         let Some(writer) = &mut self.writer else { return Ok(None) };
-        if self.missing > 0 {
+        if self.is_begin_missing {
+            // At least one: the first segment had frames of the moment.
+            writer.loss().inherit(self.missing + 1, BEGIN_MISSING.to_owned());
+        } else if self.missing > 0 {
             writer.loss().inherit(self.missing, "they were missing in the ring".to_owned());
         }
         if self.is_cut {

@@ -91,7 +91,8 @@ impl Ring {
         let Some(oldest) = self.segments.front().copied().filter(|_| self.segments.len() > 1) else {
             return Ok(false);
         };
-        for name in [folder::segment(oldest.number), folder::packed(oldest.number)] {
+        // In this order: the keeper may just put the compressed form in the place of the file.
+        for name in [folder::packed(oldest.number), folder::segment(oldest.number)] {
             match self.folder.remove(&name) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
                 _ => {}

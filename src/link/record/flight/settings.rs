@@ -2,13 +2,18 @@
 
 use crate::link::Dir;
 use crate::link::record::writer::FrameEntry;
-use crate::sk::{MasterCommand, MasterResponse, MasterState, SlotSize};
+use crate::sk::{CycleTime, MasterCommand, MasterResponse, MasterState, SlotSize};
+
+/// How many cycles before the frames of a recording the commands stand. Reports that are read late stand behind them, too:
+/// by default a link keeps 32 reports while nobody reads (`queue=`). \[OURS]
+const CYCLES_BEFORE: u64 = 64;
 
 /// The newest command for each setting: SET_AXIS for each group of slaves, and SET_DC.
 #[derive(Default)]
 pub(super) struct Settings {
     size: SlotSize,
     state: Option<MasterState>,
+    cycle: Option<CycleTime>,
     commands: Vec<(Setting, FrameEntry)>,
 }
 
@@ -32,13 +37,16 @@ impl Settings {
         }
         let setting = match MasterCommand::decode(&slot, self.size) {
             Ok(MasterCommand::SoftReset) => {
-                (self.commands, self.state) = (Vec::new(), None);
+                *self = Self::new(Some(self.size));
                 return;
             }
             // A board takes settings in Init and PreOP (SK-4).
             _ if matches!(self.state, Some(MasterState::SafeOp | MasterState::Op)) => return,
             Ok(MasterCommand::SetAxis { group, .. }) => Setting::Axes(group),
-            Ok(MasterCommand::SetDc { .. }) => Setting::Cycle,
+            Ok(MasterCommand::SetDc { cycle, .. }) => {
+                self.cycle = Some(cycle);
+                Setting::Cycle
+            }
             _ => return,
         };
         self.commands.retain(|(other, _)| *other != setting);
@@ -50,9 +58,10 @@ impl Settings {
         self.commands.len() as u32
     }
 
-    /// The commands, oldest first, as if they had been sent at `at_ns`. \[OURS] With their own times a recording would
-    /// begin hours before its other frames.
-    pub fn at(&self, at_ns: u64) -> impl Iterator<Item = FrameEntry> + '_ {
+    /// The commands, oldest first, as if they had been sent shortly before the frame of `at_ns`. \[OURS] With their own times
+    /// a recording would begin hours before its other frames.
+    pub fn before(&self, at_ns: u64) -> impl Iterator<Item = FrameEntry> + '_ {
+        let at_ns = at_ns.saturating_sub(CYCLES_BEFORE * self.cycle.unwrap_or(CycleTime::DEFAULT).ns());
         self.commands.iter().map(move |(_, entry)| FrameEntry { at_ns, ..entry.clone() })
     }
 }

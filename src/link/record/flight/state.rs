@@ -61,7 +61,7 @@ impl State {
 
     /// Writes that the recording has ended.
     pub fn end(&mut self, folder: &dyn Folder, missing: u64, why: Option<&str>) -> io::Result<()> {
-        (self.is_ended, self.missing) = (true, self.missing + missing);
+        (self.is_ended, self.missing) = (true, self.missing.saturating_add(missing));
         self.why = why.map(str::to_owned).or_else(|| self.why.take());
         folder::put_text(folder, NAME, &self.text())
     }

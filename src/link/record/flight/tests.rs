@@ -1,6 +1,7 @@
 //! Flight recorders in a folder in memory ([`memory`]). Time is that of the frames.
 
 mod memory;
+mod odd;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -19,7 +20,7 @@ use crate::link::{Dir, Stamp};
 use crate::recording::file_formats::ecmrec::header::{HEADER_LEN, Header};
 use crate::recording::file_formats::ecmrec::section::Section;
 use crate::recording::{Clock, Lacks, RecordMeta, Recording};
-use crate::sk::{Frame, MasterCommand, SlaveKind, SlotSize};
+use crate::sk::{Frame, MasterCommand, MasterState, SlaveKind, SlotSize, StateByte};
 use memory::{Dice, Memory, after_cut};
 
 /// The distance of frames, ns.
@@ -76,12 +77,16 @@ impl Recorder {
         self.begin_ns + number * STEP_NS
     }
 
-    fn put(&mut self, dir: Dir, mut frame: Frame) {
+    fn put(&mut self, dir: Dir, frame: Frame) {
+        self.put_at(self.at_ns(self.next), dir, frame);
+    }
+
+    fn put_at(&mut self, at_ns: u64, dir: Dir, mut frame: Frame) {
         let number = self.next;
         self.next += 1;
         self.memory.with(|inside| inside.frame = number);
         frame.bytes_mut()[NUMBER_AT..NUMBER_AT + 8].copy_from_slice(&number.to_le_bytes());
-        self.writer.push(FrameEntry { at_ns: self.at_ns(number), dir, frame });
+        self.writer.push(FrameEntry { at_ns, dir, frame });
         if self.dice.below(3) > 0 {
             self.writer.flush();
         }
@@ -99,6 +104,13 @@ impl Recorder {
             frame.bytes_mut()[200..204].copy_from_slice(&noise.to_le_bytes());
             self.put(Dir::Write, frame);
         }
+    }
+
+    /// Records a report of a board in OP with this time.
+    fn report_at(&mut self, at_ns: u64) {
+        let mut frame = Frame::new();
+        frame.bytes_mut()[2] = StateByte::reached(MasterState::Op).0;
+        self.put_at(at_ns, Dir::Read, frame);
     }
 
     fn command(&mut self, command: &MasterCommand) {
@@ -265,12 +277,44 @@ fn what_surrounds_an_event_is_kept() {
     assert_eq!(text.reasons, reasons);
     let (frames, lacks) = read(&files[&folder::moment(1)]).unwrap();
     assert!(lacks.is_nothing(), "{lacks}");
-    assert_eq!(frames[0], (frames[1].0, 0), "SET_AXIS at the time of the first frame");
+    assert_eq!(frames[0], (frames[1].0 - 64_000_000, 0), "SET_AXIS is 64 cycles before the first frame");
     // The recording ends before the moment would.
     let (numbers, text) = moment(&files, 2).unwrap();
     assert!(numbers.into_iter().eq(1700..=2100));
     assert_eq!(text.reasons, [reason(whole[2], Kind::Gap, 2000)]);
     assert_eq!(moment(&files, 3), None);
+}
+
+/// Reports at the beginning of a segment, also such as were read late, stay behind the settings: in the file, and for
+/// readers, which sort by time. A moment over several segments has its settings and all its frames.
+#[test]
+fn reports_stay_behind_the_settings() {
+    const LATE_NS: u64 = 31_000_000;
+    const EVENT: u64 = 700;
+    let memory = Memory::default();
+    let mut recorder = Recorder::begin(&memory, LARGE, &[(EVENT, Kind::Alarm)]);
+    recorder.command(&set_axis());
+    for number in 1..=1000 {
+        // A segment begins with frame 300, and so on. The report behind that frame is older than it.
+        let is_late = number > 1 && number % 300 == 1;
+        let at_ns = if is_late { recorder.at_ns(number - 1) - LATE_NS } else { recorder.at_ns(number) };
+        recorder.report_at(at_ns);
+    }
+    assert_eq!(recorder.end().1.lacks(), None);
+    let files = memory.files();
+    for number in 2..=4 {
+        let (frames, _) = read(&files[&folder::segment(number)]).unwrap();
+        let is_first = frames.iter().skip(1).all(|(at_ns, _)| *at_ns > frames[0].0);
+        assert!(frames[0].1 == 0 && is_first, "segment {number}: {:?}", &frames[..3]);
+    }
+    let (mut numbers, _) = ring(&files);
+    numbers.sort_unstable();
+    assert!(numbers.into_iter().eq(0..=1000));
+    let (mut numbers, _) = moment(&files, 1).unwrap();
+    numbers.sort_unstable();
+    assert!(numbers.iter().copied().eq(EVENT - 300..=EVENT + 100), "{numbers:?}");
+    let (frames, _) = read(&files[&folder::moment(1)]).unwrap();
+    assert_eq!(frames[0].1, 0, "SET_AXIS");
 }
 
 /// If kept moments have no room, those of gaps go before alarms, and marks go last.

@@ -172,7 +172,7 @@ impl FlightWriter {
         let writer = |form, is_packed| {
             let sink = Sink::Other(Box::new(self.ring.create(number, is_packed)?));
             let mut writer = BlockWriter::begin_as(form, Loss::quiet(), sink, &section, clock)?;
-            self.settings.at(at_ns).for_each(|entry| writer.push(entry));
+            self.settings.before(at_ns).for_each(|entry| writer.push(entry));
             Ok::<_, io::Error>(writer)
         };
         let raw = writer(Pieces::Kept, false)?;

@@ -121,15 +121,18 @@ impl Index {
                     return Ok(None);
                 };
                 let Some((header, bytes)) = block_at(file, index_at)? else { return Ok(None) };
-                let Some(found) = parse(&bytes, index_at).filter(|_| header.kind == Some(Kind::Index)) else {
-                    return Ok(None);
-                };
+                // A file whose blocks overlap would be read as often as it has blocks.
+                let is_index = header.kind == Some(Kind::Index) && header.block_len() as u64 <= back;
+                let is_inside = |block: &BlockAt| block.at > section_at;
+                let found = parse(&bytes, index_at).filter(|found| is_index && found.iter().all(is_inside));
+                let Some(found) = found else { return Ok(None) };
                 packets += found.iter().map(|block| u64::from(block.packets)).sum::<u64>();
                 blocks.push(found);
                 (from, back) = (index_at, header.back);
             }
             let Some((header, _)) = block_at(file, section_at)? else { return Ok(None) };
-            if header.kind != Some(Kind::Section) || end.packets != packets {
+            let is_section = header.kind == Some(Kind::Section) && header.block_len() as u64 <= at - section_at;
+            if !is_section || end.packets != packets {
                 return Ok(None);
             }
             index.sections.push((section_at, header.block_len() as u64));
@@ -148,12 +151,15 @@ impl Index {
         let mut index = Self::default();
         let (mut at, mut number) = (0, 0);
         while at < len {
-            let Some(header) = header_at(file, at)? else {
-                match next_magic(file, at + 1)? {
-                    Some(next) => at = next,
+            let header = match header_at(file, at)? {
+                Some(header) => header,
+                None => match next_header(file, at + 1)? {
+                    Some((next, header)) => {
+                        at = next;
+                        header
+                    }
                     None => break,
-                }
-                continue;
+                },
             };
             let has_packets = match header.kind {
                 Some(Kind::Section) => {
@@ -210,18 +216,103 @@ fn header_at(file: &mut (impl Read + Seek), at: u64) -> io::Result<Option<Header
     Ok(Header::parse(&bytes))
 }
 
-/// The offset of the next magic number from `at` on. `None`: there is none up to the end of the file.
-fn next_magic(file: &mut (impl Read + Seek), mut at: u64) -> io::Result<Option<u64>> {
+/// The offset of the next valid header from `at` on, and the header. `None`: there is none up to the end of the file. All
+/// magic numbers in the bytes that are read at once are looked at, so that a file of magic numbers is read once.
+fn next_header(file: &mut (impl Read + Seek), mut at: u64) -> io::Result<Option<(u64, Header)>> {
     loop {
         file.seek(SeekFrom::Start(at))?;
         let mut bytes = Vec::new();
         file.take(CHUNK).read_to_end(&mut bytes)?;
-        if let Some(found) = bytes.windows(MAGIC.len()).position(|bytes| bytes == MAGIC) {
-            return Ok(Some(at + found as u64));
+        let places = bytes.windows(MAGIC.len()).enumerate().filter(|(_, bytes)| **bytes == MAGIC);
+        let mut headers = places.filter_map(|(place, _)| Some((at + place as u64, Header::parse(&bytes[place..])?)));
+        if let Some(found) = headers.next() {
+            return Ok(Some(found));
         }
         if (bytes.len() as u64) < CHUNK {
             return Ok(None);
         }
-        at += CHUNK - MAGIC.len() as u64 + 1;
+        at += CHUNK - HEADER_LEN as u64 + 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::section::Section;
+    use super::*;
+
+    /// A file in memory that counts the bytes that are read from it.
+    struct Counted(io::Cursor<Vec<u8>>, u64);
+
+    impl Read for Counted {
+        fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            let read = self.0.read(buffer)?;
+            self.1 += read as u64;
+            Ok(read)
+        }
+    }
+
+    impl Seek for Counted {
+        fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+            self.0.seek(to)
+        }
+    }
+
+    fn block(kind: Kind, back: u64, bytes: &[u8]) -> Vec<u8> {
+        let mut block = Vec::new();
+        Header { kind: Some(kind), back, ..Header::default() }.write(bytes, &mut block);
+        block
+    }
+
+    fn section() -> Vec<u8> {
+        block(Kind::Section, 0, Section { meta: None, repeated: 0 }.to_text().as_bytes())
+    }
+
+    /// A recording of these bytes between its first and its last block. The last index begins at `index_at` in these bytes.
+    fn recording(bytes: &[u8], index_at: usize, packets: u64) -> Vec<u8> {
+        let section = section();
+        let end = End { packets, length: (section.len() + bytes.len()) as u64, ..End::default() };
+        let end = block(Kind::End, (bytes.len() - index_at) as u64, end.to_text().as_bytes());
+        [&section[..], bytes, &end].concat()
+    }
+
+    fn is_whole(file: Vec<u8>) -> bool {
+        let len = file.len() as u64;
+        Index::read(&mut Counted(io::Cursor::new(file), 0), len).expect("memory can be read").is_whole
+    }
+
+    /// An index whose blocks overlap, or that lists a block of another recording, is not used.
+    #[test]
+    fn an_odd_index_is_not_used() {
+        let at = |distance: u64| {
+            let mut entry = [0; ENTRY];
+            entry[..8].copy_from_slice(&distance.to_le_bytes());
+            block(Kind::Index, 0, &entry)
+        };
+        let packets = block(Kind::Packets, 0, &[0; 2]);
+        let own = recording(&[&packets[..], &at(packets.len() as u64)].concat(), packets.len(), 0);
+        assert!(is_whole(own.clone()));
+        let of_other = recording(&at(section().len() as u64 + 10), 0, 0);
+        assert!(!is_whole([&own[..], &of_other].concat()));
+
+        // An index that lies within the contents of the one before it. These are three entries of the outer index, too.
+        const BEFORE: usize = 16;
+        let inner = block(Kind::Index, (HEADER_LEN + BEFORE) as u64, &[]);
+        let mut contents = [&[0; BEFORE][..], &inner].concat();
+        contents.resize(3 * ENTRY, 0);
+        let entries = parse(&contents, 1000).expect("entries");
+        let packets = entries.iter().map(|block| u64::from(block.packets)).sum();
+        let outer = block(Kind::Index, 0, &contents);
+        assert!(!is_whole(recording(&outer, HEADER_LEN + BEFORE, packets)));
+    }
+
+    /// A file without an index is read a few times at most, whatever it has.
+    #[test]
+    fn a_file_of_magic_numbers_is_read_once() {
+        let file = [section(), MAGIC.repeat(100_000), section()].concat();
+        let len = file.len() as u64;
+        let mut file = Counted(io::Cursor::new(file), 0);
+        let index = Index::read(&mut file, len).expect("memory can be read");
+        assert_eq!(index.sections.len(), 2);
+        assert!(file.1 < 2 * len, "{} bytes of {len}", file.1);
     }
 }

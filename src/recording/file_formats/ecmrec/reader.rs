@@ -203,7 +203,7 @@ impl Reader {
         self.unpacker.take(bytes).ok()?;
         self.begin_unknown_section(header);
         self.tell_lost(Some(header.times_ns.0));
-        (self.number, self.next_piece) = (header.number, (header.number + 1, 0));
+        (self.number, self.next_piece) = (header.number, (header.number.wrapping_add(1), 0));
         Some(())
     }
 
@@ -223,7 +223,7 @@ impl Reader {
         self.unpacker.take(bytes).ok()?;
         self.begin_unknown_section(header);
         self.tell_lost(Some(header.times_ns.0));
-        self.next_piece = (header.number, header.piece + 1);
+        self.next_piece = (header.number, header.piece.wrapping_add(1));
         Some(())
     }
 }
@@ -238,4 +238,23 @@ fn is_whole(header: &Header, block: &[u8]) -> bool {
     let bytes = &block[HEADER_LEN..][..header.length as usize];
     let end = block[AROUND - size_of::<u32>() + bytes.len()..].first_chunk();
     end == Some(&(header.block_len() as u32).to_le_bytes()) && crc32fast::hash(bytes) == header.crc
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::Recording;
+
+    /// A file may have any number in a header whose CRC is right.
+    #[test]
+    fn the_last_number_of_a_block_is_no_panic() {
+        let mut file = Vec::new();
+        for kind in [Kind::Packets, Kind::Piece, Kind::Packets] {
+            let header = Header { kind: Some(kind), number: u32::MAX, unpacked: 2, ..Header::default() };
+            header.write(&[0; 2], &mut file);
+        }
+        let mut recording = Recording::new(&file[..], "").expect("a recording");
+        assert_eq!(recording.by_ref().count(), 0);
+        assert_eq!(recording.lacks().damage.count, 0);
+    }
 }

@@ -192,7 +192,7 @@ impl FakeBoard {
         }
         for (n, (position, target)) in (1..).zip(self.positions.iter_mut().zip(&self.targets)) {
             if !self.lost.contains(&n) {
-                *position += (*target - *position) / 10;
+                *position = position.wrapping_add(target.wrapping_sub(*position) / 10);
             }
         }
         self.free = 160 - self.waiting.len() as u16;
@@ -214,7 +214,7 @@ impl FakeBoard {
         frame.put(self.size, 0, &head.encode());
         if op {
             for (i, (position, target)) in self.positions.iter().zip(&self.targets).enumerate() {
-                let torque = ((target - position) / 4).clamp(-3000, 3000) as i16;
+                let torque = (target.wrapping_sub(*position) / 4).clamp(-3000, 3000) as i16;
                 let DriveSlot { id, statusword, error_code } = self.drives[i];
                 let (head, statusword) = (SlaveResponse { id, index: 0 }, Statusword(statusword));
                 let drive = DriveResponse { head, statusword, position: *position, torque, error_code };

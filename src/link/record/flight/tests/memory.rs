@@ -40,6 +40,8 @@ pub struct Inside {
     pub capacity: Option<u64>,
     /// The error of everything that is done with the folder.
     pub error: Option<io::ErrorKind>,
+    /// The bytes of a file after which reading it fails.
+    pub reads_max: Option<u64>,
     /// Bounds that must hold at any time.
     pub bounds: Option<Bounds>,
 }
@@ -118,7 +120,10 @@ impl Folder for Memory {
             Some(error) => Err(io::Error::from(error)),
             None => inside.files.get(name).cloned().ok_or_else(|| io::ErrorKind::NotFound.into()),
         })?;
-        Ok(Box::new(io::Cursor::new(bytes)))
+        match self.with(|inside| inside.reads_max) {
+            Some(max) => Ok(Box::new(io::Cursor::new(bytes).take(max).chain(Broken))),
+            None => Ok(Box::new(io::Cursor::new(bytes))),
+        }
     }
 
     fn list(&self) -> io::Result<Vec<(String, u64)>> {
@@ -139,6 +144,15 @@ impl Folder for Memory {
 
     fn sync_names(&self) -> io::Result<()> {
         self.does(Op::SyncNames)
+    }
+}
+
+/// What cannot be read.
+struct Broken;
+
+impl Read for Broken {
+    fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
+        Err(io::ErrorKind::Other.into())
     }
 }
 

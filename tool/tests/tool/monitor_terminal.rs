@@ -93,7 +93,7 @@ impl Terminal {
         self.tool
     }
 
-    fn text(&self) -> String {
+    pub(super) fn text(&self) -> String {
         self.screen.lock().expect("no panic").screen().contents()
     }
 

@@ -9,7 +9,8 @@ use std::time::Duration;
 /// \[OURS] Keys that follow one another within this time are a burst, whose keys have waited somewhere: keyboards repeat a
 /// key 50 times a second at most.
 const BURST: Duration = Duration::from_millis(10);
-/// \[OURS] For how long no key counts after this process has stalled. The keys that were typed meanwhile arrive then.
+/// \[OURS] For how long no key counts after the beginning, and after this process has stalled. The keys that were typed
+/// before arrive then.
 const DEAF: Duration = Duration::from_millis(100);
 
 /// A key that moves an axis.
@@ -17,7 +18,7 @@ const DEAF: Duration = Duration::from_millis(100);
 pub struct MotionKey {
     /// The index of the axis among those of the verb.
     pub axis: usize,
-    /// Whether the key moves the axis in the positive direction.
+    /// Whether the key moves the axis in the positive direction of its unit.
     pub is_positive: bool,
 }
 
@@ -30,7 +31,7 @@ pub struct Times {
     pub repeat: Duration,
 }
 
-/// The key that counts as held. Times count from any fixed moment.
+/// The key that counts as held. Times count from the moment at which keys begin to be read.
 #[derive(Debug)]
 pub struct DeadMan {
     times: Times,
@@ -50,7 +51,7 @@ struct Held {
 
 impl DeadMan {
     pub const fn new(times: Times) -> Self {
-        Self { times, held: None, newest: None, deaf_until: Duration::ZERO }
+        Self { times, held: None, newest: None, deaf_until: DEAF }
     }
 
     /// The key that counts as held at the time `now`; `None`: all axes have to stand.
@@ -96,8 +97,9 @@ mod tests {
     const RIGHT: MotionKey = MotionKey { axis: 0, is_positive: true };
     const LEFT: MotionKey = MotionKey { axis: 0, is_positive: false };
 
+    /// A time, counted from when keys begin to count.
     fn ms(time: u64) -> Duration {
-        Duration::from_millis(time)
+        DEAF + Duration::from_millis(time)
     }
 
     /// The key held at each of these times, after keys that arrived at those times.
@@ -143,6 +145,18 @@ mod tests {
         // The key that is held still, behind the burst, moves the axis again.
         let keys: Vec<_> = burst(0).chain([(60, RIGHT), (93, RIGHT)]).collect();
         assert_eq!(held(&keys, &[59, 61, 242, 243]), [false, true, true, false]);
+    }
+
+    /// What was typed before the beginning, and arrives just after it, does not count. A key that is held still does.
+    #[test]
+    fn keys_from_before_the_beginning_do_not_count() {
+        let mut dead_man = DeadMan::new(TIMES);
+        for at in [0, 33, 66, 99] {
+            dead_man.press(Duration::from_millis(at), RIGHT);
+            assert_eq!(dead_man.held(Duration::from_millis(at)), None);
+        }
+        dead_man.press(Duration::from_millis(132), RIGHT);
+        assert_eq!(dead_man.held(Duration::from_millis(132)), Some(RIGHT));
     }
 
     /// Another key, a release and a stall end the motion. What was typed during a stall does not count.

@@ -35,7 +35,7 @@ pub struct Terminal {
 }
 
 impl Terminal {
-    /// Begins to read keys.
+    /// Begins to read keys. Those that were typed before are dropped.
     ///
     /// # Errors
     /// Errors of the operating system.
@@ -44,6 +44,7 @@ impl Terminal {
         enable_raw_mode()?;
         let terminal = Self { keys };
         keep_signals()?;
+        drop_keys()?;
         stderr::raw(REPORT_RELEASES);
         thread::Builder::new().name("keys".into()).spawn(move || read(&sender))?;
         Ok(terminal)
@@ -107,8 +108,8 @@ fn is_ctrl_c(key: KeyEvent) -> bool {
     key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL)
 }
 
-/// Lets Ctrl-C send its signal, and lines end as before, which raw mode has switched off. Ctrl-Z stays without effect: a
-/// program that it suspends could not brake.
+/// Lets Ctrl-C send its signal, and lines end as before, which raw mode has switched off. Ctrl-Z and Ctrl-\ stay keys: a
+/// program that they suspend or end could not brake.
 #[cfg(unix)]
 fn keep_signals() -> io::Result<()> {
     use rustix::termios::{LocalModes, OptionalActions, OutputModes, SpecialCodeIndex, tcgetattr, tcsetattr};
@@ -117,10 +118,25 @@ fn keep_signals() -> io::Result<()> {
     modes.local_modes |= LocalModes::ISIG;
     modes.output_modes |= OutputModes::OPOST;
     modes.special_codes[SpecialCodeIndex::VSUSP] = 0;
+    modes.special_codes[SpecialCodeIndex::VQUIT] = 0;
     Ok(tcsetattr(io::stdin(), OptionalActions::Now, &modes)?)
 }
 
 #[cfg(not(unix))]
 const fn keep_signals() -> io::Result<()> {
+    Ok(())
+}
+
+/// Drops the keys that were typed while nobody read them.
+#[cfg(unix)]
+fn drop_keys() -> io::Result<()> {
+    Ok(rustix::termios::tcflush(io::stdin(), rustix::termios::QueueSelector::IFlush)?)
+}
+
+#[cfg(not(unix))]
+fn drop_keys() -> io::Result<()> {
+    while event::poll(std::time::Duration::ZERO)? {
+        event::read()?;
+    }
     Ok(())
 }

@@ -1,20 +1,24 @@
 //! `ecmsk jog`: moves axes by hand, as long as a key of the terminal is held.
 //!
-//! Files: `dead_man.rs` says which key counts as held, `axis.rs` is the motion of an axis, `terminal.rs` reads the keys.
+//! Files: `dead_man.rs` says which key counts as held, `line.rs` how late keys come, `axis.rs` is the motion of an axis,
+//! `terminal.rs` reads the keys, `keys.rs` knows their bytes, and `screen.rs` shows the axes.
 
 mod axis;
 mod dead_man;
+#[cfg(unix)]
+mod keys;
+mod line;
+mod screen;
 mod terminal;
 
 use std::collections::VecDeque;
 use std::io::{self, IsTerminal};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use ecmsk::cia402::Mode;
-use ecmsk::ecm::{Guard, Snapshot, SoftLimits};
-use ecmsk::machine_file::MachineAxis;
+use ecmsk::ecm::{Snapshot, SoftLimits};
 use ratatui::crossterm::event::KeyCode;
-use serde_json::json;
 
 use super::OnBoard;
 use super::frames::{Frames, check_lead, depth, held_limit_s, lost};
@@ -22,13 +26,12 @@ use super::motion::internal_limit::{self, Watched};
 use super::motion::{AskedSpeeds, Jerk, Speeds};
 use crate::board::{
     AxisWord, Board, BoardError, BoardUse, Interrupt, Needs, StepSource, duration, find_axis, in_mode, positive,
-    statusword_text,
 };
-use crate::machine_option::in_unit;
 use crate::signals;
 use axis::{Doing, JogAxis, within_guard};
 use dead_man::{DeadMan, MotionKey, Times};
-use terminal::Terminal;
+use line::ASK_INTERVAL;
+use terminal::{HAS_ANSWERS, Terminal, Token};
 
 const WHAT: &str = "jog";
 /// \[OURS] How long the repeat of a key may be missing, see [`Times`].
@@ -40,6 +43,8 @@ const REPEAT_RANGE: std::ops::RangeInclusive<Duration> = Duration::from_millis(3
 const PART_OF_MAX: f64 = 0.1;
 /// \[OURS] How often it is checked whether the terminal was closed.
 const CLOSED_CHECK_INTERVAL: Duration = Duration::from_millis(20);
+/// \[OURS] How long the first answer of a terminal may take.
+const ANSWER_LIMIT: Duration = Duration::from_secs(1);
 /// The keys of the axes, in the order in which the axes are named: back and forth, and their names. One axis has them all.
 const KEYS: [(KeyCode, KeyCode, &str); 3] = [
     (KeyCode::Left, KeyCode::Right, "left and right"),
@@ -86,6 +91,10 @@ pub struct Args {
     /// How long each further repeat may be missing
     #[arg(long, value_name = "TIME", value_parser = repeat_time, default_value = REPEAT)]
     repeat: Duration,
+
+    /// Move axes also over a line to the terminal that is not measured, so that keys may count that come late
+    #[arg(long)]
+    any_line: bool,
 }
 
 fn axis_word(text: &str) -> Result<AxisWord, String> {
@@ -167,12 +176,16 @@ impl Args {
         self.say_keys(board, &axes);
         let cycle = f64::from(config.cycle_us) * 1e-6;
         let terminal = Terminal::open().map_err(BoardError::system("read the keys of the terminal"))?;
+        let is_measured = HAS_ANSWERS && !self.any_line;
+        if is_measured {
+            require_answer(board, &terminal)?;
+        }
         let frames = Frames::begin(board, snapshot.clone(), depth, cycle)?;
         let times = Times { first: self.first_repeat, repeat: self.repeat };
         let mut jog = Jog {
             board,
             axes,
-            keys: DeadMan::new(times),
+            keys: DeadMan::new(times, is_measured),
             began: Instant::now(),
             snapshot,
             cycle,
@@ -244,7 +257,7 @@ impl Jog<'_> {
     fn follow(&mut self, frames: &mut Frames<'_>, terminal: &Terminal) -> Result<(), BoardError> {
         let lost_before = self.snapshot.state().is_failed();
         let mut pace = self.board.reporter.pace();
-        let mut next_closed_check = Instant::now();
+        let (mut next_closed_check, mut next_question) = (Instant::now(), Instant::now());
         let mut targets = Vec::new();
         loop {
             let now = Instant::now();
@@ -259,6 +272,12 @@ impl Jog<'_> {
                 next_closed_check = now + CLOSED_CHECK_INTERVAL;
                 if signals::has_hung_up(&io::stdin()) {
                     return Err(closed());
+                }
+            }
+            if now >= next_question {
+                next_question = now + ASK_INTERVAL;
+                if self.keys.ask(self.at(now)) {
+                    terminal.ask();
                 }
             }
             if self.take_keys(terminal)? {
@@ -295,13 +314,21 @@ impl Jog<'_> {
 
     /// Takes the keys that have arrived; returns whether one of them ends the verb.
     fn take_keys(&mut self, terminal: &Terminal) -> Result<bool, BoardError> {
-        while let Some(key) = terminal.key().map_err(|_| closed())? {
-            let (at, motion) = (self.at(key.at), self.motion_key(key.code));
-            match motion {
-                Some(motion) if !key.is_release => self.keys.press(at, motion),
+        while let Some((at, token)) = terminal.next().map_err(|_| closed())? {
+            let at = self.at(at);
+            let (code, is_release) = match token {
+                Token::Key { code, is_release } => (code, is_release),
+                Token::Interrupt => (KeyCode::Null, false),
+                Token::Answer => {
+                    self.keys.answer();
+                    continue;
+                }
+            };
+            match self.motion_key(code) {
+                Some(motion) if !is_release => self.keys.press(at, motion),
                 // The release of a key that does not move an axis is no key.
-                None if key.is_release => {}
-                None if matches!(key.code, KeyCode::Char('q' | 'Q') | KeyCode::Esc) => return Ok(true),
+                None if is_release => {}
+                None if matches!(code, KeyCode::Char('q' | 'Q') | KeyCode::Esc) => return Ok(true),
                 _ => self.keys.stop(at),
             }
         }
@@ -374,74 +401,25 @@ impl Jog<'_> {
             self.axes.iter().all(|axis| axis.motion.doing() == Doing::Stands)
         })
     }
+}
 
-    /// Shows the axes on one line.
-    fn show(&self) -> Result<(), BoardError> {
-        let width = terminal::width().saturating_sub(1);
-        let text = self.axes.iter().map(|axis| self.axis_text(axis)).collect::<Vec<_>>().join(" | ");
-        let text: String = text.chars().take(width).collect();
-        let json = || {
-            let axis = |axis: &Jogged| {
-                json!({
-                    "axis": axis.slave, "position_counts": self.snapshot.position(axis.slave),
-                    "following_error_counts": self.following_error(axis), "state": words(axis.motion.doing()),
-                })
-            };
-            json!({"verb": WHAT, "axes": self.axes.iter().map(axis).collect::<Vec<_>>()})
-        };
-        Ok(self.board.reporter.progress(text, json)?)
-    }
-
-    fn axis_text(&self, axis: &Jogged) -> String {
-        let machine = self.board.units().axis(axis.slave);
-        let shown = |counts: f64| machine.map_or_else(|| format!("{counts}"), |axis| in_unit(axis, counts));
-        let at = f64::from(self.snapshot.position(axis.slave).unwrap_or_default());
-        let state = match (axis.motion.doing(), self.end_of(axis)) {
-            (Doing::Stands, Some(limit)) => limit,
-            (doing, _) => words(doing).to_owned(),
-        };
-        let (label, error) = (self.board.label(axis.slave), shown(f64::from(self.following_error(axis))));
-        let word = statusword_text(self.board.statusword(&self.snapshot, axis.slave));
-        format!("axis {label}: {state} at {}, following error {error}, {word}", shown(at))
-    }
-
-    /// Why an axis that stands goes no further; `None` if it is between its limits.
-    fn end_of(&self, axis: &Jogged) -> Option<String> {
-        let SoftLimits { min, max } = axis.limits;
-        let at = axis.motion.target();
-        let limit = if at >= max { max } else { min };
-        let words = self.board.units().axis(axis.slave).map(|machine| limit_words(machine, limit, at >= max));
-        match (words, self.board.guard) {
-            (Some(words), _) if at == limit => Some(format!("stands at its limit, {words},")),
-            (_, Guard::Within(way)) if at.abs_diff(axis.start) >= way => {
-                Some(format!("stands {way} counts from its start, see --guard,"))
-            }
-            (Some(words), _) if at > max || at < min => {
-                Some(format!("stands beyond its limit, {words}, and moves only back,"))
-            }
-            _ => None,
+/// Waits for an answer of the terminal, so that no key counts over a line of which nothing is known.
+///
+/// # Errors
+/// The terminal does not answer, or was closed; a signal has arrived.
+fn require_answer(board: &Board, terminal: &Terminal) -> Result<(), BoardError> {
+    let began = Instant::now();
+    terminal.ask();
+    while began.elapsed() < ANSWER_LIMIT {
+        board.check_stop()?;
+        match terminal.next().map_err(|_| closed())? {
+            Some((_, Token::Answer)) => return Ok(()),
+            Some(_) => {}
+            None => thread::sleep(Duration::from_millis(1)),
         }
     }
-
-    /// The distance of an axis from the target that the board executes, in counts.
-    fn following_error(&self, axis: &Jogged) -> i32 {
-        let position = self.snapshot.position(axis.slave).unwrap_or_default();
-        axis.sent.front().map_or(0, |target| target.wrapping_sub(position))
-    }
-}
-
-/// The soft limit of a machine file as the file has it: `max = 250.000 mm`. `is_upper`: in counts it is the greater one.
-fn limit_words(machine: &MachineAxis, limit: i32, is_upper: bool) -> String {
-    let word = if is_upper == (machine.scale.counts_per_unit > 0.0) { "max" } else { "min" };
-    format!("{word} = {}", in_unit(machine, limit.into()))
-}
-
-const fn words(doing: Doing) -> &'static str {
-    match doing {
-        Doing::Stands => "stands",
-        Doing::Runs => "runs",
-        Doing::Brakes => "brakes",
-    }
+    let why = "the terminal does not answer (to ESC [5n), so that nobody knows how late its keys come".to_owned();
+    Err(refused(why, "run it in another terminal, or add --any-line if no network is between it and you"))
 }
 
 fn closed() -> BoardError {

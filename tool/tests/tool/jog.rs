@@ -1,6 +1,7 @@
 //! `ecmsk jog` on a terminal: an axis runs while its key is held, and stands however it ends.
 #![cfg(target_os = "linux")]
 
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -259,16 +260,52 @@ fn signals_and_a_closed_terminal_brake_the_axis() {
     });
 }
 
-/// A terminal that takes no output holds nothing up: the axis runs and stands by its key, and SIGTERM ends the verb.
+/// A terminal that takes no output holds nothing up: with `--any-line` the axis runs and stands by its key, and SIGTERM ends
+/// the verb.
 #[test]
 fn drawing_holds_no_motion_up() {
-    let mut hand = Hand::start();
+    let words = ["1", "--machine", "none", "--velocity", "20000", "--any-line"];
+    let mut hand = Hand::start_with(&words, b"");
     tcflow(&hand.jog.line, Action::OOff).unwrap();
     hand.hold(RIGHT, SPEED / 4);
     hand.stands();
     hand.jog.signal(Signal::TERM);
     assert_eq!(ends(&mut hand.jog.tool), Some(143));
     hand.stands();
+}
+
+/// docs/SAFETY.md: when the terminal answers no more, the line may be late: the key that is held moves the axis no further.
+#[test]
+fn a_line_without_answers_ends_the_motion() {
+    let mut hand = Hand::start();
+    hand.hold(RIGHT, SPEED / 4);
+    hand.jog.answers.store(false, Ordering::Relaxed);
+    let hold_on = |hand: &mut Hand| {
+        for _ in 0..30 {
+            hand.jog.type_keys(RIGHT);
+            thread::sleep(REPEAT);
+        }
+    };
+    hold_on(&mut hand);
+    let stands = hand.stands();
+    hold_on(&mut hand);
+    assert!(hand.stands().abs_diff(stands) <= 2);
+    hand.jog.until("why", |screen| screen.contents().contains("keys come late and do not count"));
+    hand.jog.type_keys(b"q");
+    assert_eq!(hand.jog.ended(), Some(0));
+}
+
+/// A terminal that does not answer at all is refused, unless its line may be any one.
+#[test]
+fn a_terminal_without_answers_is_refused() {
+    let words = ["jog", "1", "--machine", "none", "--up", "--link", "sim:?slaves=drive"];
+    let tool = Terminal::start(&words);
+    tool.answers.store(false, Ordering::Relaxed);
+    tool.until("the reason", |screen| {
+        let text = screen.contents().split_whitespace().collect::<Vec<_>>().join(" ");
+        text.contains("the terminal does not answer") && text.contains("or add --any-line")
+    });
+    assert_eq!(tool.ended(), Some(1));
 }
 
 /// Without a terminal there is no hand: the verb refuses to begin.

@@ -167,7 +167,7 @@ fn a_negative_scale_turns_the_keys() {
     assert_eq!(hand.jog.ended(), Some(0));
 }
 
-/// With `--guard` an axis goes no further from where it began, within the limits of the machine file.
+/// TOOL-20 With `--guard` an axis goes no further from where it began, within the limits of the machine file.
 #[test]
 fn a_guard_limits_the_way() {
     let axis =
@@ -182,7 +182,7 @@ fn a_guard_limits_the_way() {
     assert_eq!(hand.jog.ended(), Some(0));
 }
 
-/// A speed at which targets run further ahead of the axis than its lead limit is refused before anything is sent.
+/// TOOL-20 A speed at which targets run further ahead of the axis than its lead limit is refused before anything is sent.
 #[test]
 fn a_speed_beyond_the_lead_limit_is_refused() {
     let link = "sim:?slaves=drive&clock=virtual";

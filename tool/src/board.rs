@@ -24,7 +24,7 @@ use clap::ValueHint;
 use ecmsk::ecm::{Close, Config, Guard, Scales};
 use ecmsk::link::KnownNetwork;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::machine_file::{MachineFile, MachineFileError};
+use ecmsk::machine_file::{FILE_NAME, MachineFile};
 use ecmsk::sk::SlotSize;
 
 pub use axis_word::{AxisWord, SLAVES_MAX, Units};
@@ -118,12 +118,20 @@ impl Args {
     }
 
     /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory; `None` if there is
-    /// neither.
+    /// neither. A verb that only reads or looks passes over such a file of another user.
     ///
     /// # Errors
-    /// The file cannot be read, or its content is not that of a machine file.
-    pub fn machine(&self) -> Result<Option<MachineFile>, MachineFileError> {
-        machine_option::load(self.machine.as_deref())
+    /// The file cannot be read, or its content is not that of a machine file. The verb may move axes, and would pass over
+    /// the limits in a file of another user.
+    pub fn machine(&self, board_use: BoardUse) -> Result<Option<MachineFile>, BoardError> {
+        if board_use == BoardUse::Moves && machine_option::passes_over(self.machine.as_deref()) {
+            return Err(BoardError::Refused {
+                what: "moving axes".into(),
+                why: format!("{FILE_NAME} in this folder is another user's, and may have limits"),
+                next: format!("say --machine {FILE_NAME} to use it, or --machine none to move without its limits"),
+            });
+        }
+        Ok(machine_option::load(self.machine.as_deref())?)
     }
 
     /// The board that the options, the environment, the machine file or the configuration name.

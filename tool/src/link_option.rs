@@ -103,19 +103,25 @@ fn working_dir() -> Option<PathBuf> {
 /// Whether a file does not exist, or belongs to this user or to root. Otherwise prints a note that the file is ignored,
 /// and `next`: what the user can do instead.
 pub fn belongs_to_user(file: &Path, next: &str) -> bool {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::MetadataExt;
-        let owner = std::fs::symlink_metadata(file).map(|file| file.uid());
-        let own = rustix::process::geteuid().as_raw();
-        if owner.is_ok_and(|owner| owner != own && owner != 0) {
-            say("note", &format_args!("{} is another user's and is passed over; {next}", file.display()));
-            return false;
-        }
+    let is_anothers = is_anothers(file);
+    if is_anothers {
+        say("note", &format_args!("{} is another user's and is passed over; {next}", file.display()));
     }
-    #[cfg(not(unix))]
-    let _ = (file, next);
-    true
+    !is_anothers
+}
+
+/// Whether a file exists, and belongs neither to this user nor to root. Under `sudo` that holds for the caller's own files, too:
+/// whoever may run one command as root may not therefore choose the files that it creates. \[OURS]
+#[cfg(unix)]
+pub fn is_anothers(file: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let own = rustix::process::geteuid().as_raw();
+    std::fs::symlink_metadata(file).is_ok_and(|file| file.uid() != own && file.uid() != 0)
+}
+
+#[cfg(not(unix))]
+pub const fn is_anothers(_file: &Path) -> bool {
+    false
 }
 
 /// The link for a verb that only reads. On `tcp:` such a verb is a reader beside the writer.

@@ -6,7 +6,7 @@ use std::sync::Once;
 use ecmsk::cia402::error_name;
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
 
-use super::link_option::belongs_to_user;
+use super::link_option::{belongs_to_user, is_anothers};
 use super::stderr::say;
 
 /// The help text of `--machine`.
@@ -36,6 +36,11 @@ pub fn load(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileErro
             Ok(Some(machine))
         }
     }
+}
+
+/// Whether [`load`] passes over the machine file in the working directory, because it is another user's.
+pub fn passes_over(given: Option<&Path>) -> bool {
+    given.is_none() && is_anothers(Path::new(FILE_NAME))
 }
 
 /// A number with a unit directly behind it or after spaces: `0.5mm`, `500 counts`.

@@ -89,7 +89,7 @@ fn play_steps(
     cases: &mut Vec<Case>,
 ) -> Result<(), BoardError> {
     let name = args.name();
-    let machine = args.board.machine()?;
+    let machine = args.board.machine(BoardUse::Moves)?;
     let uri = args.board.chosen(machine.as_ref())?.uri;
     let network = args.board.network(&uri, None, machine.as_ref());
     let scales = args.board.scales();

@@ -9,9 +9,11 @@
 //! - `object.rs`: objects, types and values of `sdo`
 //! - `motion.rs`, `motion/`, `profile.rs`: `move`: its targets, the straight path of all axes, and the motion profile along it
 //! - `jog.rs`, `jog/`: `jog`, which is no step of a script, because it needs a hand
+//! - `frames.rs`: the frames of a motion, which `move` and `jog` share
 
 mod expect;
 mod fault;
+mod frames;
 mod home;
 mod info;
 mod io;
@@ -48,10 +50,11 @@ pub enum Step {
 }
 
 impl Step {
-    /// How the step uses the board: whether it reads, sends commands or moves axes.
+    /// How the step uses the board: whether it reads, sends commands, switches or moves axes.
     pub const fn uses(&self) -> BoardUse {
         match self {
-            Self::Servo(_) | Self::Home(_) | Self::Move(_) => BoardUse::Moves,
+            Self::Servo(_) => BoardUse::Switches,
+            Self::Home(_) | Self::Move(_) => BoardUse::Moves,
             Self::Info(args) if args.only_looks() => BoardUse::Reads,
             Self::State(args) if args.only_looks() => BoardUse::Reads,
             _ => BoardUse::Looks,
@@ -144,9 +147,9 @@ verbs! {
 /// [`BoardError`] if the board cannot be opened, the step is invalid on this network or fails, or a signal stops it.
 pub fn run(verb: Verb) -> Result<(), BoardError> {
     let (step, args) = verb.split();
-    if let Step::Move(step) = &step {
-        let machine = args.machine()?;
-        step.check_only_units(Units { option: args.scales(), numbers: args.scales(), machine: machine.as_ref() })?;
+    if let Step::Move(moves) = &step {
+        let machine = args.machine(step.uses())?;
+        moves.check_only_units(Units { option: args.scales(), numbers: args.scales(), machine: machine.as_ref() })?;
     }
     let board = Board::open(&args, step.uses(), StepSource::CommandLine, Interrupt::watch()?)?;
     let done = step.run(&board);

@@ -98,7 +98,7 @@ impl Args {
         interrupt: fn() -> Result<Interrupt, BoardError>,
     ) -> Result<(), BoardError> {
         let args = board::Args::for_stop(self);
-        let board = Board::open(&args, BoardUse::Moves, StepSource::CommandLine, interrupt()?)?;
+        let board = Board::open(&args, BoardUse::Switches, StepSource::CommandLine, interrupt()?)?;
         let done = self.stop(&board).and_then(|in_op| {
             let is_served = board.uri.scheme() == Scheme::Tcp;
             self.say(&board.reporter, &Stopped { writer, in_op, text: String::new() }, is_served)

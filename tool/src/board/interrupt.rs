@@ -1,4 +1,5 @@
-//! Signals such as Ctrl-C: the first one ends the verb in an orderly way, the second one ends the program at once.
+//! Signals such as Ctrl-C: the first one ends the verb in an orderly way, the second one ends the program at once, but for a
+//! second SIGHUP.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -16,7 +17,7 @@ pub struct Interrupt {
 }
 
 impl Interrupt {
-    /// Watches for signals from now on: SIGINT, SIGTERM and SIGHUP, on Windows the events of the console.
+    /// Watches for signals from now on: SIGINT, SIGTERM, SIGHUP and SIGQUIT, on Windows the events of the console.
     ///
     /// # Errors
     /// [`BoardError::System`] if the operating system refuses to install the signal handlers.

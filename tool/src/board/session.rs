@@ -45,7 +45,9 @@ pub enum BoardUse {
     Reads,
     /// The verb sends commands but moves no axis.
     Looks,
-    /// The verb may move axes or switch them on.
+    /// The verb may switch axes on or off, or stop them, but sends no targets.
+    Switches,
+    /// The verb may move axes.
     Moves,
 }
 
@@ -97,7 +99,7 @@ impl Board {
             what: "cannot start the threads of standard output and error".into(),
             message: format!("{error}; end other programs, or raise the limit of threads (ulimit -u)"),
         })?;
-        let machine = args.machine()?;
+        let machine = args.machine(board_use)?;
         let chosen = args.chosen(machine.as_ref())?;
         let uri = args.with_record(&chosen.uri)?;
         let slot = args.slot_size();
@@ -113,7 +115,7 @@ impl Board {
         };
         let close = args.close.unwrap_or(match board_use {
             BoardUse::Reads | BoardUse::Looks => Close::Leave,
-            BoardUse::Moves => Close::Hold,
+            BoardUse::Switches | BoardUse::Moves => Close::Hold,
         });
         let options = Options { close, ..options };
         let link = match link::open(&uri.to_string(), Share::ByName) {

@@ -6,13 +6,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::flag;
 use signal_hook::iterator::Signals;
 
-/// The signals that request the end of the tool. SIGHUP is left out if it is ignored, as `nohup` sets it.
+/// The signals that request the end of the tool. SIGHUP and SIGQUIT are left out if they are ignored, as `nohup` and `&` set
+/// them.
 fn asking() -> impl Iterator<Item = i32> {
-    [SIGINT, SIGTERM].into_iter().chain(not_ignored(&[SIGHUP]))
+    [SIGINT, SIGTERM].into_iter().chain(not_ignored(&[SIGHUP, SIGQUIT]))
 }
 
 /// The signal that a terminal sends when it is closed.
@@ -50,16 +51,18 @@ pub fn note(signal: &Arc<AtomicUsize>) -> io::Result<()> {
 }
 
 /// Like [`note`], but a signal that arrives while `armed` is set ends the program at once. The first signal sets
-/// `armed`.
+/// `armed`. SIGHUP does neither: for one terminal that is closed a program gets it twice, from its shell and from the system.
 ///
 /// # Errors
 /// Errors of the operating system.
 pub fn note_once(signal: &Arc<AtomicUsize>, armed: &Arc<AtomicBool>) -> io::Result<()> {
-    for number in asking() {
-        // The handlers run in this order: `armed` is tested first and set afterwards, so that the first signal does not end the
-        // program.
+    // The handlers run in this order: `armed` is tested first and set afterwards, so that the first signal does not end the
+    // program.
+    for number in asking().filter(|number| *number != SIGHUP) {
         flag::register_conditional_shutdown(number, 128 + number, Arc::clone(armed))?;
-        flag::register_usize(number, Arc::clone(signal), number as usize)?;
+    }
+    note(signal)?;
+    for number in asking().filter(|number| *number != SIGHUP) {
         flag::register(number, Arc::clone(armed))?;
     }
     Ok(())
@@ -75,7 +78,7 @@ pub fn raise_interrupt() {
 pub struct EndRequest(Signals);
 
 impl EndRequest {
-    /// Watches for SIGINT, SIGTERM and SIGHUP from now on.
+    /// Watches for SIGINT, SIGTERM, SIGHUP and SIGQUIT from now on.
     ///
     /// # Errors
     /// Errors of the operating system.
@@ -100,6 +103,7 @@ impl EndRequest {
         self.0.forever().next().map(|signal| match signal {
             SIGTERM => "SIGTERM",
             SIGHUP => "SIGHUP",
+            SIGQUIT => "SIGQUIT",
             _ => "SIGINT",
         })
     }
@@ -110,6 +114,7 @@ pub fn name(signal: u8) -> String {
     match signal {
         1 => "SIGHUP".into(),
         2 => "Ctrl-C".into(),
+        3 => "SIGQUIT".into(),
         15 => "SIGTERM".into(),
         other => format!("signal {other}"),
     }

@@ -1,32 +1,37 @@
 //! `ecmsk jog`: moves axes by hand, as long as a key of the terminal is held.
 //!
-//! Files: `dead_man.rs` says which key counts as held, `axis.rs` is the motion of an axis, `terminal.rs` reads the keys.
+//! Files: `dead_man.rs` says which key counts as held, `line.rs` how late keys come, `axis.rs` is the motion of an axis,
+//! `terminal.rs` reads the keys, `keys.rs` knows their bytes, and `screen.rs` shows the axes.
 
 mod axis;
 mod dead_man;
+#[cfg(unix)]
+mod keys;
+mod line;
+mod screen;
 mod terminal;
 
 use std::collections::VecDeque;
 use std::io::{self, IsTerminal};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use ecmsk::cia402::Mode;
-use ecmsk::ecm::{EcmError, Snapshot, SoftLimits, Stream};
+use ecmsk::ecm::{Snapshot, SoftLimits};
 use ratatui::crossterm::event::KeyCode;
-use serde_json::json;
 
 use super::OnBoard;
+use super::frames::{Frames, check_lead, depth, held_limit_s, lost};
 use super::motion::internal_limit::{self, Watched};
-use super::motion::{AskedSpeeds, HELD_LIMIT, HOLD_FRAMES, Jerk, Speeds, aim, depth, lost};
+use super::motion::{AskedSpeeds, Jerk, Speeds};
 use crate::board::{
     AxisWord, Board, BoardError, BoardUse, Interrupt, Needs, StepSource, duration, find_axis, in_mode, positive,
-    statusword_text,
 };
-use crate::machine_option::in_unit;
 use crate::signals;
-use axis::{Doing, JogAxis};
+use axis::{Doing, JogAxis, within_guard};
 use dead_man::{DeadMan, MotionKey, Times};
-use terminal::Terminal;
+use line::ASK_INTERVAL;
+use terminal::{HAS_ANSWERS, Terminal, Token};
 
 const WHAT: &str = "jog";
 /// \[OURS] How long the repeat of a key may be missing, see [`Times`].
@@ -36,11 +41,10 @@ const REPEAT: &str = "150ms";
 const REPEAT_RANGE: std::ops::RangeInclusive<Duration> = Duration::from_millis(30)..=Duration::from_secs(2);
 /// \[OURS] A machine file's highest speed is for programs: by hand an axis has a tenth of it.
 const PART_OF_MAX: f64 = 0.1;
-/// \[OURS] If a cycle of this program takes longer than this, it has stalled: the axes stop. The board has executed its targets by
-/// then, and holds the last ones.
-const STALL: Duration = Duration::from_millis(100);
 /// \[OURS] How often it is checked whether the terminal was closed.
 const CLOSED_CHECK_INTERVAL: Duration = Duration::from_millis(20);
+/// \[OURS] How long the first answer of a terminal may take.
+const ANSWER_LIMIT: Duration = Duration::from_secs(1);
 /// The keys of the axes, in the order in which the axes are named: back and forth, and their names. One axis has them all.
 const KEYS: [(KeyCode, KeyCode, &str); 3] = [
     (KeyCode::Left, KeyCode::Right, "left and right"),
@@ -53,11 +57,12 @@ const KEYS: [(KeyCode, KeyCode, &str); 3] = [
 /// A terminal reports a key again and again while it is held, and not its release. So an axis brakes when its key has not
 /// arrived again in time, also if the line to the terminal stalls; keys that arrive late do not count. Terminals with kitty's
 /// keyboard protocol report releases of arrow keys, too. Any other key stops, q ends. An axis stops at its limits in the
-/// machine file; beyond one it moves only back.
+/// machine file; beyond one it moves only back. With --guard it goes no further than that from where it began.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Keys:
-  the first axis has the arrows left and right, the second one down and up, the third one - and +; one axis alone has all
+  the first axis has the arrows left and right, the second one down and up, the third one - and +; one axis alone has all;
+  right, up and + move it to greater positions in its unit
 
 Examples:
   ecmsk jog X Y --link tcp://localhost --up
@@ -86,6 +91,10 @@ pub struct Args {
     /// How long each further repeat may be missing
     #[arg(long, value_name = "TIME", value_parser = repeat_time, default_value = REPEAT)]
     repeat: Duration,
+
+    /// Move axes also over a line to the terminal that is not measured, so that keys may count that come late
+    #[arg(long)]
+    any_line: bool,
 }
 
 fn axis_word(text: &str) -> Result<AxisWord, String> {
@@ -116,6 +125,11 @@ pub fn run(args: OnBoard<Args>) -> Result<(), BoardError> {
 struct Jogged {
     slave: u8,
     motion: JogAxis,
+    /// Whether its counts grow with the positions in the unit in which it was named.
+    counts_up: bool,
+    /// Where it stood when the verb began, in counts.
+    start: i32,
+    /// The limits of the machine file.
     limits: SoftLimits,
     held: Watched,
     /// The newest targets, of which the oldest is the one that the board executes.
@@ -126,15 +140,19 @@ impl Args {
     fn run(&self, board: &Board) -> Result<(), BoardError> {
         let units = board.units();
         let mut slaves = Vec::new();
-        let mut speeds = Vec::new();
+        let mut asked = Vec::new();
         for word in &self.axes {
             let slave = word.slave(WHAT, units.machine)?;
             if slaves.contains(&slave) {
                 return Err(refused(format!("axis {slave} is named twice"), "name each axis once"));
             }
-            in_mode(slave, WHAT, find_axis(board.known_network(WHAT)?, WHAT, slave)?, Mode::Csp)?;
+            let config = board.known_network(WHAT)?;
+            let axis = find_axis(config, WHAT, slave)?;
+            in_mode(slave, WHAT, axis, Mode::Csp)?;
+            let speeds = self.speeds(board, word, slave)?;
+            check_lead(WHAT, config, slave, axis, speeds.velocity)?;
             slaves.push(slave);
-            speeds.push(self.speeds(board, word, slave)?);
+            asked.push((speeds, units.scale(word, slave).counts_per_unit > 0.0));
         }
         if board.ecm.link_info().virtual_time {
             let why = "the board is on a virtual clock, which no hand can follow".to_owned();
@@ -147,30 +165,34 @@ impl Args {
         // Commands that are still in the FIFO may move the axes, so their execution is awaited.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
         let snapshot = board.ecm.snapshot()?;
-        let axes = slaves.iter().zip(speeds).map(|(slave, speeds)| {
+        let axes = slaves.iter().zip(asked).map(|(slave, (speeds, counts_up))| {
             let limits = units.axis(*slave).map_or(SoftLimits::NONE, |axis| axis.limits);
             let start = board.standing_position(&snapshot, *slave);
-            let motion = JogAxis::new(start, speeds, limits);
-            Jogged { slave: *slave, motion, limits, held: Watched::new(*slave), sent: VecDeque::new() }
+            let motion = JogAxis::new(start, speeds, within_guard(limits, start, board.guard));
+            let (held, sent) = (Watched::new(*slave), VecDeque::new());
+            Jogged { slave: *slave, motion, counts_up, start, limits, held, sent }
         });
         let axes: Vec<Jogged> = axes.collect();
         self.say_keys(board, &axes);
         let cycle = f64::from(config.cycle_us) * 1e-6;
         let terminal = Terminal::open().map_err(BoardError::system("read the keys of the terminal"))?;
-        let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
+        let is_measured = HAS_ANSWERS && !self.any_line;
+        if is_measured {
+            require_answer(board, &terminal)?;
+        }
+        let frames = Frames::begin(board, snapshot.clone(), depth, cycle)?;
         let times = Times { first: self.first_repeat, repeat: self.repeat };
         let mut jog = Jog {
             board,
             axes,
-            keys: DeadMan::new(times),
+            keys: DeadMan::new(times, is_measured),
             began: Instant::now(),
-            before: snapshot.clone(),
             snapshot,
             cycle,
             depth,
-            held_limit_s: HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle),
+            held_limit_s: held_limit_s(depth, cycle),
         };
-        let done = jog.go(stream, &terminal);
+        let done = jog.go(frames, &terminal);
         board.reporter.clear();
         drop(terminal);
         for axis in &jog.axes {
@@ -211,8 +233,6 @@ struct Jog<'a> {
     axes: Vec<Jogged>,
     keys: DeadMan,
     began: Instant,
-    /// The report before the motion.
-    before: Snapshot,
     snapshot: Snapshot,
     /// The cycle time in seconds.
     cycle: f64,
@@ -222,32 +242,31 @@ struct Jog<'a> {
 
 impl Jog<'_> {
     /// Moves the axes until a key or a signal ends it, then brakes them.
-    fn go(&mut self, mut stream: Stream<'_>, terminal: &Terminal) -> Result<(), BoardError> {
-        let ended = self.follow(&mut stream, terminal);
-        let braked = self.brake(&mut stream);
+    fn go(&mut self, mut frames: Frames<'_>, terminal: &Terminal) -> Result<(), BoardError> {
+        let ended = self.follow(&mut frames, terminal);
+        let braked = self.brake(&mut frames);
         // `finish` brakes axes that are still moving, also after an error.
-        let finished = stream.finish();
+        let finished = frames.finish();
         ended?;
         self.board.check_stop()?;
         braked?;
-        finished.map_err(|error| self.board.explain(error))?;
-        Ok(())
+        finished.map(drop)
     }
 
     /// One cycle after the other: what stops an axis comes before what moves it, and drawing comes last and waits for nobody.
-    fn follow(&mut self, stream: &mut Stream<'_>, terminal: &Terminal) -> Result<(), BoardError> {
+    fn follow(&mut self, frames: &mut Frames<'_>, terminal: &Terminal) -> Result<(), BoardError> {
         let lost_before = self.snapshot.state().is_failed();
         let mut pace = self.board.reporter.pace();
-        // While the board executes what it has, a late program has not stalled.
-        let stall = STALL.max(Duration::from_secs_f64(2.0 * f64::from(self.depth) * self.cycle));
-        let (mut newest, mut next_closed_check) = (Instant::now(), Instant::now());
+        let (mut next_closed_check, mut next_question) = (Instant::now(), Instant::now());
+        let mut targets = Vec::new();
         loop {
+            let now = Instant::now();
+            // This comes first: a brake begins at the speed of the keys, and would start axes that stand.
+            if frames.axes_stand() {
+                self.stalled(now);
+            }
             if self.board.interrupt.signal().is_some() {
                 return Ok(());
-            }
-            let now = Instant::now();
-            if now.duration_since(std::mem::replace(&mut newest, now)) > stall {
-                self.stalled(now);
             }
             if now >= next_closed_check {
                 next_closed_check = now + CLOSED_CHECK_INTERVAL;
@@ -255,16 +274,26 @@ impl Jog<'_> {
                     return Err(closed());
                 }
             }
+            if now >= next_question {
+                next_question = now + ASK_INTERVAL;
+                if self.keys.ask(self.at(now)) {
+                    terminal.ask();
+                }
+            }
             if self.take_keys(terminal)? {
                 return Ok(());
             }
             self.obey()?;
-            self.snapshot = stream.snapshot().map_err(|error| self.board.explain(error))?;
+            self.snapshot = frames.stream.snapshot().map_err(|error| self.board.explain(error))?;
             if self.snapshot.state().is_failed() && !lost_before {
                 return Err(lost(self.board, self.snapshot.state()));
             }
             self.refuse_held_axis()?;
-            self.step(stream, false)?;
+            targets.clear();
+            self.advance(&mut targets);
+            if let Some(error) = frames.send(targets.iter().copied())? {
+                return Err(error);
+            }
             let elapsed = self.began.elapsed();
             if pace.due(elapsed) {
                 self.show()?;
@@ -276,8 +305,8 @@ impl Jog<'_> {
         at.saturating_duration_since(self.began)
     }
 
-    /// This process has stalled: the board has executed what it had, and the axes stand at their last targets. They begin
-    /// from rest, and not by keys that were typed before.
+    /// This process was late for long: the board has executed what it had, and the axes stand at their last targets. They
+    /// begin from rest, and not by keys that were typed before.
     fn stalled(&mut self, now: Instant) {
         self.keys.stalled(self.at(now));
         self.axes.iter_mut().for_each(|axis| axis.motion.stand());
@@ -285,13 +314,21 @@ impl Jog<'_> {
 
     /// Takes the keys that have arrived; returns whether one of them ends the verb.
     fn take_keys(&mut self, terminal: &Terminal) -> Result<bool, BoardError> {
-        while let Some(key) = terminal.key().map_err(|_| closed())? {
-            let (at, motion) = (self.at(key.at), self.motion_key(key.code));
-            match motion {
-                Some(motion) if !key.is_release => self.keys.press(at, motion),
+        while let Some((at, token)) = terminal.next().map_err(|_| closed())? {
+            let at = self.at(at);
+            let (code, is_release) = match token {
+                Token::Key { code, is_release } => (code, is_release),
+                Token::Interrupt => (KeyCode::Null, false),
+                Token::Answer => {
+                    self.keys.answer();
+                    continue;
+                }
+            };
+            match self.motion_key(code) {
+                Some(motion) if !is_release => self.keys.press(at, motion),
                 // The release of a key that does not move an axis is no key.
-                None if key.is_release => {}
-                None if matches!(key.code, KeyCode::Char('q' | 'Q') | KeyCode::Esc) => return Ok(true),
+                None if is_release => {}
+                None if matches!(code, KeyCode::Char('q' | 'Q') | KeyCode::Esc) => return Ok(true),
                 _ => self.keys.stop(at),
             }
         }
@@ -315,8 +352,11 @@ impl Jog<'_> {
     fn obey(&mut self) -> Result<(), BoardError> {
         let held = self.keys.held(self.at(Instant::now()));
         for (index, axis) in self.axes.iter_mut().enumerate() {
-            let done = match held.filter(|key| key.axis == index) {
-                Some(key) if axis.motion.is_free_for(key.is_positive) => axis.motion.run(key.is_positive),
+            let key = held.filter(|key| key.axis == index);
+            let done = match key.map(|key| key.is_positive == axis.counts_up) {
+                Some(to_greater_counts) if axis.motion.is_free_for(to_greater_counts) => {
+                    axis.motion.run(to_greater_counts)
+                }
                 _ => axis.motion.brake(),
             };
             done.map_err(|why| refused(why, "choose a speed and an acceleration nearer to each other"))?;
@@ -338,8 +378,8 @@ impl Jog<'_> {
         Ok(())
     }
 
-    /// Sends the next target of each axis. `brakes`: axes that take none, because they are lost or have an alarm, are left out.
-    fn step(&mut self, stream: &mut Stream<'_>, brakes: bool) -> Result<(), BoardError> {
+    /// Adds the next target of each axis.
+    fn advance(&mut self, targets: &mut Vec<(u8, i32)>) {
         for axis in &mut self.axes {
             axis.motion.advance(self.cycle);
             let target = axis.motion.target();
@@ -347,84 +387,39 @@ impl Jog<'_> {
             if axis.sent.len() > usize::from(self.depth) {
                 axis.sent.pop_front();
             }
-            match aim(self.board, &self.before, stream, axis.slave, target) {
-                Err(EcmError::SlaveLost { .. } | EcmError::Alarm { .. } | EcmError::NotEnabled { .. }) if brakes => {}
-                aimed => aimed.map_err(|error| self.board.explain(error))?,
-            }
+            targets.push((axis.slave, target));
         }
-        stream.step().map(drop).map_err(|error| self.board.explain(error))
     }
 
     /// Brakes all axes, and sends their last targets until the drives have reached them.
-    fn brake(&mut self, stream: &mut Stream<'_>) -> Result<(), BoardError> {
+    fn brake(&mut self, frames: &mut Frames<'_>) -> Result<(), BoardError> {
         for axis in &mut self.axes {
             axis.motion.brake().map_err(|why| refused(why, "the axis holds its last target"))?;
         }
-        let mut left = HOLD_FRAMES;
-        while left > 0 {
-            self.step(stream, true)?;
-            left =
-                if self.axes.iter().all(|axis| axis.motion.doing() == Doing::Stands) { left - 1 } else { HOLD_FRAMES };
-        }
-        Ok(())
-    }
-
-    /// Shows the axes on one line.
-    fn show(&self) -> Result<(), BoardError> {
-        let width = terminal::width().saturating_sub(1);
-        let text = self.axes.iter().map(|axis| self.axis_text(axis)).collect::<Vec<_>>().join(" | ");
-        let text: String = text.chars().take(width).collect();
-        let json = || {
-            let axis = |axis: &Jogged| {
-                json!({
-                    "axis": axis.slave, "position_counts": self.snapshot.position(axis.slave),
-                    "following_error_counts": self.following_error(axis), "state": words(axis.motion.doing()),
-                })
-            };
-            json!({"verb": WHAT, "axes": self.axes.iter().map(axis).collect::<Vec<_>>()})
-        };
-        Ok(self.board.reporter.progress(text, json)?)
-    }
-
-    fn axis_text(&self, axis: &Jogged) -> String {
-        let machine = self.board.units().axis(axis.slave);
-        let shown = |counts: f64| machine.map_or_else(|| format!("{counts}"), |axis| in_unit(axis, counts));
-        let at = f64::from(self.snapshot.position(axis.slave).unwrap_or_default());
-        let state = match (axis.motion.doing(), self.end_of(axis)) {
-            (Doing::Stands, Some(limit)) => limit,
-            (doing, _) => words(doing).to_owned(),
-        };
-        let (label, error) = (self.board.label(axis.slave), shown(f64::from(self.following_error(axis))));
-        let word = statusword_text(self.board.statusword(&self.snapshot, axis.slave));
-        format!("axis {label}: {state} at {}, following error {error}, {word}", shown(at))
-    }
-
-    /// What the soft limits say of an axis that stands; `None` if it is between them.
-    fn end_of(&self, axis: &Jogged) -> Option<String> {
-        let SoftLimits { min, max } = axis.limits;
-        let at = axis.motion.target();
-        let machine = self.board.units().axis(axis.slave)?;
-        let (limit, word) = if at >= max { (max, "max") } else { (min, "min") };
-        let limit_text = in_unit(machine, limit.into());
-        if at == limit {
-            return Some(format!("stands at its limit, {word} = {limit_text},"));
-        }
-        (at > max || at < min).then(|| format!("stands beyond its limit, {word} = {limit_text}, and moves only back,"))
-    }
-
-    /// The distance of an axis from the target that the board executes, in counts.
-    fn following_error(&self, axis: &Jogged) -> i32 {
-        let position = self.snapshot.position(axis.slave).unwrap_or_default();
-        axis.sent.front().map_or(0, |target| target.wrapping_sub(position))
+        frames.brake(|targets| {
+            self.advance(targets);
+            self.axes.iter().all(|axis| axis.motion.doing() == Doing::Stands)
+        })
     }
 }
 
-const fn words(doing: Doing) -> &'static str {
-    match doing {
-        Doing::Stands => "stands",
-        Doing::Runs => "runs",
-        Doing::Brakes => "brakes",
+/// Waits for an answer of the terminal, so that no key counts over a line of which nothing is known.
+///
+/// # Errors
+/// The terminal does not answer, or was closed; a signal has arrived.
+fn require_answer(board: &Board, terminal: &Terminal) -> Result<(), BoardError> {
+    let began = Instant::now();
+    terminal.ask();
+    while began.elapsed() < ANSWER_LIMIT {
+        board.check_stop()?;
+        match terminal.next().map_err(|_| closed())? {
+            Some((_, Token::Answer)) => return Ok(()),
+            Some(_) => {}
+            None => thread::sleep(Duration::from_millis(1)),
+        }
     }
+    let why = "the terminal does not answer (to ESC [5n), so that nobody knows how late its keys come".to_owned();
+    Err(refused(why, "run it in another terminal, or add --any-line if no network is between it and you"))
 }
 
 fn closed() -> BoardError {

@@ -3,39 +3,28 @@
 mod duration;
 pub mod internal_limit;
 mod path;
+mod run;
 mod target;
 
 use std::time::Duration;
 
 use ecmsk::cia402::Mode;
-use ecmsk::ecm::{Config, EcmError, Guard, Scale, Snapshot, Stream, StreamStats};
-use ecmsk::sk::{SlotSize, StateByte};
+use ecmsk::ecm::{Config, Guard, Scale, Snapshot};
 use serde_json::json;
 
-use super::profile::{PathPoint, Profile};
+use super::frames::{Frames, check_lead, depth, held_limit_s, lost};
 use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, Units, find_axis, in_mode, numbered, positive};
 use duration::Asked;
-use internal_limit::Watched;
 pub use path::{AskedSpeeds, Speeds};
 use path::{AxisPath, Path};
+use run::{Ended, Run};
 use target::outside;
 pub use target::{AxisTarget, Jerk, Target, check_limits, counts};
 
 const WHAT: &str = "move";
-/// \[OURS] How far ahead of their execution targets are sent to the FIFO. If the program is late by less than this, the motion
-/// has no gap.
-const AHEAD: Duration = Duration::from_millis(64);
-/// \[OURS] The limits of the number of frames ahead, which apply instead of [`AHEAD`] for very short and very long cycles.
-const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
 /// \[OURS] How long axes may take to settle after the last target, and (next constant) how far from it they may be, in counts.
 const SETTLE_LIMIT: Duration = Duration::from_millis(500);
 const SETTLE_WINDOW_COUNTS: u32 = 2;
-/// \[OURS] If an internal limit of its drive holds an axis away from its target for this long, the move fails. The time is more
-/// than twice that of the frames ahead, so the reports already answer the present targets.
-pub const HELD_LIMIT: Duration = Duration::from_millis(150);
-/// \[OURS] The time limit for braking after Ctrl-C. The tool promises to end within 2 s after Ctrl-C; the rest of that time
-/// is for closing the board.
-pub const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 
 /// Move axes to positions, all together
 ///
@@ -140,16 +129,7 @@ impl Args {
             if !self.relative {
                 check_limits(WHAT, units, slave, counts)?;
             }
-            let (velocity, ahead) = (self.speeds(target, units)?.velocity, f64::from(depth(network)));
-            let behind = velocity * ahead * f64::from(network.cycle_us) * 1e-6;
-            if let Guard::Within(limit) = axis.guard
-                && behind > f64::from(limit)
-            {
-                let why = format!(
-                    "at {velocity} counts/s the target of axis {slave} runs {behind:.0} counts ahead of it, the limit is {limit}"
-                );
-                return Err(refused(why, "lower --velocity, or widen --lead-limit"));
-            }
+            check_lead(WHAT, network, slave, axis, self.speeds(target, units)?.velocity)?;
         }
         Ok(())
     }
@@ -214,9 +194,8 @@ impl Args {
         Ok(())
     }
 
-    /// Moves the axes along their path. After a gap longer than [`GAP_MAX`] (the FIFO was empty) they start again from
-    /// rest. Returns the duration in seconds, the number of underruns, and the path of the last part, which ends at the
-    /// targets.
+    /// Moves the axes along their path. After a long gap (the FIFO was empty) they start again from rest. Returns the
+    /// duration in seconds, the number of underruns, and the path of the last part, which ends at the targets.
     fn carry_out(
         &self,
         board: &Board,
@@ -225,11 +204,11 @@ impl Args {
         lost_before: bool,
     ) -> Result<(f64, u64, Path), BoardError> {
         let (mut snapshot, mut path) = self.agreed_path(board)?;
-        let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
+        let held_limit_s = held_limit_s(depth, cycle);
         let (mut seconds, mut underruns) = (0.0, 0);
         loop {
-            let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
-            let moved = Run { board, path: &path, snapshot: &snapshot, lost_before, cycle, held_limit_s }.go(stream);
+            let frames = Frames::begin(board, snapshot, depth, cycle)?;
+            let moved = Run { board, path: &path, lost_before, cycle, held_limit_s }.go(frames);
             board.reporter.clear();
             let (ended, stats) = match moved {
                 Ok(moved) => moved,
@@ -305,170 +284,8 @@ fn note_positions(board: &Board, path: &Path) -> Result<(), BoardError> {
     Ok(())
 }
 
-/// The error for a board that has lost a slave during the motion. Reports do not show which one: the link may know it.
-pub fn lost(board: &Board, found: StateByte) -> BoardError {
-    let slave = board.link_stats().state_failure.and_then(|failure| failure.slave());
-    board.explain(EcmError::SlaveLost { slave, found })
-}
-
 fn no_path(why: String) -> BoardError {
     refused(why, "choose a speed and an acceleration nearer to each other")
-}
-
-/// \[OURS] After a gap longer than this the axes start again from rest. After a shorter one they continue at their speed:
-/// otherwise a program that is often slightly late would never finish a move.
-const GAP_MAX: Duration = Duration::from_millis(100);
-
-/// \[OURS] In how many further cycles the last targets are sent again. The drives settle meanwhile.
-pub const HOLD_FRAMES: usize = 9;
-
-/// How the motion along a path has ended, with its duration in seconds.
-enum Ended {
-    /// The last targets were sent to all axes, or Ctrl-C has braked the motion. In the latter case [`Run::go`] returns an
-    /// error instead.
-    Arrived(f64),
-    /// The FIFO was empty for too long, so the axes stand. The second value is the fraction of the path that they have covered,
-    /// 0 to 1.
-    Stood(f64, f64),
-}
-
-/// The motion along one path.
-struct Run<'a> {
-    board: &'a Board,
-    path: &'a Path,
-    snapshot: &'a Snapshot,
-    /// Whether the board had lost a slave before the move, which does not end the move then.
-    lost_before: bool,
-    /// The cycle time in seconds.
-    cycle: f64,
-    /// How long an internal limit may hold an axis away from its target, in seconds.
-    held_limit_s: f64,
-}
-
-impl Run<'_> {
-    /// Sends one target per cycle until all axes have arrived, or until a gap that is longer than [`GAP_MAX`]. Returns how
-    /// the move ended, and the counters of the stream.
-    fn go(&self, mut stream: Stream<'_>) -> Result<(Ended, StreamStats), BoardError> {
-        let stepped = self.steps(&mut stream);
-        // `finish` brakes axes that are still moving, also after an error.
-        let finished = stream.finish();
-        let ended = stepped?;
-        self.board.check_stop()?;
-        Ok((ended, finished.map_err(|error| self.board.explain(error))?))
-    }
-
-    fn steps(&self, stream: &mut Stream<'_>) -> Result<Ended, BoardError> {
-        let Some(profile) = &self.path.profile else { return Ok(Ended::Arrived(0.0)) };
-        let mut pace = self.board.reporter.pace();
-        let (mut last, mut before, mut gap) = (PathPoint::default(), 0, 0_u64);
-        let mut watched: Vec<Watched> = self.path.axes.iter().map(|axis| Watched::new(axis.slave)).collect();
-        for frame in 1_u64.. {
-            let time = frame as f64 * self.cycle;
-            if self.board.interrupt.signal().is_some() {
-                self.brake(stream, last)?;
-                return Ok(Ended::Arrived(time));
-            }
-            let now = stream.snapshot().map_err(|error| self.board.explain(error))?;
-            if now.state().is_failed() && !self.lost_before {
-                self.brake(stream, last)?;
-                return Err(lost(self.board, now.state()));
-            }
-            if let Some((slave, at)) = self.held_axis(&now, &mut watched, last, time) {
-                self.brake(stream, last)?;
-                return Err(refused(
-                    format!("axis {slave} stands at {at}: {}", internal_limit::WHY),
-                    internal_limit::NEXT,
-                ));
-            }
-            last = profile.at(time);
-            let done = time >= profile.seconds();
-            let stats =
-                self.step(stream, false, |axis| if done { axis.end } else { axis.at(last.length / self.path.length) })?;
-            if done {
-                self.hold(stream, false, |axis| axis.end)?;
-                return Ok(Ended::Arrived(time));
-            }
-            // A long gap may become known over several steps, so the underruns of all steps are added up. Each step sends one
-            // target, so one cycle is subtracted per step: single underruns far apart do not add up to a long gap.
-            gap = (gap + stats.underruns - std::mem::replace(&mut before, stats.underruns)).saturating_sub(1);
-            if gap as f64 * self.cycle > GAP_MAX.as_secs_f64() {
-                return Ok(Ended::Stood(time, last.length / self.path.length));
-            }
-            if pace.due(Duration::from_secs_f64(time)) {
-                let (all, part) = (profile.seconds(), time / profile.seconds());
-                let text = format!("moving, {:.0} %, {time:.1} of {all:.1} s", part * 100.0);
-                self.board.reporter.part(part, text, || json!({"verb": WHAT, "progress": part, "seconds": time}))?;
-            }
-        }
-        Ok(Ended::Arrived(0.0))
-    }
-
-    /// The first axis that an internal limit of its drive has held back for too long, with its position; `None` if there is
-    /// none.
-    fn held_axis(&self, now: &Snapshot, watched: &mut [Watched], last: PathPoint, time: f64) -> Option<(u8, i32)> {
-        for (axis, watched) in self.path.axes.iter().zip(watched) {
-            let target = axis.at(last.length / self.path.length);
-            if watched.held_for(self.board, now, target, time) >= self.held_limit_s {
-                return Some((axis.slave, now.position(axis.slave).unwrap_or_default()));
-            }
-        }
-        None
-    }
-
-    /// Brakes along the path, from its point `last` on. A lost slave takes no targets, and the others are braked all the same.
-    fn brake(&self, stream: &mut Stream<'_>, last: PathPoint) -> Result<(), BoardError> {
-        let brake = Profile::to_rest(last, self.path.limits, BRAKE_LIMIT);
-        let brake = brake.map_err(|why| refused(why, "the axes hold their last targets"))?;
-        for frame in 1_u64.. {
-            let time = frame as f64 * self.cycle;
-            let along = brake.at(time).length / self.path.length;
-            self.step(stream, true, |axis| axis.at(along))?;
-            if time >= brake.seconds() {
-                return self.hold(stream, true, |axis| axis.at(along));
-            }
-        }
-        Ok(())
-    }
-
-    /// Repeats the last targets, so that the drives reach them.
-    fn hold(&self, stream: &mut Stream<'_>, brakes: bool, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
-        (0..HOLD_FRAMES).try_for_each(|_| self.step(stream, brakes, &at).map(drop))
-    }
-
-    /// Sends a target to each axis. `brakes`: lost slaves are left out; otherwise they are errors.
-    fn step(
-        &self,
-        stream: &mut Stream<'_>,
-        brakes: bool,
-        at: impl Fn(&AxisPath) -> i32,
-    ) -> Result<StreamStats, BoardError> {
-        let explain = |error| self.board.explain(error);
-        for axis in &self.path.axes {
-            match aim(self.board, self.snapshot, stream, axis.slave, at(axis)) {
-                Err(EcmError::SlaveLost { .. }) if brakes => {}
-                aimed => aimed.map_err(explain)?,
-            }
-        }
-        stream.step().map_err(explain)
-    }
-}
-
-/// Sets the target of an axis. With 16-byte slots one command moves both channels of an HSP (a pulse module), so the second
-/// channel gets its position in `snapshot`, the report before the motion, and stands still.
-pub fn aim(
-    board: &Board,
-    snapshot: &Snapshot,
-    stream: &mut Stream<'_>,
-    slave: u8,
-    target: i32,
-) -> Result<(), EcmError> {
-    match snapshot.slave(slave) {
-        Some(ecmsk::ecm::SlaveView::Hsp(hsp)) if board.ecm.slot_size()? == SlotSize::Bytes16 => {
-            let of = |target| ecmsk::sk::AxisTarget { target, outputs: 0 };
-            stream.csp_hsp(slave, of(target), of(hsp.second.position))
-        }
-        _ => stream.csp(slave, target),
-    }
 }
 
 /// Waits until all axes are at their targets or [`SETTLE_LIMIT`] has passed. Returns the latest report.
@@ -486,12 +303,6 @@ fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
             .note(format_args!("axis {slave} is {counts} counts off its target; see its load and its tuning"));
     }
     Ok(now)
-}
-
-/// The number of frames that are sent ahead of their execution.
-pub fn depth(network: &Config) -> u16 {
-    let frames = AHEAD.as_micros() as u64 / u64::from(network.cycle_us.max(1));
-    frames.clamp(*DEPTHS.start(), *DEPTHS.end()) as u16
 }
 
 fn refused(why: String, next: &str) -> BoardError {

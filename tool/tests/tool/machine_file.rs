@@ -244,3 +244,43 @@ fn the_schema_has_the_fields_of_the_file() {
     let kinds = &schema["$defs"]["SlaveFields"]["properties"]["kind"]["enum"];
     assert_eq!(kinds, &serde_json::json!(["drive", "io", "step", "dp3cl", "hsp", "hsp2", "none"]));
 }
+
+#[cfg(unix)]
+mod needs_root {
+    use std::os::unix::fs::chown;
+
+    use super::{Folder, MACHINE};
+    use crate::common::{Ran, ecmsk};
+
+    const NOBODY: u32 = 65534;
+    const LINK: [&str; 2] = ["--link", "sim:?slaves=drive*2,io&clock=virtual"];
+
+    /// docs/MACHINE.md: a verb that moves axes does not pass over the limits of another user's file, also not under `sudo`
+    /// over those of the caller. The others pass over the file.
+    #[test]
+    fn another_users_limits_are_not_passed_over() {
+        let folder = Folder::new(MACHINE);
+        chown(folder.path("machine.toml"), Some(NOBODY), None).expect("tests in needs_root run as root");
+        folder.write("program", "state op\nservo on 1\nmove 1=5\n");
+        let run = |words: &[&str]| {
+            let mut command = ecmsk([words, &LINK].concat());
+            Ran::from(command.current_dir(folder.0.path()).env("SUDO_UID", "65534").output().expect("the tool starts"))
+        };
+        for words in [&["move", "1=5", "--up"] as &[_], &["home", "1", "--up"], &["run", "program"], &["shell"]] {
+            run(words).expect_failure(
+                1,
+                &["moving axes: machine.toml in this folder is another user's", "say --machine machine.toml to use it"],
+                "or --machine none to move without its limits",
+            );
+        }
+        let named = run(&["move", "1=250001", "--up", "--machine", "machine.toml"]);
+        assert!(named.code == Some(1) && named.err.contains("beyond its limit, max = 250 mm"), "{named:?}");
+        let none = run(&["move", "1=250001", "--velocity", "200000", "--up", "--machine", "none"]);
+        assert_eq!(none.out, "axis 1: at 250001\n", "{none:?}");
+        for words in [&["info"] as &[_], &["servo", "on", "1", "--up"], &["servo", "off", "1", "--up"], &["stop"]] {
+            let ran = run(words);
+            let passes = ran.err.contains("machine.toml is another user's and is passed over; name it with --machine");
+            assert!(ran.code == Some(0) && passes, "{ran:?}");
+        }
+    }
+}

@@ -19,6 +19,9 @@ use rustix::termios::{Action, ControlModes, LocalModes, Termios, Winsize, tcflow
 
 const ROWS: NonZero<u16> = NonZero::new(20).expect("not 0");
 const COLUMNS: NonZero<u16> = NonZero::new(90).expect("not 0");
+/// The question for the status of a terminal, and its answer.
+const QUESTION: &[u8] = b"\x1b[5n";
+const ANSWER: &[u8] = b"\x1b[0n";
 
 /// A terminal on which the tool runs.
 pub(super) struct Terminal {
@@ -28,6 +31,8 @@ pub(super) struct Terminal {
     screen: Arc<Mutex<vt100::Parser>>,
     before: Termios,
     pub(super) tool: Child,
+    /// Whether the terminal answers to the question for its status (ESC [5n).
+    pub(super) answers: Arc<AtomicBool>,
     /// Ends the thread `reader`, because the handle from which it reads keeps the terminal open, too.
     end: Arc<AtomicBool>,
     reader: thread::JoinHandle<()>,
@@ -71,19 +76,31 @@ impl Terminal {
         let (mut output, drawn) = (keyboard.try_clone().expect("a file"), Arc::clone(&screen));
         let end = Arc::new(AtomicBool::new(false));
         let ends = Arc::clone(&end);
+        let answers = Arc::new(AtomicBool::new(true));
+        let (does_answer, mut keys) = (Arc::clone(&answers), keyboard.try_clone().expect("a file"));
         let reader = thread::spawn(move || {
             let mut bytes = [0; 4096];
+            // The end of what was read before: a question may be cut.
+            let mut asked = Vec::new();
             while !ends.load(Ordering::Relaxed) {
-                let mut asked = [PollFd::new(&output, PollFlags::IN)];
+                let mut has_output = [PollFd::new(&output, PollFlags::IN)];
                 let soon = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
-                if poll(&mut asked, Some(&soon)).expect("it can be asked") == 0 {
+                if poll(&mut has_output, Some(&soon)).expect("it can be asked") == 0 {
                     continue;
                 }
                 let Ok(n @ 1..) = output.read(&mut bytes) else { return };
                 drawn.lock().expect("no panic").process(&bytes[..n]);
+                for byte in &bytes[..n] {
+                    asked.push(*byte);
+                    if asked.ends_with(QUESTION) && does_answer.load(Ordering::Relaxed) {
+                        // It fails when the tool has ended.
+                        let _ = keys.write_all(ANSWER);
+                    }
+                }
+                asked.drain(..asked.len().saturating_sub(QUESTION.len()));
             }
         });
-        Self { keyboard, line, screen, before, tool, end, reader }
+        Self { keyboard, line, screen, before, tool, answers, end, reader }
     }
 
     /// Closes the terminal, as its window does; returns the tool.
@@ -93,7 +110,7 @@ impl Terminal {
         self.tool
     }
 
-    fn text(&self) -> String {
+    pub(super) fn text(&self) -> String {
         self.screen.lock().expect("no panic").screen().contents()
     }
 

@@ -1,9 +1,10 @@
 //! The motion of one axis that is jogged, cycle by cycle: the profile of a `move` to its soft limit, and the brake of a
 //! `move` when its key is released.
 
-use ecmsk::ecm::SoftLimits;
+use ecmsk::ecm::{Guard, SoftLimits};
 
-use super::super::motion::{BRAKE_LIMIT, Speeds};
+use super::super::frames::BRAKE_LIMIT;
+use super::super::motion::Speeds;
 use super::super::profile::{Limits, Profile};
 
 /// \[OURS] How long a motion that nothing ends runs at its speed before its profile would brake; it is prolonged meanwhile.
@@ -42,6 +43,14 @@ pub enum Doing {
     Stands,
     Runs,
     Brakes,
+}
+
+/// The limits of an axis that goes no further than the guard from `start`. Where it stands beyond `limits`, it has room to go
+/// back, but for that as far as the guard says.
+pub fn within_guard(limits: SoftLimits, start: i32, guard: Guard) -> SoftLimits {
+    let Guard::Within(way) = guard else { return limits };
+    let SoftLimits { min, max } = limits;
+    SoftLimits { min: min.max(start.saturating_sub_unsigned(way)), max: max.min(start.saturating_add_unsigned(way)) }
 }
 
 impl JogAxis {
@@ -220,6 +229,24 @@ mod tests {
         beyond.run(false).unwrap();
         let (_, low, high) = until_it_stands(&mut beyond);
         assert_eq!((low, high), (-500, 50_000));
+    }
+
+    /// `--guard` ends the way in both directions, within the limits of the machine file, and also for an axis beyond one.
+    #[test]
+    fn a_guard_limits_the_way_from_the_start() {
+        let limits = SoftLimits { min: -500, max: 40_000 };
+        for (start, ends) in [(10_000, (9000, 11_000)), (39_500, (38_500, 40_000)), (50_000, (49_000, 50_000))] {
+            let mut axis = JogAxis::new(start, speeds(10_000.0), within_guard(limits, start, Guard::Within(1000)));
+            axis.run(true).unwrap();
+            assert_eq!(until_it_stands(&mut axis).2, ends.1, "{start}");
+            axis.run(false).unwrap();
+            assert_eq!(until_it_stands(&mut axis).1, ends.0, "{start}");
+            axis.run(false).unwrap();
+            assert_eq!(axis.doing(), Doing::Stands, "there is no room");
+        }
+        assert_eq!(within_guard(limits, 0, Guard::Off), limits);
+        let everywhere = within_guard(SoftLimits::NONE, i32::MAX, Guard::Within(u32::MAX));
+        assert_eq!((everywhere.min, everywhere.max), (i32::MIN, i32::MAX));
     }
 
     /// An axis at the end of the range of positions stays within it.

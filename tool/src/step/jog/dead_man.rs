@@ -2,14 +2,18 @@
 //!
 //! A terminal reports a key again and again while it is held, and nothing when it is released. So an axis runs only as
 //! long as its key arrives again in time. Over a slow line, keys may come late and many at once. Such a burst says no more
-//! than that the key was held at some time before: it counts once, and begins no motion.
+//! than that the key was held at some time before: it counts once, and begins no motion. Keys that may be old do not count
+//! at all, as far as the line is measured.
 
 use std::time::Duration;
+
+use super::line::Line;
 
 /// \[OURS] Keys that follow one another within this time are a burst, whose keys have waited somewhere: keyboards repeat a
 /// key 50 times a second at most.
 const BURST: Duration = Duration::from_millis(10);
-/// \[OURS] For how long no key counts after this process has stalled. The keys that were typed meanwhile arrive then.
+/// \[OURS] For how long no key counts after the beginning, and after this process has stalled. The keys that were typed
+/// before arrive then.
 const DEAF: Duration = Duration::from_millis(100);
 
 /// A key that moves an axis.
@@ -17,7 +21,7 @@ const DEAF: Duration = Duration::from_millis(100);
 pub struct MotionKey {
     /// The index of the axis among those of the verb.
     pub axis: usize,
-    /// Whether the key moves the axis in the positive direction.
+    /// Whether the key moves the axis in the positive direction of its unit.
     pub is_positive: bool,
 }
 
@@ -30,7 +34,7 @@ pub struct Times {
     pub repeat: Duration,
 }
 
-/// The key that counts as held. Times count from any fixed moment.
+/// The key that counts as held. Times count from the moment at which keys begin to be read.
 #[derive(Debug)]
 pub struct DeadMan {
     times: Times,
@@ -38,6 +42,8 @@ pub struct DeadMan {
     /// When the newest key has arrived.
     newest: Option<Duration>,
     deaf_until: Duration,
+    /// The line to the terminal; `None`: it is not measured.
+    line: Option<Line>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -49,8 +55,25 @@ struct Held {
 }
 
 impl DeadMan {
-    pub const fn new(times: Times) -> Self {
-        Self { times, held: None, newest: None, deaf_until: Duration::ZERO }
+    /// No key is held. `is_measured`: no key counts unless the line to the terminal shows that it is not old.
+    pub fn new(times: Times, is_measured: bool) -> Self {
+        let line = is_measured.then(Line::default);
+        Self { times, held: None, newest: None, deaf_until: DEAF, line }
+    }
+
+    /// Notes that the terminal is asked, as [`Line::ask`].
+    pub fn ask(&mut self, at: Duration) -> bool {
+        self.line.as_mut().is_some_and(|line| line.ask(at))
+    }
+
+    /// The terminal has answered.
+    pub fn answer(&mut self) {
+        self.line.iter_mut().for_each(Line::answer);
+    }
+
+    /// Whether no key counts now, because the line to the terminal is late.
+    pub fn is_line_late(&self, now: Duration) -> bool {
+        self.line.as_ref().is_some_and(|line| line.is_late(now))
     }
 
     /// The key that counts as held at the time `now`; `None`: all axes have to stand.
@@ -62,6 +85,10 @@ impl DeadMan {
     pub fn press(&mut self, at: Duration, key: MotionKey) {
         let is_burst = self.newest.replace(at).is_some_and(|newest| at < newest + BURST);
         if at < self.deaf_until {
+            return;
+        }
+        if self.is_line_late(at) {
+            self.held = None;
             return;
         }
         self.held = match self.held.filter(|held| at < held.until) {
@@ -96,13 +123,14 @@ mod tests {
     const RIGHT: MotionKey = MotionKey { axis: 0, is_positive: true };
     const LEFT: MotionKey = MotionKey { axis: 0, is_positive: false };
 
+    /// A time, counted from when keys begin to count.
     fn ms(time: u64) -> Duration {
-        Duration::from_millis(time)
+        DEAF + Duration::from_millis(time)
     }
 
     /// The key held at each of these times, after keys that arrived at those times.
     fn held(keys: &[(u64, MotionKey)], looks: &[u64]) -> Vec<bool> {
-        let mut dead_man = DeadMan::new(TIMES);
+        let mut dead_man = DeadMan::new(TIMES, false);
         let mut keys = keys.iter().peekable();
         looks
             .iter()
@@ -145,10 +173,76 @@ mod tests {
         assert_eq!(held(&keys, &[59, 61, 242, 243]), [false, true, true, false]);
     }
 
+    /// What moves an axis under a key that is held for a second, over a line that is late by this time in each direction:
+    /// for how long after the key was pressed first, and after it was released, in ms. `None`: nothing moves.
+    fn over_a_line(delay: u64) -> Option<(u64, u64)> {
+        const RELEASED: u64 = 2000;
+        let mut dead_man = DeadMan::new(TIMES, true);
+        let asked = |at: u64| at.is_multiple_of(50);
+        let pressed = |at: u64| at == 1000 || (1300..RELEASED).contains(&at) && at % 33 == 13;
+        let mut moves = Vec::new();
+        for now in 0..4000 {
+            if asked(now) {
+                assert!(dead_man.ask(ms(now)));
+            }
+            if now >= 2 * delay && asked(now - 2 * delay) {
+                dead_man.answer();
+            }
+            if now >= delay && pressed(now - delay) {
+                dead_man.press(ms(now), RIGHT);
+            }
+            if dead_man.held(ms(now)).is_some() {
+                moves.push(now);
+            }
+        }
+        Some((moves.first()? - 1000, moves.last()?.saturating_sub(RELEASED)))
+    }
+
+    /// docs/SAFETY.md: keys that may be older than 200 ms move nothing, so that a line that is late by a constant time prolongs
+    /// no motion by more than that.
+    #[test]
+    fn keys_of_a_late_line_do_not_count() {
+        for delay in [0, 20, 70] {
+            let (begins, ends) = over_a_line(delay).expect("it moves");
+            assert!(begins <= delay && ends <= 150 + delay, "{delay}: {begins} {ends}");
+        }
+        for delay in [110, 200, 500] {
+            assert_eq!(over_a_line(delay), None, "{delay}");
+        }
+    }
+
+    /// A line that answers no more ends the motion with the next key, and is asked no more after two seconds.
+    #[test]
+    fn a_line_that_answers_no_more_ends_the_motion() {
+        let mut dead_man = DeadMan::new(TIMES, true);
+        dead_man.press(ms(0), RIGHT);
+        assert_eq!(dead_man.held(ms(1)), None, "it has not answered yet");
+        assert!(dead_man.ask(ms(0)));
+        dead_man.answer();
+        dead_man.press(ms(20), RIGHT);
+        assert_eq!(dead_man.held(ms(20)), Some(RIGHT));
+        dead_man.press(ms(201), RIGHT);
+        assert_eq!((dead_man.held(ms(201)), dead_man.is_line_late(ms(201))), (None, true));
+        let questions = (0..100).filter(|n| dead_man.ask(ms(300 + 50 * n))).count();
+        assert_eq!(questions, 40);
+    }
+
+    /// What was typed before the beginning, and arrives just after it, does not count. A key that is held still does.
+    #[test]
+    fn keys_from_before_the_beginning_do_not_count() {
+        let mut dead_man = DeadMan::new(TIMES, false);
+        for at in [0, 33, 66, 99] {
+            dead_man.press(Duration::from_millis(at), RIGHT);
+            assert_eq!(dead_man.held(Duration::from_millis(at)), None);
+        }
+        dead_man.press(Duration::from_millis(132), RIGHT);
+        assert_eq!(dead_man.held(Duration::from_millis(132)), Some(RIGHT));
+    }
+
     /// Another key, a release and a stall end the motion. What was typed during a stall does not count.
     #[test]
     fn another_key_a_release_and_a_stall_end_the_motion() {
-        let mut dead_man = DeadMan::new(TIMES);
+        let mut dead_man = DeadMan::new(TIMES, false);
         dead_man.press(ms(0), RIGHT);
         dead_man.press(ms(100), LEFT);
         assert_eq!(dead_man.held(ms(110)), Some(LEFT));
@@ -167,7 +261,7 @@ mod tests {
         /// Whatever arrives, and however late: nothing runs longer than the newest key allows.
         #[test]
         fn nothing_runs_longer_than_the_newest_key_allows(steps in prop::collection::vec((0_u64..700, any::<bool>(), 0..8), 1..60)) {
-            let mut dead_man = DeadMan::new(TIMES);
+            let mut dead_man = DeadMan::new(TIMES, false);
             let mut now = 1000;
             for (wait, is_positive, what) in steps {
                 now += wait / if what == 0 { 100 } else { 1 };

@@ -3,12 +3,13 @@
 //! A thread of its own reads them, because a read waits, and the motion must not. Nobody waits for the end of this
 //! thread: it ends with the process.
 
+use std::cell::Cell;
 use std::io;
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use ratatui::crossterm::event::KeyCode;
 use ratatui::crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 
 use crate::{signals, stderr};
@@ -19,51 +20,90 @@ const KEYS_BUFFERED: usize = 256;
 /// Other terminals ignore these sequences. <https://sw.kovidgoyal.net/kitty/keyboard-protocol/>
 const REPORT_RELEASES: &str = "\x1b[>3u";
 const REPORT_NO_RELEASES: &str = "\x1b[<u";
+/// Asks a terminal for its status (DSR, ECMA-48 8.3.35). It answers `ESC [ 0 n`, behind the keys that it has sent before.
+pub const ASK: &str = "\x1b[5n";
+/// Whether a line is measured by answers. The console of Windows has none.
+pub const HAS_ANSWERS: bool = cfg!(unix);
+/// \[OURS] How long the end waits for answers that are still on their way: a shell would take them for keys.
+const LAST_ANSWERS: Duration = Duration::from_millis(200);
 
-/// A key that has arrived.
+/// What a terminal has sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Key {
-    pub at: Instant,
-    pub code: KeyCode,
-    /// Whether the key was released; only some terminals report that.
-    pub is_release: bool,
+pub enum Token {
+    Key {
+        code: KeyCode,
+        /// Whether the key was released; only some terminals report that.
+        is_release: bool,
+    },
+    /// Ctrl-C, from a terminal that sends no signal for it.
+    Interrupt,
+    /// The answer to [`ASK`].
+    #[cfg_attr(not(unix), allow(dead_code, reason = "the console of Windows has none"))]
+    Answer,
 }
+
+/// A token, and when it has arrived.
+type Arrived = (Instant, Token);
 
 /// A terminal that reports each key when it arrives. Dropping it restores the terminal.
 pub struct Terminal {
-    keys: Receiver<io::Result<Key>>,
+    arrived: Receiver<io::Result<Arrived>>,
+    /// Questions that the terminal has not answered, and whether it has answered any.
+    unanswered: Cell<u32>,
+    answers: Cell<bool>,
 }
 
 impl Terminal {
-    /// Begins to read keys.
+    /// Begins to read keys. Those that were typed before are dropped.
     ///
     /// # Errors
     /// Errors of the operating system.
     pub fn open() -> io::Result<Self> {
-        let (sender, keys) = sync_channel(KEYS_BUFFERED);
+        let (sender, arrived) = sync_channel(KEYS_BUFFERED);
         enable_raw_mode()?;
-        let terminal = Self { keys };
+        let terminal = Self { arrived, unanswered: Cell::new(0), answers: Cell::new(false) };
         keep_signals()?;
+        drop_keys()?;
         stderr::raw(REPORT_RELEASES);
         thread::Builder::new().name("keys".into()).spawn(move || read(&sender))?;
         Ok(terminal)
     }
 
-    /// The next key that has arrived; never waits. `None`: there is none.
+    /// What has arrived next; never waits. `None`: nothing.
     ///
     /// # Errors
     /// The keys cannot be read any more, for example because the terminal was closed.
-    pub fn key(&self) -> io::Result<Option<Key>> {
-        match self.keys.try_recv() {
-            Ok(key) => key.map(Some),
+    pub fn next(&self) -> io::Result<Option<Arrived>> {
+        match self.arrived.try_recv() {
+            Ok(arrived) => arrived.inspect(|arrived| self.note(*arrived)).map(Some),
             Err(TryRecvError::Empty) => Ok(None),
             Err(TryRecvError::Disconnected) => Err(io::ErrorKind::UnexpectedEof.into()),
+        }
+    }
+
+    /// Asks the terminal for an answer.
+    pub fn ask(&self) {
+        self.unanswered.set(self.unanswered.get() + 1);
+        stderr::raw(ASK);
+    }
+
+    fn note(&self, (_, token): Arrived) {
+        if token == Token::Answer {
+            self.unanswered.set(self.unanswered.get().saturating_sub(1));
+            self.answers.set(true);
         }
     }
 }
 
 impl Drop for Terminal {
     fn drop(&mut self) {
+        let end = Instant::now() + LAST_ANSWERS;
+        while self.answers.get() && self.unanswered.get() > 0 {
+            match self.arrived.recv_timeout(end.saturating_duration_since(Instant::now())) {
+                Ok(Ok(arrived)) => self.note(arrived),
+                Ok(Err(_)) | Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
+            }
+        }
         stderr::raw(REPORT_NO_RELEASES);
         // An error would be that of a terminal that was closed.
         let _ = disable_raw_mode();
@@ -81,34 +121,74 @@ pub fn width() -> usize {
     usize::from(if columns == 0 { DEFAULT } else { columns })
 }
 
-fn read(sender: &SyncSender<io::Result<Key>>) {
+/// Reads until nobody takes what it has read, or an error, which is the last item.
+fn read(sender: &SyncSender<io::Result<Arrived>>) {
+    let done = read_tokens(|at, token| {
+        if token == Token::Interrupt {
+            signals::raise_interrupt();
+        }
+        sender.send(Ok((at, token))).is_ok()
+    });
+    if let Err(error) = done {
+        // Sending fails if nobody takes it any more.
+        let _ = sender.send(Err(error));
+    }
+}
+
+/// Reads tokens until `take` returns false.
+#[cfg(unix)]
+fn read_tokens(mut take: impl FnMut(Instant, Token) -> bool) -> io::Result<()> {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+    use rustix::io::Errno;
+
+    /// \[OURS] The bytes of a sequence follow one another within this time.
+    const SEQUENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+    let stdin = io::stdin();
+    let mut decoder = super::keys::Decoder::default();
+    let mut bytes = [0; 256];
     loop {
-        let key = match event::read() {
-            Ok(Event::Key(key)) => Ok(key),
-            Ok(_) => continue,
-            Err(error) => Err(error),
-        };
+        let limit = decoder.waits().then_some(&SEQUENCE);
+        let has_bytes = poll(&mut [PollFd::new(&stdin, PollFlags::IN)], limit);
+        let read = has_bytes
+            .and_then(|count| if count == 0 { Ok(None) } else { rustix::io::read(&stdin, &mut bytes).map(Some) });
         let at = Instant::now();
-        let is_error = key.is_err();
-        let key = key.map(|key| {
-            if is_ctrl_c(key) && key.kind != KeyEventKind::Release {
-                signals::raise_interrupt();
+        match read {
+            Err(Errno::INTR | Errno::AGAIN) => continue,
+            Err(error) => return Err(error.into()),
+            Ok(Some(0)) => return Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(Some(count)) => decoder.add(&bytes[..count]),
+            Ok(None) => {
+                if decoder.end().is_some_and(|token| !take(at, token)) {
+                    return Ok(());
+                }
             }
-            Key { at, code: key.code, is_release: key.kind == KeyEventKind::Release }
-        });
-        if sender.send(key).is_err() || is_error {
-            return;
+        }
+        while let Some(token) = decoder.take() {
+            if !take(at, token) {
+                return Ok(());
+            }
         }
     }
 }
 
-/// Whether the key is Ctrl-C, in a terminal that reports it as a key and sends no signal.
-fn is_ctrl_c(key: KeyEvent) -> bool {
-    key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL)
+/// Reads tokens until `take` returns false.
+#[cfg(not(unix))]
+fn read_tokens(mut take: impl FnMut(Instant, Token) -> bool) -> io::Result<()> {
+    use ratatui::crossterm::event::{self, Event, KeyEventKind, KeyModifiers};
+
+    loop {
+        let Event::Key(key) = event::read()? else { continue };
+        let is_release = key.kind == KeyEventKind::Release;
+        let is_ctrl_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+        let token = if is_ctrl_c && !is_release { Token::Interrupt } else { Token::Key { code: key.code, is_release } };
+        if !take(Instant::now(), token) {
+            return Ok(());
+        }
+    }
 }
 
-/// Lets Ctrl-C send its signal, and lines end as before, which raw mode has switched off. Ctrl-Z stays without effect: a
-/// program that it suspends could not brake.
+/// Lets Ctrl-C send its signal, and lines end as before, which raw mode has switched off. Ctrl-Z and Ctrl-\ stay keys: a
+/// program that they suspend or end could not brake.
 #[cfg(unix)]
 fn keep_signals() -> io::Result<()> {
     use rustix::termios::{LocalModes, OptionalActions, OutputModes, SpecialCodeIndex, tcgetattr, tcsetattr};
@@ -117,10 +197,27 @@ fn keep_signals() -> io::Result<()> {
     modes.local_modes |= LocalModes::ISIG;
     modes.output_modes |= OutputModes::OPOST;
     modes.special_codes[SpecialCodeIndex::VSUSP] = 0;
+    modes.special_codes[SpecialCodeIndex::VQUIT] = 0;
     Ok(tcsetattr(io::stdin(), OptionalActions::Now, &modes)?)
 }
 
 #[cfg(not(unix))]
 const fn keep_signals() -> io::Result<()> {
+    Ok(())
+}
+
+/// Drops the keys that were typed while nobody read them.
+#[cfg(unix)]
+fn drop_keys() -> io::Result<()> {
+    Ok(rustix::termios::tcflush(io::stdin(), rustix::termios::QueueSelector::IFlush)?)
+}
+
+#[cfg(not(unix))]
+fn drop_keys() -> io::Result<()> {
+    use ratatui::crossterm::event;
+
+    while event::poll(Duration::ZERO)? {
+        event::read()?;
+    }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::super::profile::Profile;
 use super::path::Path;
 use super::{WHAT, refused};
 use crate::board::{Board, BoardError};
@@ -30,7 +31,7 @@ impl fmt::Display for Long {
 /// # Errors
 /// [`BoardError::Refused`] if the user does not answer yes, [`BoardError::Stopped`], and errors of reading reports.
 pub fn announce(board: &Board, path: &Path, yes: bool) -> Result<Asked, BoardError> {
-    let seconds = path.profile.as_ref().map_or(0.0, super::Profile::seconds);
+    let seconds = path.profile.as_ref().map_or(0.0, Profile::seconds);
     if seconds <= TOLD_FROM_S {
         return Ok(Asked::No);
     }

@@ -47,15 +47,14 @@ mod needs_network_namespace {
         moves(vec![coupler(), drive()], "none,drive");
     }
 
-    /// MASTER-3.7 A terminal of that kind is an IO module of a script of the tool.
+    /// MASTER-3.7 A terminal of that kind is an IO module of a script of the tool. Its inputs copy its outputs.
     #[test]
     fn a_terminal_that_copies_the_acknowledgement() {
-        let rig = OddRig::new([terminal()]);
+        let _rig = OddRig::new([terminal()]);
         let script = file("odd_io.ecm");
         std::fs::write(&script, "state op\nio 1 --set 0x5\nwait 0.3s\nio 1\n").expect("a file");
         let script = script.display().to_string();
         until_said("inputs 0x0005", || run(&["run", &script, "--link", LINK, "--slaves", "io"])).good();
-        assert_eq!(rig.slave(1, |slave| slave.memory[0x1000]), 0x5);
     }
 
     /// MASTER-2.9 An EEPROM whose sync managers have no type, and one without sync managers.

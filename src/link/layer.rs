@@ -75,6 +75,11 @@ pub trait Layer: Send + Sync {
     fn stats(&self) -> LinkStats {
         self.inner().stats()
     }
+
+    /// [`Link::recorded_before`] of this layer; by default that of the inner link.
+    fn recorded_before(&self) -> Duration {
+        self.inner().recorded_before()
+    }
 }
 
 impl<T: Layer> Link for T {
@@ -116,5 +121,9 @@ impl<T: Layer> Link for T {
 
     fn stats(&self) -> LinkStats {
         Layer::stats(self)
+    }
+
+    fn recorded_before(&self) -> Duration {
+        Layer::recorded_before(self)
     }
 }

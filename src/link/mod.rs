@@ -206,6 +206,12 @@ pub trait Link: Send + Sync {
 
     /// The counters since the link was opened.
     fn stats(&self) -> LinkStats;
+
+    /// How much time lies in the recording of this link (key `record=`) before this opening of the board. Times in a
+    /// recording count from the first opening that it has. Zero for that one, and without a recording.
+    fn recorded_before(&self) -> Duration {
+        Duration::ZERO
+    }
 }
 
 /// The longest time that one call of [`Link::pass`] advances: a day. \[OURS] Simulating a day takes minutes of

@@ -28,8 +28,8 @@ pub struct Exchanges<R> {
     lacks: Lacks,
     /// Whether the recorder of this crate wrote the current section, and its end has not been read yet.
     unended: bool,
-    /// The time of the first packet in the file, ns. `None`: no packet was read yet.
-    first_ns: Option<u64>,
+    /// See [`Self::zero_ns`].
+    zero_ns: Option<u64>,
     ended: bool,
 }
 
@@ -53,7 +53,7 @@ impl<R: Read> Exchanges<R> {
     pub fn new(source: R, name: &str) -> Result<Self, RecordError> {
         let blocks = Blocks::new(source, name.to_owned());
         let lacks = Lacks::default();
-        let mut exchanges = Self { blocks, meta: None, lacks, unended: false, first_ns: None, ended: false };
+        let mut exchanges = Self { blocks, meta: None, lacks, unended: false, zero_ns: None, ended: false };
         exchanges.step()?;
         Ok(exchanges)
     }
@@ -64,9 +64,15 @@ impl<R: Read> Exchanges<R> {
         self.meta.as_ref()
     }
 
+    /// The time in the file from which times count, ns: see [`RecordMeta::zero_ns`]. `None` before the first packet was
+    /// read.
+    pub const fn zero_ns(&self) -> Option<u64> {
+        self.zero_ns
+    }
+
     /// What is missing in the recording, as far as it was read. Complete only after the last packet.
     pub fn lacks(&self) -> Lacks {
-        self.lacks.clone().since(self.first_ns)
+        self.lacks.clone().since(self.zero_ns)
     }
 
     /// Reads one block: `None` at the end of the file, `Some(None)` if the block has no bytes of an exchange.
@@ -83,7 +89,7 @@ impl<R: Read> Exchanges<R> {
             }
             Item::Packet(packet) if packet.link_type == exchange::LINK_TYPE => {
                 let at_ns = packet.at_ns;
-                self.first_ns.get_or_insert(at_ns);
+                self.zero_ns.get_or_insert_with(|| RecordMeta::zero_ns(self.meta.as_ref(), at_ns));
                 exchange::parse(packet.data).map(|(dir, bytes)| RecordedBytes { at_ns, dir, bytes: bytes.to_vec() })
             }
             Item::Counts { missing, why } => {

@@ -28,7 +28,7 @@ pub struct Damage {
     pub whole: Lost,
     /// The first stretches one by one, at most [`Damage::LISTED`].
     pub first: Vec<Lost>,
-    /// The time of the first frame that was read, in the file, ns. Messages give times relative to it.
+    /// The time in the file from which the times in messages count, ns: [`RecordMeta::zero_ns`](super::RecordMeta::zero_ns).
     pub begin_ns: u64,
 }
 
@@ -94,10 +94,10 @@ pub struct Lacks {
 }
 
 impl Lacks {
-    /// Returns these lacks with the time of the first frame that was read, to which times of damage are relative.
-    pub(super) fn since(mut self, first_ns: Option<u64>) -> Self {
+    /// Returns these lacks with the time in the file from which times of damage count.
+    pub(super) fn since(mut self, zero_ns: Option<u64>) -> Self {
         if self.damage.count > 0 {
-            self.damage.begin_ns = first_ns.unwrap_or_default();
+            self.damage.begin_ns = zero_ns.unwrap_or_default();
         }
         self
     }

@@ -14,6 +14,8 @@ const LINK: &str = "link=";
 /// The most bytes of the link that are written; a longer link is cut. The comment of pcapng, which also has the other
 /// fields, may have 65535 bytes.
 const LINK_MAX: usize = 60_000;
+/// How much later than the first frame a board may have been opened, ns. \[OURS]
+const OPENED_AFTER_MAX_NS: u64 = 5_000_000_000;
 
 /// The clock that stamps the frames of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -37,8 +39,8 @@ pub struct RecordMeta {
     /// begins at 0 again, the recorder increases this value, so that times in the file never go back; that is so with
     /// either clock.
     pub base_ns: u64,
-    /// The link's time at which the board was opened, ns. Times in warnings and scripts count from it. `None` if the
-    /// recording does not have it.
+    /// The link's time at which the board was opened, ns: see [`RecordMeta::zero_ns`]. `None` if the recording does not
+    /// have it.
     pub opened_ns: Option<u64>,
     /// The link's URI in normal form: keys in a fixed order, keys with their default values left out.
     pub link: String,
@@ -53,6 +55,17 @@ impl RecordMeta {
     /// The time of the file at which the board was opened, ns; `None` if the recording does not have it.
     pub fn opened_at_ns(&self) -> Option<u64> {
         self.opened_ns.map(|opened_ns| self.base_ns.saturating_add(opened_ns))
+    }
+
+    /// The time of a file from which the times of its frames count, ns: when the board was opened, from which warnings and
+    /// scripts count, too. If the recording does not have that, the time of its first frame, `first_ns`. `meta`: the
+    /// metadata of the file's first section; `None` for a capture.
+    pub fn zero_ns(meta: Option<&Self>, first_ns: u64) -> u64 {
+        let opened_ns = meta.and_then(Self::opened_at_ns);
+        // A report that was made some cycles before the opening may be read after it. A board that was opened long after
+        // the first frame is a damaged number.
+        let latest_ns = first_ns.saturating_add(OPENED_AFTER_MAX_NS);
+        opened_ns.filter(|opened_ns| *opened_ns <= latest_ns).unwrap_or(first_ns)
     }
 
     /// Parses the comment with the metadata; `None` if another program wrote it. Unknown fields are ignored.

@@ -39,9 +39,12 @@ pub struct Recording<R> {
     devices: Devices,
     pending: PendingFrames,
     only: Option<Address>,
-    /// The number of frames returned so far, and the time of the first one in the file.
+    /// The number of frames returned so far.
     frames: u64,
-    first_ns: Option<u64>,
+    /// See [`Self::zero_ns`].
+    zero_ns: Option<u64>,
+    /// The metadata of the first section.
+    first_meta: Option<RecordMeta>,
     /// Whether the file has a section of a recording. Such a file may be without frames.
     is_recording: bool,
     /// The result of the reading of blocks, once the file or the readable part has ended; `None` while there may be
@@ -82,7 +85,8 @@ impl<R: Read> Recording<R> {
             pending: PendingFrames::default(),
             only: None,
             frames: 0,
-            first_ns: None,
+            zero_ns: None,
+            first_meta: None,
             is_recording: false,
             end: None,
             ended: false,
@@ -90,6 +94,7 @@ impl<R: Read> Recording<R> {
         // Reads the first block, so that `meta` has the metadata from the beginning.
         recording.step()?;
         recording.meta = recording.next_meta.take().flatten();
+        recording.first_meta.clone_from(&recording.meta);
         Ok(recording)
     }
 
@@ -107,6 +112,12 @@ impl<R: Read> Recording<R> {
         self.meta.as_ref()
     }
 
+    /// The time in the file from which times count, ns: see [`RecordMeta::zero_ns`]. If the file has several recordings,
+    /// it is that of the first one. `None` before the first frame was read.
+    pub const fn zero_ns(&self) -> Option<u64> {
+        self.zero_ns
+    }
+
     /// The number of frames known to be missing in the part read so far. A recording states it at its end.
     pub const fn missing(&self) -> u64 {
         self.lacks.missing
@@ -114,7 +125,7 @@ impl<R: Read> Recording<R> {
 
     /// What is missing in the part read so far. Complete only after the last frame was read.
     pub fn lacks(&self) -> Lacks {
-        self.lacks.clone().since(self.first_ns)
+        self.lacks.clone().since(self.zero_ns)
     }
 
     /// The packets that were skipped in the part read so far, counted.
@@ -171,7 +182,8 @@ impl<R: Read> Recording<R> {
     fn next_frame(&mut self) -> Result<Option<Recorded>, RecordError> {
         loop {
             if let Some(frame) = self.pending.pop() {
-                self.first_ns.get_or_insert(frame.at_ns);
+                let zero_ns = || RecordMeta::zero_ns(self.first_meta.as_ref(), frame.at_ns);
+                self.zero_ns.get_or_insert_with(zero_ns);
                 self.frames += 1;
                 return Ok(Some(frame));
             }

@@ -7,6 +7,8 @@ use std::path::Path;
 
 use super::file_formats::ecmrec::header::{HEADER_LEN, Header};
 use super::file_formats::ecmrec::index::{BlockAt, Index};
+use super::meta::RecordMeta;
+use super::reader::Recording;
 use super::timeline::LONGEST_SILENCE_NS;
 
 /// The number of blocks with commands for the board itself that are read from the beginning of the recording, and from
@@ -17,7 +19,7 @@ const ORDERS_MAX: usize = 64;
 /// The part of a recording that is needed to understand the frames in a stretch of time, as a source of bytes.
 ///
 /// That is the beginning of the recording, blocks with a command for the board itself (which shows the slaves and the
-/// state of the network), and the blocks of the stretch. Read it as a [`Recording`](super::Recording).
+/// state of the network), and the blocks of the stretch. Read it as a [`Recording`].
 pub struct WindowOf {
     file: File,
     /// The ranges of the file that are left to read: offset and length, bytes.
@@ -26,8 +28,8 @@ pub struct WindowOf {
 }
 
 impl WindowOf {
-    /// Opens the part of a recording for the stretch from `from_ns` to `to_ns`, both included, ns since the first frame
-    /// of the recording. `None` if this part is the whole file, or cannot be found without reading all frames: the file
+    /// Opens the part of a recording for the stretch from `from_ns` to `to_ns`, both included, ns since
+    /// [`RecordMeta::zero_ns`]. `None` if this part is the whole file, or cannot be found without reading all frames: the file
     /// has another format than `.ecmrec`, or the clock was set during the recording, so that the times of its blocks do
     /// not rise evenly.
     ///
@@ -39,7 +41,9 @@ impl WindowOf {
     pub fn open(path: &Path, from_ns: i64, to_ns: i64) -> io::Result<Option<Self>> {
         let Some((mut file, index)) = Index::open(path)? else { return Ok(None) };
         let Some(first) = index.blocks.first().filter(|_| is_even(&index.blocks)) else { return Ok(None) };
-        let at = |ns: i64| first.times_ns.0.saturating_add_signed(ns);
+        let meta = Recording::open(path).ok().and_then(|recording| recording.meta().cloned());
+        let zero_ns = RecordMeta::zero_ns(meta.as_ref(), first.times_ns.0);
+        let at = |ns: i64| zero_ns.saturating_add_signed(ns);
         let is_inside = |block: &BlockAt| block.times_ns.1 >= at(from_ns) && block.times_ns.0 <= at(to_ns);
         let orders: Vec<u64> = index.blocks.iter().filter(|block| block.has_orders).map(|block| block.at).collect();
         let orders = orders.iter().enumerate().filter(|(n, _)| *n < ORDERS_MAX || n + ORDERS_MAX >= orders.len());

@@ -49,7 +49,8 @@ pub struct Alarm {
     pub slave: u8,
     /// The error code, object 0x603F; 0 if the slave shows none.
     pub code: u16,
-    /// When the alarm began, ns: since the board was opened for a program that runs, since the first frame for a recording.
+    /// When the alarm began, ns since the board was opened; for a recording see
+    /// [`RecordMeta::zero_ns`](crate::recording::RecordMeta::zero_ns).
     /// `None` if a library of another version does not say so.
     pub at_ns: Option<i64>,
 }

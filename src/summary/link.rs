@@ -15,8 +15,9 @@ use crate::sk::Frame;
 pub struct WatchLink {
     inner: Arc<dyn Link>,
     summary_writer: &'static SummaryWriter,
-    /// When the link was opened, ns on its clock. Times of events count from it, as those of the log and of scripts.
-    opened_ns: i64,
+    /// The time from which times of events count, ns on the link's clock: that of the opening, as in the log and in
+    /// scripts. If a program opens its board again and is recorded, that of the first opening, as in the recording.
+    zero_ns: i64,
     watch: Mutex<FrameWatch>,
     /// The board's counters when the link was opened. They are subtracted from later values, because a served board has counted
     /// for earlier programs too.
@@ -28,14 +29,16 @@ impl WatchLink {
     /// A watching link around `inner`, which was just opened.
     pub fn new(inner: Arc<dyn Link>, summary_writer: &'static SummaryWriter) -> Self {
         let (size, opened_ns) = (inner.info().slot.unwrap_or_default(), inner.info().opened_at.nanoseconds());
+        let before_ns = i64::try_from(inner.recorded_before().as_nanos()).unwrap_or(i64::MAX);
+        let zero_ns = opened_ns.saturating_sub(before_ns);
         let before = inner.stats().board.unwrap_or_default();
         let watch = Mutex::new(FrameWatch::new(size));
-        Self { inner, summary_writer, opened_ns, watch, before, closed: AtomicBool::new(false) }
+        Self { inner, summary_writer, zero_ns, watch, before, closed: AtomicBool::new(false) }
     }
 
-    /// The time since the link was opened, ns.
-    fn since_opened(&self, at: Stamp) -> i64 {
-        at.nanoseconds().saturating_sub(self.opened_ns)
+    /// The time from which events count to `at`, ns.
+    fn time_ns(&self, at: Stamp) -> i64 {
+        at.nanoseconds().saturating_sub(self.zero_ns)
     }
 
     fn tell_end(&self) {
@@ -80,13 +83,13 @@ impl Layer for WatchLink {
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.inner.write(frame, wait)?;
-        self.watch().command(self.since_opened(at), frame);
+        self.watch().command(self.time_ns(at), frame);
         Ok(at)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         let meta = self.inner.read(out, wait)?;
-        self.watch().report(self.since_opened(meta.at), out, &mut |event| {
+        self.watch().report(self.time_ns(meta.at), out, &mut |event| {
             self.summary_writer.queue_line(match event {
                 FrameEvent::Alarm(alarm) => Line::Alarm(alarm),
                 FrameEvent::StateFailed(failed) => Line::StateFailed(failed),

@@ -2,12 +2,15 @@
 
 use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
+use ecmsk::sk::{CommandId, SlotSize};
 
 use crate::fixture::{Folder, Toolchain, Width, lines, source};
 use support::root;
 
 const VIRTUAL: &str = "sim:?slaves=drive*2&clock=virtual";
 const CLOCKS: [&str; 2] = [VIRTUAL, "sim:?slaves=drive*2&clock=real"];
+/// The slots of the programs.
+const SIZE: SlotSize = SlotSize::Bytes12;
 
 /// A folder with the program of `tests/c/` and the DLL.
 fn with_program(width: Width, name: &str) -> (Folder, String) {
@@ -95,6 +98,26 @@ crate::for_each_width! {
     #[test]
     fn unread_reports(width: Width) {
         passes(width, "unread", &["sim:?slaves=drive&clock=virtual"]);
+    }
+
+    /// LIB-24, LIB-55 SDO requests of a program that is starved: each has its answer, also in the recording.
+    #[test]
+    fn a_starved_program_gets_its_answers(width: Width) {
+        let (folder, program) = with_program(width, "starved_sdo");
+        folder.passes(&program, &format!("{VIRTUAL}&record=starved.pcapng"), &[]);
+        let (mut asked, mut requests) = (None, 0);
+        for recorded in Recording::open(&folder.path().join("starved.pcapng")).expect("a recording") {
+            let recorded = recorded.expect("it is whole");
+            let sdo = recorded.frame.slot(SIZE, SIZE.sdo_slot());
+            let what = (sdo.id, sdo.data1, sdo.data2);
+            if recorded.dir == Dir::Read {
+                asked.take_if(|asked| *asked == what);
+            } else if [CommandId::SdoRead, CommandId::SdoWrite].iter().any(|id| id.code() == sdo.id) {
+                assert_eq!(asked.replace(what), None, "without an answer");
+                requests += 1;
+            }
+        }
+        assert_eq!((asked, requests), (None, 80));
     }
 
     /// Several boards by URI, handles, statistics, names.

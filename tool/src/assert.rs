@@ -17,7 +17,7 @@ use clap::ValueHint;
 use ecmsk::cia402::ErrorCode;
 use ecmsk::link::Dir;
 use ecmsk::machine_file::MachineFile;
-use ecmsk::recording::{Address, InOrder, RecordError};
+use ecmsk::recording::{Address, RecordError};
 use ecmsk::sk::SlotSize;
 use ecmsk::summary::{FrameWatch, Summary};
 use serde_json::json;
@@ -29,7 +29,7 @@ use super::error::CliError;
 use super::filter::Times;
 use super::junit::{self, Case, JunitError};
 use super::machine_option::label;
-use super::recording::{Framed, Frames, board, parse_device};
+use super::recording::{Frames, board, parse_device};
 use super::summary::extremes::{AxisExtremes, Extremes, named, seconds};
 use super::{machine_option, output, slot_size};
 
@@ -37,8 +37,8 @@ use super::{machine_option, output, slot_size};
 ///
 /// The rules are a TOML file. `fail_on` has conditions as `ecmsk summary --fail-on`; [axes.N] or [axes.NAME] limits, in
 /// counts or with the units of the machine file; [[events]] what has to come in that order: a state, an alarm, homing that is
-/// attained, with times; [[never]] what must not come. Standard output has a line for each rule. Times count from the first
-/// frame.
+/// attained, with times; [[never]] what must not come. Standard output has a line for each rule. Times count from the opening
+/// of the board, in a capture from the first frame.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example of RULES:
@@ -119,7 +119,7 @@ struct Judged {
     is_kept: bool,
     /// What the run did.
     found: String,
-    /// When, nanoseconds since the first frame; 0 for rules of the whole run.
+    /// When, in the time of the recording, ns; 0 for rules of the whole run.
     at_ns: i64,
 }
 
@@ -128,7 +128,8 @@ struct Run {
     summary: Summary,
     extremes: Extremes,
     found: Vec<Occurrence>,
-    last_ns: i64,
+    /// The times of the first frame and of the last one.
+    times_ns: (i64, i64),
     /// What the recording lacks; `None`: it is whole.
     lacks: Option<String>,
 }
@@ -161,51 +162,33 @@ fn read(args: &Args) -> Result<Run, AssertError> {
     let is_file = args.file.as_os_str() != "-";
     let device = if is_file { board(&args.file, args.device)? } else { args.device };
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
-    let (mut order, mut watch) = (InOrder::default(), None);
-    let mut run = Run {
-        summary: Summary::default(),
-        extremes: Extremes::new(Times::default()),
-        found: Vec::new(),
-        last_ns: 0,
-        lacks: None,
-    };
-    let mut finder = Finder::new();
-    let mut take = |run: &mut Run, framed: Framed| {
+    let (mut extremes, mut summary, mut finder) =
+        (Extremes::new(Times::default()), Summary::default(), Finder::new());
+    let (mut watch, mut times_ns) = (None, (0, 0));
+    let walked = frames.walk(i64::MAX, |framed| {
         let (at_ns, frame) = (framed.time_ns, &framed.recorded.frame);
-        run.extremes.frame(&framed);
-        run.last_ns = at_ns;
-        let watch = watch.get_or_insert_with(|| FrameWatch::new(framed.size));
+        extremes.frame(framed);
+        let watch = watch.get_or_insert_with(|| {
+            times_ns.0 = at_ns;
+            FrameWatch::new(framed.size)
+        });
+        times_ns.1 = at_ns;
         match framed.recorded.dir {
             Dir::Write => watch.command(at_ns, frame),
             Dir::Read => watch.report(at_ns, frame, &mut |event| {
-                run.summary.add_event(event);
+                summary.add_event(event);
                 finder.event(at_ns, event);
             }),
         }
-        finder.frame(&framed);
-    };
-    for framed in &mut frames {
-        match framed {
-            Ok(framed) => {
-                if let Some(framed) = order.push(framed.time_ns, framed) {
-                    take(&mut run, framed);
-                }
-            }
-            // The frames before the damage may break rules.
-            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
-                run.lacks = Some(error.to_string());
-            }
-            Err(error) => return Err(error.into()),
-        }
-    }
-    while let Some(framed) = order.pop() {
-        take(&mut run, framed);
-    }
+        finder.frame(framed);
+    })?;
+    frames.note_zero();
+    frames.note_jumps(&walked);
     let Some(watch) = watch else { return Err(AssertError::NoFrame(args.file.display().to_string())) };
-    run.summary.set_frame_counts(&watch.counts());
-    run.lacks = run.lacks.or_else(|| Some(frames.lacks()?.to_string()));
-    run.found = finder.found;
-    Ok(run)
+    summary.set_frame_counts(&watch.counts());
+    // The frames before a damage may break rules.
+    let lacks = walked.damage.map(|damage| damage.to_string()).or_else(|| Some(frames.lacks()?.to_string()));
+    Ok(Run { summary, extremes, found: finder.found, times_ns, lacks })
 }
 
 fn judge(rules: &Rules, run: &Run, machine: Option<&MachineFile>) -> Vec<Judged> {
@@ -216,14 +199,16 @@ fn judge(rules: &Rules, run: &Run, machine: Option<&MachineFile>) -> Vec<Judged>
         let found = if failures.is_empty() { "none".to_owned() } else { failures.join("; ") };
         judged.push(Judged { rule: format!("no {text}"), is_kept: failures.is_empty(), found, at_ns: 0 });
     }
-    let lasts = ns(run.last_ns);
+    let (first_ns, last_ns) = run.times_ns;
+    let lasts_ns = last_ns.saturating_sub(first_ns);
+    let lasts = ns(lasts_ns);
     for (limit, words, is_kept) in [
         (rules.at_least, "at least", rules.at_least.is_none_or(|limit| lasts >= limit)),
         (rules.at_most, "at most", rules.at_most.is_none_or(|limit| lasts <= limit)),
     ] {
         if let Some(limit) = limit {
             let rule = format!("the run lasts {words} {}", words_of(limit));
-            judged.push(Judged { rule, is_kept, found: seconds(run.last_ns), at_ns: 0 });
+            judged.push(Judged { rule, is_kept, found: seconds(lasts_ns), at_ns: 0 });
         }
     }
     judged.extend(rules.limits.iter().map(|limit| judge_limit(limit, run, &axes, machine)));

@@ -184,7 +184,7 @@ fn dump_recording(args: &Args, mut frames: Frames<Box<dyn Read>>, printer: &mut 
         let place = Place { number, time, direction: recorded.dir, guessed: false };
         printer.frame(&Shown { place, size, frame: recorded.frame }, kinds)?;
     }
-    frames.note_opened();
+    frames.note_zero();
     frames.note_missing();
     match frames.lacks() {
         Some(lacks) => Ok(printer.format.lacks(&mut printer.out, &lacks)?),

@@ -114,10 +114,11 @@ impl Command {
     }
 }
 
-/// The options of a verb that shows a part of a recording, by times since the recording's first frame.
+/// The options of a verb that shows a part of a recording, by the times of its frames.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct TimeOptions {
-    /// Leave out what is before this time, e.g. 1.5, 1.5s or 1500ms, counted from the recording's first frame
+    /// Leave out what is before this time, e.g. 1.5, 1.5s or 1500ms, counted from the opening of the board, in a capture from
+    /// its first frame
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
     from: Option<f64>,
 
@@ -144,7 +145,7 @@ impl TimeOptions {
     }
 }
 
-/// A range of times in seconds since the recording's first frame, both ends included.
+/// A range of times of frames in seconds, both ends included.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Times {
     /// The earliest time; `None`: no limit.

@@ -38,8 +38,8 @@ const NOTHING: u8 = 1;
 
 /// Find the times at which a condition becomes true in a recording, as `following_error(X) > 0.5 and not homing`
 ///
-/// Prints a line for each: the time since the recording's first frame, and how long the condition held. The condition is
-/// looked at in each report of the board.
+/// Prints a line for each: the time since the board was opened, in a capture since its first frame, and how long the condition
+/// held. The condition is looked at in each report of the board.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Numbers, of the axis A, which is the number of a slave or a name of the machine file:
@@ -147,7 +147,7 @@ fn find(args: &Args) -> Result<Vec<Span>, FindError> {
             }
         }
     })?;
-    frames.note_opened();
+    frames.note_zero();
     frames.note_walked(&walked);
     if !is_any {
         say("note", &"no frame is left; change --from, --to or --around");

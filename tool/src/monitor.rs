@@ -205,11 +205,12 @@ fn replay(args: &Args, file: &Path, machine: Option<&Arc<MachineFile>>) -> Resul
     let mut watched = recorded(args, file, machine);
     let interval_ns = i64::try_from(args.interval.as_nanos()).unwrap_or(i64::MAX);
     let last_ns = args.seconds.map(|seconds| i64::try_from(seconds.as_nanos()).unwrap_or(i64::MAX));
-    let mut next_ns = None;
+    let (mut first_ns, mut next_ns) = (None, None);
     let mut seen = false;
     let walked = source::walk(file, args.size(), |framed| {
         let at_ns = framed.time_ns;
-        if last_ns.is_some_and(|last| at_ns > last) {
+        let since_ns = at_ns.saturating_sub(*first_ns.get_or_insert(at_ns));
+        if last_ns.is_some_and(|last| since_ns > last) {
             return Ok(false);
         }
         let due = *next_ns.get_or_insert(at_ns.saturating_add(interval_ns));
@@ -221,7 +222,7 @@ fn replay(args: &Args, file: &Path, machine: Option<&Arc<MachineFile>>) -> Resul
                 print(args, &view)?;
             }
         }
-        source::take(&mut watched, &framed);
+        source::take(&mut watched, framed);
         seen |= framed.recorded.dir == ecmsk::link::Dir::Read;
         Ok(true)
     })?;

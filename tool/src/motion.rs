@@ -48,7 +48,7 @@ pub struct Value {
     pub quantity: Quantity,
     /// The value with its sign, in the unit of the [`Quantity`].
     pub value: i64,
-    /// Nanoseconds since the first frame: of the report, or of the execution of a target.
+    /// Time of the recording in nanoseconds: of the report, or of the execution of a target.
     pub at_ns: i64,
 }
 
@@ -59,7 +59,7 @@ pub struct Execution {
     pub is_later: bool,
     /// Whether commands were executed since the last report.
     pub goes_on: bool,
-    /// The time at which a gap in a motion began that ends with these commands, nanoseconds since the first frame.
+    /// The time at which a gap in a motion began that ends with these commands, nanoseconds of the recording's time.
     pub gap_since_ns: Option<i64>,
 }
 

@@ -55,7 +55,7 @@ fn print_now(bytes: &[u8]) -> io::Result<()> {
     out.flush()
 }
 
-/// A time since the first frame as `dump` and `find` print it, with each nanosecond: `1.758000000`.
+/// A time of a recording as `dump` and `find` print it, with each nanosecond: `1.758000000`.
 pub fn seconds(since_ns: i64) -> String {
     let (ns, sign) = (since_ns.unsigned_abs(), if since_ns < 0 { "-" } else { "" });
     format!("{sign}{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)

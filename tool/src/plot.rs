@@ -76,7 +76,7 @@ pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
 /// plot.
 #[derive(clap::Args)]
 #[command(after_help = "\
-Times are seconds since the recording's first frame, as in `ecmsk dump`.
+Times are seconds since the board was opened, as in `ecmsk dump`; in a capture since its first frame.
 
 Examples:
   ecmsk plot run.pcapng
@@ -258,7 +258,7 @@ fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>)
     }
     let Walked { frames, is_whole, damage, jumps } = walked;
     let (frames, is_whole) = recording.part_of().map_or((frames, is_whole), |frames| (frames, true));
-    recording.note_opened();
+    recording.note_zero();
     recording.note_missing();
     if let Some(jumps) = jumps {
         say("note", &format_args!("{}: {jumps}", args.file.display()));
@@ -359,7 +359,7 @@ impl Args {
     }
 }
 
-/// A range of times, both ends included, in nanoseconds since the recording's first frame.
+/// A range of times of frames, both ends included, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     from_ns: i64,

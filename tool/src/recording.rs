@@ -19,11 +19,6 @@ use super::stderr::say;
 /// The most frames that are read ahead to find the slot size, if the recording does not state it.
 const LOOK_AHEAD: usize = 1000;
 
-/// If the first frame comes at least this long after the board was opened, a note gives the time between, ns. \[OURS] The
-/// times of frames count from the first frame, those of warnings and scripts from the opening. A program that begins at
-/// once has its first frame within a few cycles, so that the two hardly differ.
-const OPENED_BEFORE_MIN_NS: i64 = 10_000_000;
-
 /// The name that stands for standard input.
 const STDIN: &str = "-";
 
@@ -38,8 +33,8 @@ thread_local! {
 pub struct Framed {
     /// The number of the frame in the recording, from 1.
     pub number: u64,
-    /// Nanoseconds since the recording's first frame. Negative for a report that stands later in the file but was made before
-    /// that frame.
+    /// Nanoseconds since the board was opened, from which warnings and scripts count, too; since the first frame in a file
+    /// that does not have the opening ([`RecordMeta::zero_ns`]). Negative for a report that was made before.
     pub time_ns: i64,
     /// The frame as it was recorded.
     pub recorded: Recorded,
@@ -67,9 +62,6 @@ pub struct Frames<R> {
     /// Frames that were read ahead to find the slot size.
     ahead: VecDeque<Result<Raw, RecordError>>,
     meta: Option<Rc<RecordMeta>>,
-    first_ns: Option<u64>,
-    /// How long before the first frame the board was opened; `None` if the recording does not say so.
-    opened_before_ns: Option<i64>,
     number: u64,
     noted: bool,
     /// The number of frames in the whole recording, if only a part of it is read.
@@ -77,7 +69,7 @@ pub struct Frames<R> {
 }
 
 impl Frames<Box<dyn Read>> {
-    /// Opens a file as [`Self::open`] does, for the range from `from_ns` to `to_ns` since its first frame. Of a recording in
+    /// Opens a file as [`Self::open`] does, for the range of [times](Framed::time_ns) from `from_ns` to `to_ns`. Of a recording in
     /// blocks (`.ecmrec`) only the blocks are read that this range needs, other files are read from the beginning.
     ///
     /// # Errors
@@ -141,8 +133,6 @@ impl<R: Read> Frames<R> {
             sizes: SizeFinder::new(size),
             ahead: VecDeque::new(),
             meta: None,
-            first_ns: None,
-            opened_before_ns: None,
             number: 0,
             noted: size.is_some(),
             part_of: None,
@@ -216,6 +206,21 @@ impl<R: Read> Frames<R> {
     /// # Errors
     /// [`RecordError`] if the recording cannot be read.
     pub fn walk(&mut self, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, RecordError> {
+        self.walk_while(until_ns, |framed| {
+            show(framed);
+            Ok(true)
+        })
+    }
+
+    /// Calls `show` as [`Self::walk`] does, until it returns false or fails.
+    ///
+    /// # Errors
+    /// [`RecordError`] if the recording cannot be read, and the errors of `show`.
+    pub fn walk_while<E: From<RecordError>>(
+        &mut self,
+        until_ns: i64,
+        mut show: impl FnMut(&Framed) -> Result<bool, E>,
+    ) -> Result<Walked, E> {
         let mut order = self.in_time();
         let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
         for framed in self {
@@ -223,19 +228,20 @@ impl<R: Read> Frames<R> {
                 Ok(framed) => {
                     walked.frames += 1;
                     let Some(framed) = order.push(framed) else { continue };
-                    if framed.time_ns > until_ns {
+                    if framed.time_ns > until_ns || !show(&framed)? {
                         return Ok(walked);
                     }
-                    show(&framed);
                 }
                 Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
                     walked.damage = Some(error);
                 }
-                Err(error) => return Err(error),
+                Err(error) => return Err(error.into()),
             }
         }
         while let Some(framed) = order.pop() {
-            show(&framed);
+            if !show(&framed)? {
+                return Ok(walked);
+            }
         }
         walked.is_whole = true;
         walked.jumps = order.jumps();
@@ -247,10 +253,15 @@ impl<R: Read> Frames<R> {
         if let Some(damage) = &walked.damage {
             say("note", damage);
         }
+        self.note_jumps(walked);
+        self.note_missing();
+    }
+
+    /// Prints a note if the clock of the recording has jumped.
+    pub fn note_jumps(&self, walked: &Walked) {
         if let Some(jumps) = walked.jumps {
             say("note", &format_args!("{}: {jumps}", self.name));
         }
-        self.note_missing();
     }
 
     /// Prints notes on what the recording lacks and on ignored traffic of a capture. To be called after the last frame.
@@ -261,17 +272,15 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// Prints a note if the board was opened well before the first frame: then the times of frames, which count from the first
-    /// frame, differ from those of warnings and scripts, which count from the opening. To be called after the first frame was
-    /// read.
-    pub fn note_opened(&self) {
-        if let Some(ns) = self.opened_before_ns.filter(|ns| *ns >= OPENED_BEFORE_MIN_NS) {
-            let seconds = ns as f64 / 1e9;
+    /// Prints a note if the recording does not have the opening of its board, as those of older versions. Its times then
+    /// differ from those of the warnings and scripts of that run. To be called after the first frame was read.
+    pub fn note_zero(&self) {
+        if self.meta.as_ref().is_some_and(|meta| meta.opened_ns.is_none()) {
             say(
                 "note",
                 &format_args!(
-                    "{}: times count from the first frame; the board was opened {seconds:.3} s before, from when warnings and scripts count: \
-                     add {seconds:.3} s",
+                    "{}: times count from its first frame: an older version recorded it, without the opening of the board, from \
+                     which warnings and scripts count; record the run again to compare times",
                     self.name
                 ),
             );
@@ -295,13 +304,9 @@ impl<R: Read> Iterator for Frames<R> {
         };
         Some(next.map(|(recorded, meta)| {
             let size = self.size(meta.as_deref());
-            let first_ns = *self.first_ns.get_or_insert_with(|| {
-                let opened_at_ns = meta.as_deref().and_then(RecordMeta::opened_at_ns);
-                self.opened_before_ns = opened_at_ns.map(|opened_at_ns| since(opened_at_ns, recorded.at_ns));
-                recorded.at_ns
-            });
+            let zero_ns = self.recording.zero_ns().unwrap_or(recorded.at_ns);
             self.number += 1;
-            Framed { number: self.number, time_ns: since(first_ns, recorded.at_ns), recorded, size, meta }
+            Framed { number: self.number, time_ns: since(zero_ns, recorded.at_ns), recorded, size, meta }
         }))
     }
 }
@@ -324,6 +329,8 @@ pub struct Walked {
 pub struct InTime {
     /// Whether frames are left out, so that a long time between two frames is no jump of the clock.
     has_gaps: bool,
+    /// The time of the file's first frame, from which the timeline counts.
+    first_ns: Option<i64>,
     timeline: Timeline<Framed>,
     order: InOrder<Framed>,
 }
@@ -335,6 +342,7 @@ impl InTime {
         if self.has_gaps {
             return self.order.push(framed.time_ns, framed);
         }
+        self.first_ns.get_or_insert(framed.time_ns);
         let placed = self.timeline.push(framed.recorded.at_ns, framed)?;
         self.sort(placed)
     }
@@ -346,12 +354,19 @@ impl InTime {
     }
 
     /// The jumps of the clock that were found so far.
-    pub const fn jumps(&self) -> Option<Jumps> {
-        self.timeline.jumps()
+    pub fn jumps(&self) -> Option<Jumps> {
+        let jumps = self.timeline.jumps()?;
+        Some(Jumps { first_at_ns: self.time_ns(jumps.first_at_ns), ..jumps })
     }
 
-    fn sort(&mut self, (time_ns, framed): (i64, Framed)) -> Option<Framed> {
+    fn sort(&mut self, (since_first_ns, framed): (i64, Framed)) -> Option<Framed> {
+        let time_ns = self.time_ns(since_first_ns);
         self.order.push(time_ns, Framed { time_ns, ..framed })
+    }
+
+    /// The [time](Framed::time_ns) of a frame that comes so many nanoseconds after the first one.
+    fn time_ns(&self, since_first_ns: i64) -> i64 {
+        since_first_ns.saturating_add(self.first_ns.unwrap_or(0))
     }
 }
 
@@ -414,7 +429,7 @@ fn size_told(meta: Option<&RecordMeta>) -> Option<SlotSize> {
     meta?.slot
 }
 
-/// `at - first`, limited to the range of the type, because a damaged file may contain any times.
-fn since(first: u64, at: u64) -> i64 {
-    i64::try_from(i128::from(at) - i128::from(first)).unwrap_or(if at < first { i64::MIN } else { i64::MAX })
+/// `at - zero`, limited to the range of the type, because a damaged file may contain any times.
+fn since(zero: u64, at: u64) -> i64 {
+    i64::try_from(i128::from(at) - i128::from(zero)).unwrap_or(if at < zero { i64::MIN } else { i64::MAX })
 }

@@ -45,7 +45,7 @@ use super::{machine_option, output, slot_size};
 /// Prints the summary of `ecmsk exec`, as far as frames show it. Frames do not show which commands the board has
 /// rejected: a simulated board counts those, and `ecmsk exec` prints them. A line for each axis that was moved follows: the
 /// largest following error (the target in force minus the position), step of the target from one cycle to the next, velocity
-/// and torque, each with its time since the first frame.
+/// and torque, each with its time since the board was opened; in a capture since the first frame.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -147,6 +147,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         survey.iter_mut().for_each(|survey| survey.frame(framed));
     })?;
     // The summary of the frames before a damage is still printed.
+    frames.note_zero();
     frames.note_walked(&walked);
     if !events.is_any() && walked.frames > 0 {
         say("note", &format_args!("none of {} frames is left; change --from, --to or --around", walked.frames));

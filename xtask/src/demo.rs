@@ -77,7 +77,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         "both.svg",
     ]
     .map(|name| folder.join(name));
-    let ecmsk = target.join("release/ecmsk");
+    let ecmsk = staged.join("bin/ecmsk");
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
 
     stage::build_into(project, &staged, "release")?;
@@ -133,7 +133,7 @@ fn refuse_real(link: &str, target: &Path) -> Result<(), Error> {
     if link == CARD || SIMULATED.iter().any(|(scheme, _)| link.starts_with(scheme)) {
         return Ok(());
     }
-    let mut instead = Command::new(target.join("release/ecmsk"));
+    let mut instead = Command::new(target.join("demo/stage/bin/ecmsk"));
     instead.args(["exec", "--link", link, "--"]).arg(target.join("demo/alarm_recovery"));
     Err(Error::NotSimulated { link: link.to_owned(), instead: command::shown(&instead) })
 }

@@ -33,6 +33,7 @@ mod needs;
 mod npm;
 mod project;
 mod python_packages;
+mod remapped;
 mod rig;
 mod semver;
 mod side_by_side;

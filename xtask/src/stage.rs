@@ -6,10 +6,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::command;
 use crate::error::Error;
 use crate::project::Project;
 use crate::system::symlink;
+use crate::{command, remapped};
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -49,15 +49,27 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Builds with the cargo profile `profile` and installs into the folder `prefix`.
+/// Builds with the cargo profile `profile` and installs into the folder `prefix`. The libraries name no folder of this
+/// machine.
 pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(), Error> {
+    // What cargo has built elsewhere without the wrapper would count as built.
+    let target = project.target.join("xtask/stage-build");
+    let wrapper = target.join("rustc");
+    remapped::write(project, remapped::own_rustc(), &target, &wrapper)?;
     // The packages are built one after the other: built together, the library would also get the features that only the tool
     // needs.
     for package in PACKAGES {
-        command::run(project.cargo().args(["build", "--profile", profile, "--package", package]))?;
+        let mut cargo = project.cargo();
+        cargo.env("CARGO_TARGET_DIR", &target).env("RUSTC_WRAPPER", &wrapper);
+        command::run(cargo.args(["build", "--profile", profile, "--package", package]))?;
     }
-    install_into(project, &project.target.join(profile_folder(profile)), None, prefix)?;
-    [SONAME, SLEEP_LIBRARY].iter().try_for_each(|library| split_debug(&prefix.join("lib").join(library)))
+    install_into(project, &target.join(profile_folder(profile)), None, prefix)?;
+    let folders: Vec<String> = remapped::folders(project).collect();
+    [SONAME, SLEEP_LIBRARY].iter().try_for_each(|library| {
+        let library = prefix.join("lib").join(library);
+        split_debug(&library)?;
+        check(&library, &folders)
+    })
 }
 
 /// Builds with the profile and features of the tests, and installs into a folder, whose path is returned.
@@ -69,9 +81,29 @@ pub fn build_for_tests(project: &Project) -> Result<PathBuf, Error> {
     Ok(prefix)
 }
 
+/// Checks that a library has no debug information but refers to that beside it, and that it names none of these folders.
+fn check(library: &Path, folders: &[String]) -> Result<(), Error> {
+    let file = library.display();
+    let sections = command::output(Command::new("objdump").args(["-h", "--"]).arg(library))?;
+    let sections = String::from_utf8_lossy(&sections).into_owned();
+    if sections.contains(".debug_") || !sections.contains(".gnu_debuglink") {
+        return Err(Error::Package(format!("{file} has debug information, or no reference to it; stage it again")));
+    }
+    let name = library.file_name().unwrap_or_default().to_string_lossy();
+    let debug = library.with_file_name(".debug").join(format!("{name}.debug"));
+    if !debug.is_file() {
+        return Err(Error::Package(format!("{} is missing; stage {file} again", debug.display())));
+    }
+    let bytes = fs::read(library).map_err(Error::file("read", library))?;
+    let is_named = |folder: &&String| bytes.windows(folder.len()).any(|at| at == folder.as_bytes());
+    match folders.iter().find(is_named) {
+        Some(folder) => Err(Error::Package(format!("{file} names the folder {folder}; see xtask/src/remapped.rs"))),
+        None => Ok(()),
+    }
+}
+
 /// Moves the debug information of a library to the file `.debug/NAME.debug` beside it, where debuggers look for it. The
-/// library then has a tenth of its size. Paths of the build machine are in the debug information, and in the library only
-/// in panic messages.
+/// library then has a tenth of its size.
 fn split_debug(library: &Path) -> Result<(), Error> {
     let name = library.file_name().unwrap_or_default().to_string_lossy();
     let folder = library.with_file_name(".debug");
@@ -220,26 +252,34 @@ mod tests {
     }
 
     /// After splitting, the library has no debug information and no path of its build; it refers to the debug file
-    /// (.gnu_debuglink), which has the debug information.
+    /// (.gnu_debuglink), which has the debug information. The check of a staged library refuses others.
     #[test]
     fn what_a_debugger_wants_is_a_file_of_its_own() {
         let folder = tempfile::tempdir().unwrap();
         let [source, library] = ["x.c", "libx.so.0"].map(|name| folder.path().join(name));
-        fs::write(&source, "int of_the_library(int x) { return x + 1; }\n").unwrap();
-        command::run(Command::new("gcc").args(["-g", "-shared", "-fPIC", "-o"]).args([&library, &source])).unwrap();
+        let path = folder.path().to_string_lossy().into_owned();
+        let compile = |text: &str| {
+            fs::write(&source, text).unwrap();
+            command::run(Command::new("gcc").args(["-g", "-shared", "-fPIC", "-o"]).args([&library, &source])).unwrap();
+        };
+        compile("const char *of_the_library(void) { return __FILE__; }\n");
+        check(&library, &[]).unwrap_err();
         split_debug(&library).unwrap();
+        check(&library, &[]).unwrap();
+        check(&library, &[path.clone()]).unwrap_err();
+        compile("int of_the_library(int x) { return x + 1; }\n");
+        split_debug(&library).unwrap();
+        check(&library, &[path]).unwrap();
         let sections = |file: &Path| {
             let said = command::output(Command::new("objdump").arg("-h").arg(file)).unwrap();
             String::from_utf8_lossy(&said).into_owned()
         };
         let kept = sections(&library);
         assert!(!kept.contains(".debug_info") && kept.contains(".gnu_debuglink") && kept.contains(".dynsym"), "{kept}");
-        assert!(sections(&folder.path().join(".debug/libx.so.0.debug")).contains(".debug_info"));
-        let path = folder.path().to_string_lossy().into_owned().into_bytes();
-        assert!(
-            !fs::read(&library).unwrap().windows(path.len()).any(|at| at == path),
-            "it names the folder of its build"
-        );
+        let debug = folder.path().join(".debug/libx.so.0.debug");
+        assert!(sections(&debug).contains(".debug_info"));
+        fs::remove_file(debug).unwrap();
+        check(&library, &[]).unwrap_err();
     }
 
     #[test]

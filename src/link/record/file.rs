@@ -16,7 +16,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::sync::Syncing;
 use crate::link::Stamp;
@@ -29,6 +29,8 @@ use crate::recording::meta::APPLICATION;
 struct Progress {
     /// [`RecordMeta::base_ns`] of the latest recording: what is added to its link's times to get the times in the file.
     base_ns: u64,
+    /// When the board was opened first, time in the file; `None` if that is unknown.
+    opened_ns: Option<u64>,
     /// The URI of the link that is recorded.
     link: String,
     /// The time of the last frame, and the moment at which the recording ended; `None` while it is in progress.
@@ -213,7 +215,7 @@ impl RecordingFile {
         let Some(path) = &self.path else { return meta };
         let mut recorded = recorded();
         let progress = recorded.entry(path.clone()).or_default();
-        if let Some(Progress { base_ns, link, last: Some((last_ns, ended)) }) = progress {
+        if let Some(Progress { base_ns, link, last: Some((last_ns, ended)), .. }) = progress {
             meta.base_ns = if *link == meta.link && base_ns.saturating_add(link_time.0) >= *last_ns {
                 *base_ns
             } else {
@@ -221,8 +223,17 @@ impl RecordingFile {
                 last_ns.saturating_add(away).saturating_sub(link_time.0)
             };
         }
-        *progress = Some(Progress { base_ns: meta.base_ns, link: meta.link.clone(), last: None });
+        let opened_ns = progress.as_ref().map_or_else(|| meta.opened_at_ns(), |progress| progress.opened_ns);
+        *progress = Some(Progress { base_ns: meta.base_ns, opened_ns, link: meta.link.clone(), last: None });
         meta
+    }
+
+    /// How much time lies in the file before the opening of the board with these metadata, see
+    /// [`Link::recorded_before`](crate::link::Link::recorded_before).
+    pub(super) fn before(&self, meta: &RecordMeta) -> Duration {
+        let first_ns = || recorded().get(self.path.as_ref()?)?.as_ref()?.opened_ns;
+        let before_ns = first_ns().and_then(|first_ns| meta.opened_at_ns()?.checked_sub(first_ns));
+        Duration::from_nanos(before_ns.unwrap_or(0))
     }
 
     /// Replaces the last `back` bytes of the file by `bytes`. If the disk is full, only bytes beyond the present end of

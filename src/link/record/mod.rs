@@ -85,6 +85,8 @@ pub(super) const PIPE_STALL_MAX: Duration = Duration::from_secs(2);
 pub struct RecordLink {
     inner: Arc<dyn Link>,
     recorder: Recorder<FrameEntry>,
+    /// See [`Link::recorded_before`].
+    before: Duration,
 }
 
 impl RecordLink {
@@ -99,7 +101,10 @@ impl RecordLink {
         let queue = queue_len(meta.clock);
         let stall_max = (!file.is_on_disk()).then_some(PIPE_STALL_MAX);
         let meta = file.continued(meta, inner.info().opened_at);
-        Self::begin(inner, &name, Sink::File(file), &meta, queue, stall_max)
+        let before = file.before(&meta);
+        let mut link = Self::begin(inner, &name, Sink::File(file), &meta, queue, stall_max)?;
+        link.before = before;
+        Ok(link)
     }
 
     /// Records `inner` to any writer; up to `queue` frames wait for it. `name` is the name of the writer in messages.
@@ -133,7 +138,7 @@ impl RecordLink {
         let dropped = Arc::default();
         let flight = Flight::begin(options, meta, watch, Arc::clone(&dropped)).map_err(failed)?;
         let recorder = Recorder::run(flight, dropped, meta, queue_len(meta.clock), None).map_err(failed)?;
-        Ok(Self { inner, recorder })
+        Ok(Self { inner, recorder, before: Duration::ZERO })
     }
 
     fn begin(
@@ -146,7 +151,7 @@ impl RecordLink {
     ) -> Result<Self, LinkError> {
         let recorder =
             Recorder::begin(name, sink, meta, queue, stall_max).map_err(|error| cannot_record(name, &error))?;
-        Ok(Self { inner, recorder })
+        Ok(Self { inner, recorder, before: Duration::ZERO })
     }
 
     fn record(&self, call: &RecordedCall<'_, FrameEntry>, dir: Dir, at: Stamp, frame: &Frame) {
@@ -209,6 +214,10 @@ impl Layer for RecordLink {
         let mut stats = self.inner.stats();
         stats.record_dropped += self.recorder.dropped();
         stats
+    }
+
+    fn recorded_before(&self) -> Duration {
+        self.before
     }
 }
 

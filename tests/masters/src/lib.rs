@@ -5,6 +5,7 @@
 mod elsewhere;
 mod middle;
 pub mod motion;
+mod odd;
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -21,6 +22,7 @@ use parking_lot::Mutex;
 
 pub use elsewhere::Elsewhere;
 pub use middle::{Middle, Trouble};
+pub use odd::OddRig;
 
 /// The interface of the master.
 pub const MASTER: &str = "veth0";

@@ -16,7 +16,7 @@ const OLD_RESULT_MAX_NS: i64 = 100_000_000;
 /// An event of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Occurrence {
-    /// Nanoseconds since the first frame.
+    /// Time of the recording in nanoseconds.
     pub at_ns: i64,
     pub what: Seen,
 }

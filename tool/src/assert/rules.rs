@@ -11,7 +11,7 @@
 //!
 //! [[events]]                          # in this order
 //! state = "op"
-//! by = "3s"                           # after the first frame
+//! by = "3s"                           # after the opening of the board
 //!
 //! [[events]]
 //! alarm = 2                           # an axis, or "any"
@@ -97,9 +97,9 @@ pub struct Limit {
 #[derive(Debug, PartialEq)]
 pub struct Event {
     pub what: What,
-    /// The longest time after the event before; for the first one, after the first frame.
+    /// The longest time after the event before; for the first one, after the opening of the board.
     pub within: Option<Duration>,
-    /// The latest and the earliest time after the first frame.
+    /// The latest and the earliest time after the opening of the board.
     pub by: Option<Duration>,
     pub not_before: Option<Duration>,
 }

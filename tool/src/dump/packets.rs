@@ -52,7 +52,7 @@ pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliErr
 
 fn show(args: &Args, exchanges: &mut Exchanges<Box<dyn Read>>, printer: &mut Printer) -> Result<(), CliError> {
     let times = args.times.times();
-    let (mut first_ns, mut meta): (Option<u64>, Option<RecordMeta>) = (None, None);
+    let mut meta: Option<RecordMeta> = None;
     let mut number = 0;
     while let Some(recorded) = exchanges.next() {
         let recorded = recorded?;
@@ -67,7 +67,8 @@ fn show(args: &Args, exchanges: &mut Exchanges<Box<dyn Read>>, printer: &mut Pri
             }
         }
         number += 1;
-        let since_ns = recorded.at_ns as i64 - *first_ns.get_or_insert(recorded.at_ns) as i64;
+        let zero_ns = exchanges.zero_ns().unwrap_or(recorded.at_ns);
+        let since_ns = recorded.at_ns.wrapping_sub(zero_ns) as i64;
         let other_way = args.direction.is_some_and(|direction| direction != recorded.dir);
         if other_way || !times.contains(since_ns) {
             continue;

@@ -26,7 +26,7 @@ impl Place {
 /// The time of a frame or packet.
 #[derive(Clone, Copy, Debug)]
 pub struct Time {
-    /// Nanoseconds since the recording's first frame or packet.
+    /// Time of the recording in nanoseconds.
     pub since_start_ns: i64,
     /// Nanoseconds as recorded: since 1970-01-01, or of a virtual clock.
     pub recorded_ns: u64,

@@ -8,7 +8,7 @@ use crate::motion::Execution;
 /// \[OURS] A report waits no longer than this to be known as part of a gap, ns: a longer pause is intended by the program.
 const GAP_MAX_NS: i64 = 1_000_000_000;
 
-/// A time span in which the condition holds, in nanoseconds since the first frame.
+/// A time span in which the condition holds, in nanoseconds of the recording's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
     /// The first report in which it holds.

@@ -9,12 +9,11 @@ use std::time::{Duration, Instant};
 use ecmsk::ecm::{Close, Ecm, EcmError, Options};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Dir, KnownNetwork, Link, LinkError, Share};
-use ecmsk::recording::RecordError;
 use ecmsk::sk::{Frame, SlotSize};
 
 use super::watched::{View, Watched};
 use super::{CliError, MonitorError};
-use crate::recording::{self, Framed, Frames, InTime};
+use crate::recording::{self, Framed, Frames};
 
 /// Longest wait for one report, so that the thread notices the end of the monitor. \[OURS]
 const READ_WAIT_MAX: Duration = Duration::from_millis(200);
@@ -64,13 +63,15 @@ impl Feed {
     /// Opens a recording and plays it in real time, by its recorded times.
     pub fn recording(file: PathBuf, slot: Option<SlotSize>, watched: Watched) -> Result<Self, MonitorError> {
         Self::start(watched, None, Arc::default(), move |watched, stop| {
-            let began = Instant::now();
+            let (began, mut first_ns) = (Instant::now(), None);
             let played = walk(&file, slot, |framed| {
-                let due = began + Duration::from_nanos(framed.time_ns.max(0).unsigned_abs());
+                // The time before the first frame is not waited for: after it a part of a long run would begin hours late.
+                let since_ns = framed.time_ns.saturating_sub(*first_ns.get_or_insert(framed.time_ns));
+                let due = began + Duration::from_nanos(since_ns.max(0).unsigned_abs());
                 while Instant::now() < due && !stop.load(Ordering::Relaxed) {
                     thread::sleep(due.saturating_duration_since(Instant::now()).min(READ_WAIT_MAX));
                 }
-                take(&mut lock(watched), &framed);
+                take(&mut lock(watched), framed);
                 Ok(!stop.load(Ordering::Relaxed))
             });
             lock(watched).end = Some(match played {
@@ -174,31 +175,14 @@ pub fn take(watched: &mut Watched, framed: &Framed) {
 pub fn walk(
     file: &Path,
     slot: Option<SlotSize>,
-    mut show: impl FnMut(Framed) -> Result<bool, CliError>,
+    show: impl FnMut(&Framed) -> Result<bool, CliError>,
 ) -> Result<Option<String>, CliError> {
-    let mut order = InTime::default();
-    let mut damage = None;
     let mut frames = Frames::open(file, slot, None)?;
-    for framed in &mut frames {
-        match framed {
-            Ok(framed) => {
-                if let Some(framed) = order.push(framed)
-                    && !show(framed)?
-                {
-                    return Ok(None);
-                }
-            }
-            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
-                damage = Some(error.to_string())
-            }
-            Err(error) => return Err(error.into()),
-        }
+    let walked = frames.walk_while(i64::MAX, show)?;
+    if !walked.is_whole {
+        return Ok(None);
     }
-    while let Some(framed) = order.pop() {
-        if !show(framed)? {
-            return Ok(None);
-        }
-    }
+    let damage = walked.damage.map(|damage| damage.to_string());
     Ok(damage.or_else(|| frames.lacks().map(|lacks| format!("{}: {lacks}", file.display()))))
 }
 

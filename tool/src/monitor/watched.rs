@@ -63,7 +63,7 @@ pub struct View {
     pub name: String,
     /// The board's own part of the newest report, slot 0, with state and FIFO; `None` before the first report.
     pub board: Option<MasterResponse>,
-    /// The time of the newest report in nanoseconds, on the board's clock or since the recording's first frame.
+    /// The time of the newest report in nanoseconds, on the board's clock or in the recording's time.
     pub at_ns: i64,
     /// Reports per second since the previous view, on the clock of [`Self::at_ns`]; `None` in the first view.
     pub rate: Option<f64>,

@@ -22,7 +22,7 @@ const LEAD_NS: i64 = 2_000_000_000;
 pub struct Stretch {
     /// What is to be seen, for the title.
     pub title: String,
-    /// The range of times, in nanoseconds since the first frame.
+    /// The range of times, in nanoseconds of the recording's time.
     pub from_ns: i64,
     pub to_ns: i64,
     /// The axes, by slave number; of more than a plot has, the first ones are drawn.

@@ -66,9 +66,9 @@ impl Note {
 pub struct Span {
     /// The state of the drive or of the board in this time span.
     pub state: State,
-    /// The beginning in seconds since the recording's first frame.
+    /// The beginning in seconds of the recording's time.
     pub from: f64,
-    /// The end in seconds since the recording's first frame.
+    /// The end in seconds of the recording's time.
     pub to: f64,
     /// The note on it, such as the error code.
     pub note: Option<Note>,

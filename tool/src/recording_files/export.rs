@@ -12,7 +12,7 @@ use ecmsk::recording::{Address, Lacks, RecordMeta};
 use ecmsk::sk::SlotSize;
 
 use super::super::error::CliError;
-use super::super::recording::{self, Framed, Frames, InTime};
+use super::super::recording::{self, Framed, Frames};
 use super::super::stderr::say;
 use super::super::{output, slot_size};
 use super::RecordingVerbError;
@@ -121,16 +121,13 @@ fn table(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<String, CliE
     let file = create(&args.output, args.overwrite).map_err(failed)?;
     let mut progress = Progress::new(&args.input);
     let mut table = Table::new(BufWriter::new(file), args.axes.clone());
-    let mut order = InTime::default();
-    for framed in frames.by_ref() {
-        let framed = framed?;
-        progress.frame(&framed);
-        if let Some(framed) = order.push(framed) {
-            table.frame(&framed).map_err(failed)?;
-        }
-    }
-    while let Some(framed) = order.pop() {
-        table.frame(&framed).map_err(failed)?;
+    let walked = frames.walk_while(i64::MAX, |framed| {
+        progress.frame(framed);
+        table.frame(framed).map_err(failed)?;
+        Ok::<_, CliError>(true)
+    })?;
+    if let Some(damage) = walked.damage {
+        return Err(damage.into());
     }
     match table.finish().map_err(failed)? {
         0 => Err(RecordingVerbError::NoRow { file: args.input.clone() }.into()),

@@ -12,7 +12,7 @@ const MOMENTS_MAX: usize = 1000;
 /// A moment in which something went wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Moment {
-    /// Nanoseconds since the first frame.
+    /// Time of the recording in nanoseconds.
     pub at_ns: i64,
     /// The alarm that begins; `None`: a gap in a motion ends.
     pub alarm: Option<Alarm>,

@@ -14,7 +14,7 @@ use crate::recording::Framed;
 pub struct Peak {
     /// The absolute value, in the unit of the [`Quantity`].
     pub value: u64,
-    /// Nanoseconds since the first frame.
+    /// Time of the recording in nanoseconds.
     pub at_ns: i64,
 }
 

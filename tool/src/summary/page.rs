@@ -59,7 +59,7 @@ impl Page<'_> {
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\n\
              <title>{title} - ecmsk</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n\
-             <p>Summary by ecmsk {}{link}. Times are seconds since the first frame.</p>\n\
+             <p>Summary by ecmsk {}{link}. Times are seconds since the board was opened, in a capture since its first frame.</p>\n\
              <h2>What went wrong</h2>\n<pre>{}</pre>\n{axes}{alarms}<h2>Moments</h2>\n{pictures}{more}</body>\n</html>\n",
             env!("CARGO_PKG_VERSION"),
             escaped(&wrong),

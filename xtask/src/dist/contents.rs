@@ -9,10 +9,10 @@ use super::machine::Machine;
 use super::release::Release;
 use super::tree::files;
 use super::{ForLinux, Made, folder};
-use crate::command;
 use crate::error::Error;
 use crate::needs::UNZIP;
-use crate::project::{Project, cargo_home};
+use crate::project::Project;
+use crate::{command, remapped};
 
 /// The list of the files that the packages have to contain: each line has the name of a package and a path in it.
 const LIST: &str = include_str!("contents.txt");
@@ -110,13 +110,8 @@ fn differences(package: &str, machine: Machine, left_out: &[String], found: &[Pa
 }
 
 fn paths_of_this_machine(project: &Project, folder: &Path) -> Result<Vec<String>, Error> {
-    let mine = [Some(project.root.clone()), Some(project.target.clone()), cargo_home()];
-    // The packages are searched for the folders of this machine. Short paths such as `/` or `/src` are left out, because
-    // they are the beginning of many other paths.
-    let mine: Vec<String> =
-        mine.into_iter().flatten().map(|path| path.display().to_string()).filter(|path| path.len() > 6).collect();
     let mut problems = Vec::new();
-    for path in mine {
+    for path in remapped::folders(project) {
         let mut grep = Command::new("grep");
         grep.env("LC_ALL", "C");
         // With `--recursive` grep does not follow symbolic links. Its exit code is 1 if no file contains the path.

@@ -1,19 +1,17 @@
 //! Builds the library and the tool for Linux: without debug information, and with the same bytes in whatever folder
 //! they are built.
 
+use std::env;
 use std::ffi::OsString;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::{env, str};
+use std::path::Path;
 
 use super::machine::Machine;
 use super::release::Release;
 use crate::error::Error;
 use crate::needs::STRIP;
-use crate::project::{Project, cargo_home};
-use crate::system::set_mode;
-use crate::{command, debian_rust, stage};
+use crate::project::Project;
+use crate::{command, debian_rust, remapped, stage};
 
 /// The profile of cargo with which packages are built, which is also the name of its folder below the target folder.
 const PROFILE: &str = "release";
@@ -29,7 +27,9 @@ pub fn build_into(
     prefix: &Path,
 ) -> Result<(), Error> {
     let target = super::folder(project).join("build");
-    let wrapper = write_wrapper(project, machine, &target)?;
+    let wrapper = super::folder(project).join(format!("rustc-{}", machine.debian()));
+    let rustc = if machine.is_foreign() { machine.rustc().into() } else { remapped::own_rustc() };
+    remapped::write(project, rustc, &target, &wrapper)?;
     // If both packages are built together, the library crate is compiled only once, which is quicker. NEXTWUSBLib then also
     // contains the features that only the tool needs, so a release builds them one after the other.
     let together = if project.quick { stage::PACKAGES.len() } else { 1 };
@@ -79,59 +79,4 @@ fn is_a_setting(variable: &str) -> bool {
     ["CARGO_PROFILE_", "CARGO_BUILD_", "CARGO_TARGET_", "CARGO_ENCODED_", "RUSTFLAGS", "CFLAGS", "RUSTC"]
         .iter()
         .any(|begin| variable.starts_with(begin))
-}
-
-/// Writes a wrapper between cargo and rustc that replaces the paths of this machine's folders in the built files by fixed
-/// names. Flags of cargo with the same effect would change the names of the archive's members.
-fn write_wrapper(project: &Project, machine: Machine, target: &Path) -> Result<PathBuf, Error> {
-    let wrapper = super::folder(project).join(format!("rustc-{}", machine.debian()));
-    fs::create_dir_all(super::folder(project)).map_err(Error::file("make", &wrapper))?;
-    fs::write(&wrapper, wrapper_text(&names(project, machine, target)?)).map_err(Error::file("write", &wrapper))?;
-    set_mode(&wrapper, 0o755).map_err(Error::file("make executable", &wrapper))?;
-    Ok(wrapper)
-}
-
-/// The folders whose paths are replaced in the built files, and their replacements. If several match a path the last one
-/// applies.
-fn names(project: &Project, machine: Machine, target: &Path) -> Result<Vec<(PathBuf, String)>, Error> {
-    let ask = |arguments: &[&str]| -> Result<String, Error> {
-        let own = env::var_os("RUSTC").filter(|_| !machine.is_foreign());
-        let mut rustc = Command::new(own.unwrap_or_else(|| machine.rustc().into()));
-        let said = command::output(rustc.current_dir(&project.root).args(arguments))?;
-        Ok(String::from_utf8_lossy(&said).trim().to_owned())
-    };
-    // rustc writes paths to the sources of the standard library: their path on this machine if they are installed,
-    // otherwise `/rustc/COMMIT`. The first is replaced by the second.
-    let sources = Path::new(&ask(&["--print", "sysroot"])?).join("lib/rustlib/src/rust");
-    let version = ask(&["-vV"])?;
-    let commit = version.lines().find_map(|line| line.strip_prefix("commit-hash: ")).unwrap_or("unknown");
-    let mut names = vec![(sources, format!("/rustc/{commit}"))];
-    names.extend(cargo_home().map(|home| (home, "cargo".to_owned())));
-    names.push((project.root.clone(), "ecmsk".to_owned()));
-    names.push((target.to_owned(), "target".to_owned()));
-    Ok(names)
-}
-
-fn wrapper_text(names: &[(PathBuf, String)]) -> String {
-    let options = names.iter().map(|(folder, name)| {
-        let quoted = folder.to_string_lossy().replace('\'', r"'\''");
-        format!(" \\\n  --remap-path-prefix='{quoted}'={name}")
-    });
-    format!("#!/bin/sh\nexec \"$@\"{}\n", options.collect::<String>())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_stands_before_rustc_can_be_read_by_a_shell() {
-        let folder = tempfile::tempdir().unwrap();
-        let script = folder.path().join("rustc");
-        let names = [(PathBuf::from("/a folder/of $HOME's"), "ecmsk".to_owned()), ("/b".into(), "target".to_owned())];
-        fs::write(&script, wrapper_text(&names)).unwrap();
-        let said = command::output(Command::new("sh").arg(&script).args(["printf", "%s\n", "-v"])).unwrap();
-        let said = str::from_utf8(&said).unwrap();
-        assert_eq!(said, "-v\n--remap-path-prefix=/a folder/of $HOME's=ecmsk\n--remap-path-prefix=/b=target\n");
-    }
 }

@@ -9,10 +9,12 @@
 //! - `gone.rs`: cards that are pulled
 //! - `page.rs`: the commands of docs/DEAD-BOARD.md
 //! - `stalled.rs`: moves whose process stands still
+//! - `odd.rs`: slaves that keep to the standard in unusual ways
 #![cfg(target_os = "linux")]
 
 mod card;
 mod gone;
+mod odd;
 mod page;
 mod ring;
 mod shown;

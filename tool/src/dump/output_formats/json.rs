@@ -95,7 +95,7 @@ impl Format for Json {
 #[derive(Serialize)]
 struct FrameJson<'a> {
     number: u64,
-    /// Nanoseconds since the recording's first frame.
+    /// Time of the recording in nanoseconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     time_ns: Option<i64>,
     /// Nanoseconds as recorded: since 1970-01-01, or of a virtual clock.

@@ -63,7 +63,9 @@ impl Script {
 
     /// Records the frames to `file`, as those of the link `link`. `slot` is the slot size that the link knows.
     pub fn record(&self, file: &Path, link: &str, slot: Option<SlotSize>) {
-        let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
+        // The times that the tool shows count from the first frame.
+        let opened_ns = Some(self.0.first().map_or(0, |(at_ns, ..)| *at_ns));
+        let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns, link: link.to_owned() };
         let queue = Mutex::new(self.0.iter().cloned().collect());
         let recorder = RecordLink::new(Arc::new(Scripted(queue)), file, &meta).expect("the recording begins");
         for (_, dir, frame) in &self.0 {
@@ -103,7 +105,7 @@ pub fn record_to_a_slow_disk(file: &Path, frames: u64) -> u64 {
         slot: Some(SlotSize::Bytes12),
         clock: Clock::Real,
         base_ns: 0,
-        opened_ns: None,
+        opened_ns: Some(0),
         link: "sim:".to_owned(),
     };
     let queue = Mutex::new((0..frames).map(|n| (n, Dir::Write, Frame::new())).collect());

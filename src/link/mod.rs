@@ -19,6 +19,7 @@ pub(crate) mod common_options;
 mod error;
 pub mod fault;
 mod layer;
+pub(crate) mod limits;
 pub(crate) mod machine_error;
 mod network;
 mod paths;

@@ -139,17 +139,17 @@ impl Args {
         slot_size::given(self.slot_size, self.slot)
     }
 
-    /// The link `uri`, with the recording of `--record` if there is one.
+    /// The link `uri`, with the recording of `--record` if there is one, which carries the machine file.
     ///
     /// # Errors
     /// The recording cannot be made.
-    pub fn with_record(&self, uri: &LinkUri) -> Result<LinkUri, BoardError> {
+    pub fn with_record(&self, uri: &LinkUri, machine: Option<&MachineFile>) -> Result<LinkUri, BoardError> {
         match &self.record {
             None => Ok(uri.clone()),
             Some(file) => {
                 let recorded = record_option::with_record(uri, file)?;
                 record_option::make_room(file, self.overwrite)?;
-                Ok(recorded)
+                Ok(machine.map_or(recorded.clone(), |machine| recorded.with_axes(&machine.path.display().to_string())))
             }
         }
     }

@@ -131,11 +131,11 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
 }
 
 fn find(args: &Args) -> Result<Vec<Span>, FindError> {
-    let machine = machine_option::load(args.machine.as_deref())?;
-    let condition = expression::parse(&args.expression, machine.as_ref())?;
     let is_file = args.file.as_os_str() != "-";
     let device = if is_file { board(&args.file, args.device)? } else { args.device };
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
+    let machine = machine_option::of_recording(args.machine.as_deref(), frames.carried().as_deref())?;
+    let condition = expression::parse(&args.expression, machine.as_ref())?;
     let times = args.times.times();
     let (mut watch, mut spans, mut is_any) = (Watch::new(), Spans::new(&condition), false);
     let walked = frames.walk(i64::MAX, |framed| {

@@ -5,6 +5,7 @@ use std::sync::Once;
 
 use ecmsk::cia402::error_name;
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
+use ecmsk::recording::CarriedFile;
 
 use super::link_option::belongs_to_user;
 use super::stderr::say;
@@ -36,6 +37,29 @@ pub fn load(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileErro
             Ok(Some(machine))
         }
     }
+}
+
+/// The machine file for a recording: that of the option, otherwise the one that the recording carries, about which a note is
+/// printed once, otherwise the one in the working directory. A carried file that this version cannot read is passed over, with
+/// a note.
+///
+/// # Errors
+/// As [`load`].
+pub fn of_recording(
+    given: Option<&Path>,
+    carried: Option<&CarriedFile>,
+) -> Result<Option<MachineFile>, MachineFileError> {
+    static SAID: Once = Once::new();
+    if let (None, Some(carried)) = (given, carried) {
+        match MachineFile::parse(carried.name(), carried.text()) {
+            Ok(machine) => {
+                SAID.call_once(|| say("note", &format_args!("machine file {} of the recording", carried.name())));
+                return Ok(Some(machine));
+            }
+            Err(error) => say("note", &format_args!("the machine file of the recording is passed over: {error}")),
+        }
+    }
+    load(given)
 }
 
 /// A number with a unit directly behind it or after spaces: `0.5mm`, `500 counts`.

@@ -63,7 +63,7 @@ impl Script {
 
     /// Records the frames to `file`, as those of the link `link`. `slot` is the slot size that the link knows.
     pub fn record(&self, file: &Path, link: &str, slot: Option<SlotSize>) {
-        let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
+        let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned(), machine: None };
         let queue = Mutex::new(self.0.iter().cloned().collect());
         let recorder = RecordLink::new(Arc::new(Scripted(queue)), file, &meta).expect("the recording begins");
         for (_, dir, frame) in &self.0 {
@@ -105,6 +105,7 @@ pub fn record_to_a_slow_disk(file: &Path, frames: u64) -> u64 {
         base_ns: 0,
         opened_ns: None,
         link: "sim:".to_owned(),
+        machine: None,
     };
     let queue = Mutex::new((0..frames).map(|n| (n, Dir::Write, Frame::new())).collect());
     let recorder = RecordLink::to_sink(Arc::new(Scripted(queue)), "slow", Box::new(sink), &meta, 4);

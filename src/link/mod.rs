@@ -32,6 +32,7 @@ pub use layer::Layer;
 pub use network::KnownNetwork;
 pub use paths::*;
 
+pub use crate::recording::CarriedFile;
 pub use crate::sk::Dir;
 use crate::sk::{Frame, SlotSize};
 use crate::span::Span;

@@ -117,13 +117,17 @@ impl Args {
         args
     }
 
-    /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory; `None` if there is
-    /// neither.
+    /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory, otherwise that of the
+    /// server of the link; `None` if there is none.
     ///
     /// # Errors
     /// The file cannot be read, or its content is not that of a machine file.
     pub fn machine(&self) -> Result<Option<MachineFile>, MachineFileError> {
-        machine_option::load(self.machine.as_deref())
+        let machine = machine_option::load(self.machine.as_deref())?;
+        if machine.is_some() || self.machine.is_some() {
+            return Ok(machine);
+        }
+        Ok(machine_option::of_server(self.link.as_ref()))
     }
 
     /// The board that the options, the environment, the machine file or the configuration name.

@@ -36,7 +36,6 @@ use time::format_description::well_known::Rfc3339;
 
 use crate::board::SLAVES_MAX;
 
-use drive::Drive as _;
 use file::ParameterFile;
 use kept::{Carries, LeftOut};
 use place::{Opened, Place};

@@ -68,7 +68,7 @@ impl Place {
             Err(BusError::IsBoard { .. }) => Opened::board(&link, Ecm::open(&link)?, self.json)?,
             Err(error) => return Err(error.into()),
         };
-        Ok(Opened { objects: self.objects.clone(), ..opened })
+        Ok(opened.with_objects(self.objects.clone()))
     }
 }
 
@@ -98,6 +98,11 @@ impl Opened {
         let drive = Box::new(BehindBoard { ecm, slave: 1 });
         let reporter = Reporter::new(json, false);
         Ok(Self { link: link.to_owned(), reporter, json, objects: None, runs: None, drive })
+    }
+
+    /// The same, with the file of `--objects`.
+    pub fn with_objects(self, objects: Option<PathBuf>) -> Self {
+        Self { objects, ..self }
     }
 
     /// The numbers of all slaves. A board does not list them, so they are asked one after the other.

@@ -1,6 +1,7 @@
 //! A drive is kept, changed, compared and put back on each kind of link, in virtual time, and has the same parameters then.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use ecmsk::bus;
 use ecmsk::coe::ObjectAddress;
@@ -34,7 +35,9 @@ fn on_network(link: &str) -> Opened {
 }
 
 fn behind_board(slaves: &str) -> Opened {
-    let link = format!("sim:?slaves={slaves}&clock=virtual");
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    // A name of its own: a board in this process is found again by its link.
+    let link = format!("sim:?slaves={slaves}&clock=virtual&name=params-{}", NEXT.fetch_add(1, Ordering::Relaxed));
     Opened::board(&link, Ecm::open(&link).unwrap(), false).unwrap()
 }
 
@@ -81,16 +84,16 @@ fn what_was_kept_is_put_back_on_every_link() {
         assert!(file.objects.objects().iter().any(|object| object.address == nickname), "{scheme}");
     }
     // A list makes the network of a drive that has no list of its own the same.
-    let opened = Opened { objects: Some(esi.clone()), ..on_network(&format!("sim:?slaves={of_esi}")) };
+    let opened = on_network(&format!("sim:?slaves={of_esi}")).with_objects(Some(esi.clone()));
     let file = round_trip(opened, folder, ObjectAddress::new(0x2002, 0), &[9; 8]);
     assert_eq!((file.objects.objects().len(), file.not_kept), (4, 0));
 
     // A board has no list of its own. The file from a network is one.
     let list = folder.join("dp3cl.params");
     let listed = kept(&mut on_network("sim:?slaves=dp3cl"), &list);
-    let file = round_trip(Opened { objects: Some(list), ..behind_board("dp3cl") }, folder, speed, &value);
+    let file = round_trip(behind_board("dp3cl").with_objects(Some(list)), folder, speed, &value);
     assert_eq!(file.objects.objects().len() + file.not_kept, listed.objects.objects().len());
-    let opened = Opened { objects: Some(esi), ..behind_board(&of_esi) };
+    let opened = behind_board(&of_esi).with_objects(Some(esi));
     let file = round_trip(opened, folder, ObjectAddress::new(0x2001, 0), &value);
     // The text and the value of 8 bytes are named.
     assert_eq!((file.objects.objects().len(), file.not_kept), (2, 2));

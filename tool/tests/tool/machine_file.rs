@@ -2,7 +2,10 @@
 //! checks it.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use ecmsk::link::CarriedFile;
+use ecmsk::port::tcp::ServeOptions;
 use tempfile::TempDir;
 
 use crate::common::board::RecordedTraffic;
@@ -361,4 +364,38 @@ fn exec_gives_the_program_the_machine_file() {
     assert_eq!((ran.out.as_str(), ran.err.as_str()), ("sim:?slaves=drive\n", ""));
     let ran = shown(&["--machine", "missing.toml"]);
     assert!(ran.code == Some(125) && ran.err.contains("missing.toml"), "{ran:?}");
+}
+
+/// A server tells its machine file to those who move its axes, who have their names and units without a file of their own.
+#[test]
+fn a_server_tells_its_machine_file() {
+    let folder = Folder::new(MACHINE);
+    let (options, _) = support::tcp::options();
+    // Longer than a message of the protocol.
+    let long = format!("{MACHINE}{}", "# a comment\n".repeat(500));
+    let file = CarriedFile::new(Path::new("portal.toml"), &long);
+    let options = ServeOptions { machine: Some(Arc::new(file.clone())), ..options };
+    let server = support::tcp::serve_with("sim:?slaves=drive*2,io&clock=virtual", options);
+    let link = support::tcp::uri(&server, "");
+    assert_eq!(ecmsk::link::tcp::machine(&link.parse().expect("a link")).expect("an answer"), Some(file));
+    let elsewhere = Folder(tempfile::tempdir().expect("a folder"));
+    let said = "note: machine file portal.toml of the server\n";
+    let ran = elsewhere.run(&["move", "X=12.5", "--up", "--link", &link]);
+    assert!(ran.code == Some(0) && ran.err.starts_with(said) && ran.err.matches(said).count() == 1, "{ran:?}");
+    assert_eq!(ran.out, "axis X: at 12.5 mm (12500 counts)\n");
+    let ran = elsewhere.run(&["move", "X=250.5", "--link", &link]);
+    assert!(ran.code == Some(1) && ran.err.contains("max = 250 mm"), "{ran:?}");
+    elsewhere.write("program", "move X=1\nexpect position X=1\n");
+    let ran = elsewhere.run(&["run", "program", "--link", &link]);
+    assert!(ran.code == Some(0) && ran.err.matches(said).count() == 1, "{ran:?}");
+    let none = elsewhere.run(&["move", "X=2", "--link", &link, "--machine", "none"]);
+    assert!(none.code == Some(1) && none.err.contains("there is no machine file"), "{none:?}");
+    // The own file comes first.
+    assert!(folder.run(&["move", "X=2", "--up", "--link", &link]).err.starts_with(SAID));
+
+    let (server, _) = support::tcp::serve("sim:?slaves=drive*2,io&clock=virtual");
+    let link = support::tcp::uri(&server, "");
+    assert_eq!(ecmsk::link::tcp::machine(&link.parse().expect("a link")).expect("an answer"), None);
+    let none = elsewhere.run(&["move", "X=2", "--link", &link]);
+    assert!(none.code == Some(1) && none.err.contains("there is no machine file"), "{none:?}");
 }

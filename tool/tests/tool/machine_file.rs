@@ -304,7 +304,7 @@ fn inputs_and_outputs_have_names() {
 #[test]
 fn a_recording_carries_its_machine_file() {
     let folder = Folder::new(MACHINE);
-    folder.write("program", "state op\nhome X\nmove X=12.5\n");
+    folder.write("program", "state op\nservo on X\nhome X\nmove X=12.5\n");
     for name in ["run.pcapng", "run.ecmrec", "without.pcapng"] {
         let machine: &[&str] = if name.starts_with("run") { &[] } else { &["--machine", "none", "--slaves", "drive*2,io"] };
         let link = ["--link", "sim:?slaves=drive*2,io&clock=virtual"];

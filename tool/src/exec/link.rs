@@ -27,9 +27,9 @@ pub fn for_program(
     let is_changed =
         machine.is_some() || record.is_some() || control.is_some() || clock.is_some() || flight.is_given();
     // The path is made absolute, because a program may change its working directory before it opens the board.
-    let machine = machine.map(|machine| MachineFile {
-        path: std::path::absolute(&machine.path).unwrap_or_else(|_| machine.path.clone()),
-        ..machine
+    let machine = machine.map(|mut machine| {
+        machine.path = std::path::absolute(&machine.path).unwrap_or(machine.path);
+        machine
     });
     let is_variable_set = env::var_os(config::LINK_VARIABLE).is_some_and(|value| !value.is_empty());
     let of_file = machine.as_ref().filter(|_| !is_variable_set).and_then(|machine| machine.link.clone());

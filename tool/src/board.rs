@@ -123,11 +123,7 @@ impl Args {
     /// # Errors
     /// The file cannot be read, or its content is not that of a machine file.
     pub fn machine(&self) -> Result<Option<MachineFile>, MachineFileError> {
-        let machine = machine_option::load(self.machine.as_deref())?;
-        if machine.is_some() || self.machine.is_some() {
-            return Ok(machine);
-        }
-        Ok(machine_option::of_server(self.link.as_ref()))
+        machine_option::of_link(self.machine.as_deref(), self.link.as_ref())
     }
 
     /// The board that the options, the environment, the machine file or the configuration name.

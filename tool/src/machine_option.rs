@@ -72,9 +72,19 @@ pub fn carried(machine: &MachineFile) -> Option<CarriedFile> {
     Some(CarriedFile::new(&machine.path, &text))
 }
 
+/// The machine file for a board: that of the option or of the working directory, as [`load`] has it, otherwise that of the
+/// server of the link.
+///
+/// # Errors
+/// As [`load`].
+pub fn of_link(given: Option<&Path>, link: Option<&LinkUri>) -> Result<Option<MachineFile>, MachineFileError> {
+    let machine = load(given)?;
+    Ok(if machine.is_none() && given.is_none() { of_server(link) } else { machine })
+}
+
 /// The machine file of the server of a link `tcp:`, about which a note is printed once. `None`: the link is another one, or
 /// the server has no such file. A server that cannot be reached is no error here: opening the link reports it.
-pub fn of_server(link: Option<&LinkUri>) -> Option<MachineFile> {
+fn of_server(link: Option<&LinkUri>) -> Option<MachineFile> {
     static ASKED: Mutex<Option<(LinkUri, Option<MachineFile>)>> = Mutex::new(None);
     let configured = || LinkUri::parse(&find(&environment()).ok()?.link).ok();
     let uri = link.cloned().or_else(configured).filter(|uri| uri.scheme() == Scheme::Tcp)?;

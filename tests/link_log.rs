@@ -1,10 +1,11 @@
 //! The log's messages about commands that a board in this process has not executed, and about a chip with an unknown
-//! CRC-32.
+//! CRC-32; and about targets beyond the limits of a machine file.
 //!
 //! A process has one log: in a program with other tests it would contain messages of their boards, too.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
+use ecmsk::ecm::{Config, Ecm};
 use ecmsk::engine::StateFailure;
 use ecmsk::ethercat::Ns;
 use ecmsk::link::chip::{ChipBoard, ChipError, ChipInfo, ChipLink, SimChip};
@@ -219,4 +220,64 @@ fn a_crc_that_is_given_up_is_told() {
     Xf::over(StrangeCrc::new(), HostConfig::DEFAULT).unwrap().leave();
     assert_eq!(told().len(), 2);
     assert!(told()[1].contains("keep the wires short"), "{:?}", told());
+}
+
+/// A drive that is on, whose machine file allows -1 mm to 2.5 mm and has this word for programs.
+fn limited(program: &str) -> (Ecm, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("machine.toml");
+    let text = format!(
+        "format = 1\n[axes]\nX = {{ slave = 1, unit = \"mm\", per = 0.001, min = -1, max = 2.5 }}\n[limits]\nprogram = \"{program}\"\n"
+    );
+    std::fs::write(&file, text).unwrap();
+    let name = folder.path().file_name().unwrap().to_str().unwrap().trim_start_matches('.').to_owned();
+    let ecm = Ecm::open(&format!("sim:?slaves=drive&clock=virtual&name={name}&axes={}", file.display())).unwrap();
+    ecm.configure(&Config::drives(1)).unwrap();
+    ecm.set_state(MasterState::Op).unwrap();
+    ecm.servo_on(&[1]).unwrap();
+    (ecm, folder)
+}
+
+/// A target of a program beyond a limit of the machine file is told once for each excursion, with axis, target, limit and time,
+/// and is sent.
+#[test]
+fn a_target_beyond_a_limit_is_told_once_for_each_excursion() {
+    let _turn = listen();
+    let (ecm, _folder) = limited("report");
+    let mut stream = ecm.stream(8).unwrap();
+    for hundredth in (0..=300).chain((-150..=300).rev()).chain(-150..=0) {
+        stream.csp(1, hundredth * 10).unwrap();
+        stream.step().unwrap();
+    }
+    stream.finish().unwrap();
+    let told = lines_with(&["axis X: a target of "]);
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(
+        told[0].contains("axis X: a target of 2.51 mm at ") && told[0].contains(" s is beyond max = 2.5 mm of "),
+        "{told:?}"
+    );
+    assert!(
+        told[1].contains("axis X: a target of -1.01 mm at ") && told[1].contains(" s is beyond min = -1 mm of "),
+        "{told:?}"
+    );
+}
+
+/// If the machine file says so, a target that leads beyond a limit is not sent: the write fails, and the axis stands at the
+/// limit.
+#[test]
+fn a_target_beyond_a_limit_is_not_sent_if_the_file_says_so() {
+    let _turn = listen();
+    let (ecm, _folder) = limited("stop");
+    let mut stream = ecm.stream(8).unwrap();
+    let error = (0..=300).find_map(|hundredth| {
+        stream.csp(1, hundredth * 10).unwrap();
+        stream.step().err()
+    });
+    let error = error.expect("it is refused").to_string();
+    assert!(error.contains("the frame was not sent: axis X: a target of 2.51 mm at "), "{error}");
+    drop(stream);
+    let told = lines_with(&["axis X: a target of ", "it is not sent"]);
+    assert_eq!(told.len(), 1, "{told:?}");
+    let position = (0..200).map(|_| ecm.snapshot().unwrap().position(1).unwrap()).max();
+    assert!(position.is_some_and(|position| position < 2_505), "{position:?}");
 }

@@ -61,6 +61,17 @@ impl SoftLimits {
     /// Every position is allowed.
     pub const NONE: Self = Self { min: i32::MIN, max: i32::MAX };
 
+    /// How far a position is beyond the limits, counts; 0 within them.
+    pub const fn beyond(self, position_counts: i32) -> u32 {
+        if position_counts < self.min {
+            position_counts.abs_diff(self.min)
+        } else if position_counts > self.max {
+            position_counts.abs_diff(self.max)
+        } else {
+            0
+        }
+    }
+
     /// Whether a position is within the limits.
     pub const fn contains(self, position_counts: i32) -> bool {
         self.min <= position_counts && position_counts <= self.max

@@ -288,6 +288,16 @@ impl LinkUri {
         Some(uri)
     }
 
+    /// This link with the machine file `file` for its axes (`axes=`), unless it names a machine file already.
+    pub fn with_axes(&self, file: &str) -> Self {
+        let mut uri = self.clone();
+        if !uri.keys().any(|(key, _)| matches!(key, "axes" | "machine")) {
+            uri.keys.push(("axes".to_owned(), file.to_owned()));
+            uri.normalize();
+        }
+        uri
+    }
+
     /// \[OURS] Rejects keys that have no effect on a virtual clock.
     fn check_clock(&self) -> Result<(), UriError> {
         if self.value("clock") != Some("virtual") {

@@ -16,7 +16,9 @@ use crate::link::chip_link::ChipLink;
 use crate::master::{DatagramError, Ending, FrameCounters, Job, MailboxInfo, Master, SdoError, Settings, upstreams};
 use crate::xf::EtherCatState;
 use crate::xf::host::{HostConfig, HostError};
-use crate::xf::request::{EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX, RawOperation, SlaveNumber, Slaves};
+use crate::xf::request::{
+    EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX, RawOperation, SDO_DATA_MAX, SDO_HEAD, SlaveNumber, Slaves,
+};
 use crate::xf::response::EepromAnswer;
 use crate::xf_api::{NetworkConfig, Xf, XfError};
 
@@ -211,6 +213,12 @@ impl Network for XfNetwork {
 
     fn resets_slaves(&self) -> bool {
         false
+    }
+
+    /// \[OURS] One byte less than a request can have: if a read returns as many bytes as the request can have, the
+    /// object may have more.
+    fn value_bytes_max(&self) -> usize {
+        (SDO_DATA_MAX - 1).min(self.xf.host().size().bytes().saturating_sub(SDO_HEAD))
     }
 
     fn wait(&mut self, time: Duration) -> Result<(), BusError> {

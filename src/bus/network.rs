@@ -74,6 +74,10 @@ pub trait Network {
     /// Whether a scan takes all slaves to Init. If a chip runs the network, the scan leaves them in their states.
     fn resets_slaves(&self) -> bool;
 
+    /// The length of the longest value that SDO transfers carry whole in both directions, bytes. A read of a longer
+    /// value returns its first bytes, of which there are more than this.
+    fn value_bytes_max(&self) -> usize;
+
     /// Waits for this time. This crate's own master keeps the slaves' distributed clocks synchronized meanwhile.
     ///
     /// # Errors

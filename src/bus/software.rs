@@ -230,6 +230,10 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         true
     }
 
+    fn value_bytes_max(&self) -> usize {
+        usize::MAX
+    }
+
     fn wait(&mut self, time: Duration) -> Result<(), BusError> {
         let until = self.wires.now().saturating_add(Ns::try_from(time.as_nanos()).unwrap_or(Ns::MAX));
         while self.wires.now() < until {

@@ -49,6 +49,7 @@ impl Ecm {
     pub fn open_machine(file: &Path) -> Result<(Self, MachineFile), EcmError> {
         let machine = MachineFile::load(file)?;
         let link = machine.link(None).ok_or_else(|| machine.names_no_link())?;
+        let link = link.with_axes(&file.display().to_string());
         Ok((Self::open(&link.to_string())?, machine))
     }
 }

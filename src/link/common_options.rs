@@ -20,6 +20,8 @@ pub struct CommonOptions {
     pub queue: usize,
     /// The file to which the link is recorded (`record=`); `None`: no recording.
     pub record: Option<PathBuf>,
+    /// The machine file with the axes (`axes=`, otherwise `machine=`); `None`: none.
+    pub axes: Option<PathBuf>,
     /// The flight recorder of the link (`flight=` and `flight_*=`); `None`: there is none.
     pub flight: Option<FlightOptions>,
     /// The time limit of a read (`read_timeout_ms=`); `None`: a read waits until there is a report.
@@ -51,6 +53,7 @@ impl CommonOptions {
             slot: uri.typed("slot", slot_size)?,
             queue: uri.required("queue", |value| value.parse().ok())?,
             record: uri.typed("record", |value| Some(PathBuf::from(value)))?,
+            axes: uri.value("axes").or_else(|| uri.value("machine")).map(PathBuf::from),
             flight: flight(uri)?,
             read_timeout: uri.typed("read_timeout_ms", millis)?,
             write_timeout: uri.required("write_timeout_ms", millis)?,

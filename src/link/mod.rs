@@ -6,7 +6,8 @@
 //! the traffic wrap another link ([`Layer`]).
 //!
 //! - `mod.rs`: [`Link`]; `error.rs`, `machine_error.rs`: [`LinkError`], and errors in the files of a simulated machine
-//! - `layer.rs`, `fault.rs`, `record/`: links around a link: fault injection (`fault.*`) and recording (`record=`)
+//! - `layer.rs`, `fault.rs`, `record/`, `limits.rs`: links around a link: fault injection (`fault.*`), recording (`record=`),
+//!   and the limits of a machine file (`axes=`)
 //! - `chip_link.rs`: the trait of links to an ECM-XF itself, which is a chip and no board
 //! - `common_options.rs`, `call_counts.rs`: the keys that every link has as Rust types, and the counters of a program's calls
 //! - `network.rs`: the slaves that a board's server knows, for its clients
@@ -19,6 +20,7 @@ pub(crate) mod common_options;
 mod error;
 pub mod fault;
 mod layer;
+pub(crate) mod limits;
 pub(crate) mod machine_error;
 mod network;
 mod paths;
@@ -31,6 +33,7 @@ pub use layer::Layer;
 pub use network::KnownNetwork;
 pub use paths::*;
 
+pub use crate::recording::CarriedFile;
 pub use crate::sk::Dir;
 use crate::sk::{Frame, SlotSize};
 use crate::span::Span;

@@ -67,6 +67,7 @@ pub(super) fn machine(file: &str, text: &str) -> Result<MachineFile, MachineFile
         cycle_us,
         inputs: lines(&source, "inputs", &content.inputs, &slaves)?,
         outputs: lines(&source, "outputs", &content.outputs, &slaves)?,
+        program_limits: content.limits.program,
         alarms: alarms(&source, &content.alarms)?,
         axes,
         slaves,

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use super::ProgramLimits;
 use super::unit::Unit;
 
 /// A machine with an EtherCAT network: its link, slaves, axes, inputs and outputs.
@@ -38,6 +39,20 @@ pub(super) struct Content {
     /// The meanings of the drives' error codes, for all drives, for those of a vendor, or for one product.
     #[serde(default)]
     pub(super) alarms: Vec<AlarmFields>,
+    /// What happens at the soft limits of the axes.
+    #[serde(default)]
+    pub(super) limits: LimitsFields,
+}
+
+/// What happens at the soft limits of the axes.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub(super) struct LimitsFields {
+    /// A program's own target beyond min or max of its axis: report, the default, says so once for each excursion; stop
+    /// does not send it either, so that the axis holds its last target.
+    #[serde(default)]
+    pub(super) program: ProgramLimits,
 }
 
 /// A slave of the network, and which device it has to be.

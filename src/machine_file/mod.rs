@@ -68,7 +68,21 @@ pub struct MachineFile {
     pub inputs: Vec<IoLine>,
     /// The outputs with names, in the order of the names.
     pub outputs: Vec<IoLine>,
+    /// What happens if a program's target is beyond the limits of its axis.
+    pub program_limits: ProgramLimits,
     alarms: Vec<AlarmTexts>,
+}
+
+/// What happens if the target of a program is beyond the soft limits of its axis.
+#[derive(Clone, Copy, Debug, Default, serde::Deserialize, PartialEq, Eq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum ProgramLimits {
+    /// It is reported, once for each excursion.
+    #[default]
+    Report,
+    /// It is reported and not sent. The axis holds its last target, and the program's write fails.
+    Stop,
 }
 
 /// A slave of a machine: its kind, its mode of operation, and which device it has to be.
@@ -95,8 +109,8 @@ pub struct MachineAxis {
     pub unit: Unit,
     /// How many counts one unit has.
     pub scale: Scale,
-    /// The range in which targets of the axis have to be, counts. The tool refuses other targets; programs are not
-    /// checked.
+    /// The range in which targets of the axis have to be, counts. The tool refuses other targets. Those of programs are
+    /// treated as [`MachineFile::program_limits`] says, if their link names the file (`axes=`, `machine=`).
     pub limits: SoftLimits,
     /// The highest speed of a move, units per second; above 0.
     pub max_velocity: Option<f64>,
@@ -147,13 +161,21 @@ impl MachineFile {
     /// [`MachineFileError`] if the file cannot be read, is no TOML, has a newer format, or has a missing or wrong
     /// field.
     pub fn load(path: &Path) -> Result<Self, MachineFileError> {
+        Self::load_with_text(path).map(|(machine, _)| machine)
+    }
+
+    /// Reads a machine file, and returns its text, too.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_with_text(path: &Path) -> Result<(Self, String), MachineFileError> {
         let file = path.display().to_string();
         let unreadable = |message: String| MachineFileError::Unreadable { file: file.clone(), message };
         let read = read_small(path, FILE_SIZE_MAX_BYTES).map_err(|error| unreadable(error.to_string()))?;
         let text = String::from_utf8(read.bytes)
             .map_err(|_| unreadable("it is no text in UTF-8; save it as UTF-8".to_owned()))?;
         let machine = Self::parse(&file, &text)?;
-        Ok(Self { path: path.to_owned(), ..machine })
+        Ok((Self { path: path.to_owned(), ..machine }, text))
     }
 
     /// Reads the text of a file; `file` is its path, for messages.
@@ -213,6 +235,18 @@ impl MachineFile {
             next: "add it, e.g. link = \"usb:\"".to_owned(),
         }
     }
+}
+
+/// The machine file with the axes of a link, and its text.
+///
+/// # Errors
+/// [`UriError::BadValue`] if the file cannot be used.
+pub(crate) fn axes_of_link(file: &Path) -> Result<(MachineFile, String), UriError> {
+    MachineFile::load_with_text(file).map_err(|error| UriError::BadValue {
+        key: "axes".to_owned(),
+        value: file.display().to_string(),
+        why: error.to_string(),
+    })
 }
 
 /// The simulated slaves of a link: those that it lists, or those of its machine file.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use crate::address::keys::Scheme;
 use crate::address::uri;
 use crate::link::common_options::CommonOptions;
-use crate::link::{Link, LinkError, Share, fault, record};
+use crate::link::{Link, LinkError, Share, fault, limits, record};
 use crate::recording::RecordMeta;
 use crate::summary::FlightEvents;
 
@@ -55,9 +55,13 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
     if options.fault.any() {
         link = Arc::new(fault::FaultLink::new(link, options.fault));
     }
-    // The recorders are put around the fault injection, so the recordings have the frames as the program saw them.
     let info = link.info();
-    let meta = RecordMeta::now(&info, info.opened_at);
+    let mut meta = RecordMeta::now(&info, info.opened_at);
+    if let Some(axes) = limits::Axes::of(&options)? {
+        meta.machine = Some(axes.carried());
+        link = axes.around(link);
+    }
+    // The recorders are put around the fault injection, so the recordings have the frames as the program saw them.
     if let Some(flight) = &options.flight {
         let watch = Box::new(FlightEvents::new(info.slot, flight.following_error));
         link = Arc::new(record::RecordLink::to_flight(link, flight, &meta, watch)?);

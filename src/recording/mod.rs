@@ -49,7 +49,7 @@ pub use error::RecordError;
 pub use executed::{Executed, LastExecuted};
 pub use execution::{Entry, Execution, ExecutionReport, NO_ORDERS, Orders};
 pub use lacks::{Damage, Lacks, Lost};
-pub use meta::{Clock, RecordMeta};
+pub use meta::{CarriedFile, Clock, RecordMeta};
 pub use order::InOrder;
 pub use outline::Outline;
 pub use reader::{Recording, board_in};

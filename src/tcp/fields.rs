@@ -134,6 +134,13 @@ impl<'a> Get<'a> {
         std::str::from_utf8(text).map_err(|_| WireError::Text { kind: self.kind })
     }
 
+    /// The bytes that are left.
+    pub(super) const fn rest(&mut self) -> &'a [u8] {
+        let rest = self.left;
+        self.left = &[];
+        rest
+    }
+
     pub(super) const fn value(&self, field: &'static str, found: u64) -> WireError {
         WireError::Value { kind: self.kind, field, found }
     }

@@ -15,6 +15,9 @@ pub enum Role {
     Reader,
     /// The client has axes stopped ([`Message::Stop`]). It receives no reports, and takes no place of the other clients.
     Stopper,
+    /// The client asks for the machine file of the server ([`Message::Ask`]). It receives no reports, and takes no place of
+    /// the other clients. A server before this role refuses the client for its Hello ([`Refusal::NoHello`]).
+    Asker,
 }
 
 /// A client's first message.
@@ -118,7 +121,7 @@ pub struct Failure<'a> {
     pub(super) text: &'a str,
 }
 
-/// A message. Clients send the variants from `Hello` to `Bye`, servers those from `Ping` to `Stopped`, so both send `Ping` and
+/// A message. Clients send the variants from `Hello` to `Bye`, servers those from `Ping` to `Machine`, so both send `Ping` and
 /// `Bye`. The client numbers its requests, and each answer repeats the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Message<'a> {
@@ -165,6 +168,13 @@ pub enum Message<'a> {
         request: u64,
         /// Whether the axes are switched off when they stand.
         off: bool,
+    },
+    /// A request of an asker for a part of the machine file.
+    Ask {
+        /// The number of the request.
+        request: u64,
+        /// Where the part begins in the file, bytes.
+        from: u32,
     },
     /// The keep-alive message, which both ends send if they have nothing else to send.
     Ping,
@@ -245,5 +255,16 @@ pub enum Message<'a> {
         writer: &'a str,
         /// The details as text, for example why the stop has failed; may be empty.
         text: &'a str,
+    },
+    /// The answer to a request for a part of the machine file.
+    Machine {
+        /// The number of the request.
+        request: u64,
+        /// The length of the whole file, bytes; 0: the server has none.
+        length: u32,
+        /// The name of the file.
+        name: &'a str,
+        /// The part; empty at the end of the file.
+        part: &'a [u8],
     },
 }

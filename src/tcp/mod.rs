@@ -24,7 +24,8 @@
 //! - `client.rs`: [`TcpLink`], the link itself
 //! - `hang.rs`: a program that has stopped calling (`hang_ms=`); `forks.rs`: one that has forked
 //! - `reconnect.rs`: a reader that connects again (`reconnect_ms=`)
-//! - `stop.rs`: a client that has the axes of another one stopped
+//! - `stop.rs`: a client that has the axes of another one stopped; `machine.rs`: one that asks for the machine file of the
+//!   server
 
 mod channel;
 mod client;
@@ -38,6 +39,7 @@ mod fields;
 mod forks;
 mod hang;
 mod inbox;
+mod machine;
 mod message;
 mod options;
 mod proof;
@@ -64,6 +66,7 @@ pub use exchange::{messages, replay};
 #[doc(hidden)]
 pub use forks::close_in_child;
 pub(crate) use inbox::Inbox;
+pub use machine::machine;
 pub use options::{DEFAULT_PORT, TcpOptions};
 pub(crate) use proof::{Material, PROOF_LEN, Side};
 pub use proof::{SECRET, Secret};

@@ -45,6 +45,15 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
             "2c000100 02 f4010000 02000000 [07;32] 0100 70",
         ),
         (
+            Message::Hello(Hello { role: Role::Asker, keepalive_ms: 500, pid: 2, program: "p", proof: &[7; 32] }),
+            "2c000100 03 f4010000 02000000 [07;32] 0100 70",
+        ),
+        (Message::Ask { request: 7, from: 512 }, "0c000800 0700000000000000 00020000"),
+        (
+            Message::Machine { request: 7, length: 514, name: "m.toml", part: b"ab" },
+            "16008a00 0700000000000000 02020000 0600 6d2e746f6d6c 6162",
+        ),
+        (
             Message::Welcome(Welcome {
                 proof: &[7; 32],
                 slot: Some(SlotSize::Bytes16),

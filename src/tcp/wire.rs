@@ -21,6 +21,8 @@ pub const GREETING_LEN: usize = 16;
 pub const HEADER_LEN: usize = 4;
 /// The longest text field of a message in bytes; a longer text is cut.
 pub use super::fields::TEXT_MAX;
+/// The longest part of a machine file in a message, bytes; a longer part is cut. \[OURS]
+pub const PART_MAX: usize = 512;
 /// The longest message in bytes.
 pub const MESSAGE_MAX: usize = HEADER_LEN + PAYLOAD_MAX;
 
@@ -71,6 +73,7 @@ const PASS: u8 = 0x04;
 const COUNT: u8 = 0x05;
 const CANCEL: u8 = 0x06;
 const STOP: u8 = 0x07;
+const ASK: u8 = 0x08;
 const PING: u8 = 0x40;
 const BYE: u8 = 0x41;
 const WELCOME: u8 = 0x81;
@@ -82,6 +85,7 @@ const PASSED: u8 = 0x86;
 const COUNTED: u8 = 0x87;
 const FAILED: u8 = 0x88;
 const STOPPED: u8 = 0x89;
+const MACHINE: u8 = 0x8A;
 
 impl<'a> Message<'a> {
     /// The code of the message's kind in the header.
@@ -94,6 +98,7 @@ impl<'a> Message<'a> {
             Self::Count { .. } => COUNT,
             Self::Cancel { .. } => CANCEL,
             Self::Stop { .. } => STOP,
+            Self::Ask { .. } => ASK,
             Self::Ping => PING,
             Self::Bye { .. } => BYE,
             Self::Welcome(_) => WELCOME,
@@ -105,6 +110,7 @@ impl<'a> Message<'a> {
             Self::Counted { .. } => COUNTED,
             Self::Failed { .. } => FAILED,
             Self::Stopped { .. } => STOPPED,
+            Self::Machine { .. } => MACHINE,
         }
     }
 
@@ -144,6 +150,10 @@ impl<'a> Message<'a> {
             Self::Stop { request, off } => {
                 put.u64(request);
                 put.u8(off.into());
+            }
+            Self::Ask { request, from } => {
+                put.u64(request);
+                put.u32(from);
             }
             Self::Ping => {}
             Self::Bye { end, text } => {
@@ -202,6 +212,12 @@ impl<'a> Message<'a> {
                 put.text(writer);
                 put.text(text);
             }
+            Self::Machine { request, length, name, part } => {
+                put.u64(request);
+                put.u32(length);
+                put.text(name);
+                put.bytes(&part[..part.len().min(PART_MAX)]);
+            }
         }
     }
 
@@ -223,6 +239,7 @@ impl<'a> Message<'a> {
                     0 => Role::Writer,
                     1 => Role::Reader,
                     2 => Role::Stopper,
+                    3 => Role::Asker,
                     found => return Err(get.value("a role", found.into())),
                 },
                 keepalive_ms: get.u32()?,
@@ -236,6 +253,7 @@ impl<'a> Message<'a> {
             COUNT => Self::Count { request: get.u64()? },
             CANCEL => Self::Cancel { request: get.u64()? },
             STOP => Self::Stop { request: get.u64()?, off: get.flag()? },
+            ASK => Self::Ask { request: get.u64()?, from: get.u32()? },
             PING => Self::Ping,
             BYE => {
                 let end = match get.u8()? {
@@ -300,6 +318,7 @@ impl<'a> Message<'a> {
                 writer: get.text()?,
                 text: get.text()?,
             },
+            MACHINE => Self::Machine { request: get.u64()?, length: get.u32()?, name: get.text()?, part: get.rest() },
             kind => return Err(WireError::Kind { kind }),
         })
     }

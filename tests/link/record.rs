@@ -98,7 +98,7 @@ fn the_metadata_of_a_recording_is_read_back() {
     for slot in [None, Some(SlotSize::Bytes12), Some(SlotSize::Bytes16)] {
         for (clock, base_ns) in [(Clock::Virtual, 0), (Clock::Real, u64::MAX)] {
             for link in ["usb:", URI, "spi:/dev/a b?x= link=y ecmsk", ""] {
-                let meta = RecordMeta { slot, clock, base_ns, opened_ns: None, link: link.to_owned() };
+                let meta = RecordMeta { slot, clock, base_ns, opened_ns: None, link: link.to_owned(), machine: None };
                 let memory = Memory::default();
                 let echo = Arc::new(Echo::new(true));
                 drop(RecordLink::to_sink(echo, "memory", Box::new(memory.clone()), &meta, 1).unwrap());

@@ -117,8 +117,9 @@ impl Args {
         args
     }
 
-    /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory; `None` if there is
-    /// neither. A verb that only reads or looks passes over such a file of another user.
+    /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory, otherwise that of the
+    /// server of the link; `None` if there is none. A verb that only reads or looks passes over such a file of another
+    /// user.
     ///
     /// # Errors
     /// The file cannot be read, or its content is not that of a machine file. The verb may move axes, and would pass over
@@ -131,7 +132,7 @@ impl Args {
                 next: format!("say --machine {FILE_NAME} to use it, or --machine none to move without its limits"),
             });
         }
-        Ok(machine_option::load(self.machine.as_deref())?)
+        Ok(machine_option::of_link(self.machine.as_deref(), self.link.as_ref())?)
     }
 
     /// The board that the options, the environment, the machine file or the configuration name.
@@ -147,17 +148,17 @@ impl Args {
         slot_size::given(self.slot_size, self.slot)
     }
 
-    /// The link `uri`, with the recording of `--record` if there is one.
+    /// The link `uri`, with the recording of `--record` if there is one, which carries the machine file.
     ///
     /// # Errors
     /// The recording cannot be made.
-    pub fn with_record(&self, uri: &LinkUri) -> Result<LinkUri, BoardError> {
+    pub fn with_record(&self, uri: &LinkUri, machine: Option<&MachineFile>) -> Result<LinkUri, BoardError> {
         match &self.record {
             None => Ok(uri.clone()),
             Some(file) => {
                 let recorded = record_option::with_record(uri, file)?;
                 record_option::make_room(file, self.overwrite)?;
-                Ok(recorded)
+                Ok(machine.map_or(recorded.clone(), |machine| recorded.with_axes(&machine.path.display().to_string())))
             }
         }
     }

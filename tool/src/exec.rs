@@ -19,11 +19,12 @@ use std::process::{Command, ExitCode};
 use clap::ValueHint;
 use ecmsk::link::config::{ConfigError, LINK_VARIABLE, OPENED_VARIABLE};
 use ecmsk::link::uri::{LinkUri, UriError};
+use ecmsk::machine_file::MachineFileError;
 use ecmsk::summary::writer::FILE_VARIABLE;
 
 use super::flight_option::{FlightArgs, FlightOptionError};
 use super::stderr::say;
-use super::{control_option, record_option, recording_end};
+use super::{control_option, machine_option, record_option, recording_end};
 use clock::ProgramClock;
 use library::LibraryFolder;
 pub use library::find as find_library;
@@ -60,6 +61,9 @@ pub struct Args {
     /// Replace an existing recording; without this option an existing file is an error, and the program is not started
     #[arg(long, requires = "record")]
     overwrite: bool,
+
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
 
     #[arg(long, value_name = "NAME", help = control_option::HELP)]
     control: Option<String>,
@@ -168,6 +172,9 @@ pub enum ExecError {
     /// The recording of `--record` cannot be made.
     #[error(transparent)]
     Record(#[from] record_option::RecordError),
+    /// The machine file cannot be used.
+    #[error(transparent)]
+    MachineFile(#[from] MachineFileError),
     /// The board gets no control socket.
     #[error(transparent)]
     Control(#[from] control_option::ControlOptionError),
@@ -239,15 +246,8 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     // clap requires at least one word, so there is a first one.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
     let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
-    let link = link::for_program(
-        args.link.as_ref(),
-        args.record.as_deref(),
-        args.control.as_deref(),
-        args.clock,
-        &args.flight,
-        Path::new(program),
-        &file,
-    )?;
+    let machine = machine_option::load(args.machine.as_deref())?;
+    let link = link::for_program(args, machine, Path::new(program), &file)?;
     if let Some(file) = &args.record {
         record_option::make_room(file, args.overwrite)?;
     }

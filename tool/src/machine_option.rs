@@ -1,12 +1,17 @@
 //! The option `--machine`: the machine file of a verb.
 
 use std::path::{Path, PathBuf};
-use std::sync::Once;
+use std::sync::{Mutex, Once, PoisonError};
 
 use ecmsk::cia402::error_name;
+use ecmsk::link::config::find;
+use ecmsk::link::keys::Scheme;
+use ecmsk::link::tcp;
+use ecmsk::link::uri::LinkUri;
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
+use ecmsk::recording::CarriedFile;
 
-use super::link_option::{belongs_to_user, is_anothers};
+use super::link_option::{belongs_to_user, environment, is_anothers};
 use super::stderr::say;
 
 /// The help text of `--machine`.
@@ -41,6 +46,70 @@ pub fn load(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileErro
 /// Whether [`load`] passes over the machine file in the working directory, because it is another user's.
 pub fn passes_over(given: Option<&Path>) -> bool {
     given.is_none() && is_anothers(Path::new(FILE_NAME))
+}
+
+/// The machine file for a recording: that of the option, otherwise the one that the recording carries, about which a note is
+/// printed once, otherwise the one in the working directory. A carried file that this version cannot read is passed over, with
+/// a note.
+///
+/// # Errors
+/// As [`load`].
+pub fn of_recording(
+    given: Option<&Path>,
+    carried: Option<&CarriedFile>,
+) -> Result<Option<MachineFile>, MachineFileError> {
+    static SAID: Once = Once::new();
+    if let (None, Some(carried)) = (given, carried) {
+        match MachineFile::parse(carried.name(), carried.text()) {
+            Ok(machine) => {
+                SAID.call_once(|| say("note", &format_args!("machine file {} of the recording", carried.name())));
+                return Ok(Some(machine));
+            }
+            Err(error) => say("note", &format_args!("the machine file of the recording is passed over: {error}")),
+        }
+    }
+    load(given)
+}
+
+/// The text of a machine file, as a server passes it on; `None` if it cannot be read any more.
+pub fn carried(machine: &MachineFile) -> Option<CarriedFile> {
+    let (_, text) = MachineFile::load_with_text(&machine.path).ok()?;
+    Some(CarriedFile::new(&machine.path, &text))
+}
+
+/// The machine file for a board: that of the option or of the working directory, as [`load`] has it, otherwise that of the
+/// server of the link.
+///
+/// # Errors
+/// As [`load`].
+pub fn of_link(given: Option<&Path>, link: Option<&LinkUri>) -> Result<Option<MachineFile>, MachineFileError> {
+    let machine = load(given)?;
+    Ok(if machine.is_none() && given.is_none() { of_server(link) } else { machine })
+}
+
+/// The machine file of the server of a link `tcp:`, about which a note is printed once. `None`: the link is another one, or
+/// the server has no such file. A server that cannot be reached is no error here: opening the link reports it.
+fn of_server(link: Option<&LinkUri>) -> Option<MachineFile> {
+    static ASKED: Mutex<Option<(LinkUri, Option<MachineFile>)>> = Mutex::new(None);
+    let configured = || LinkUri::parse(&find(&environment()).ok()?.link).ok();
+    let uri = link.cloned().or_else(configured).filter(|uri| uri.scheme() == Scheme::Tcp)?;
+    let mut asked = ASKED.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, machine)) = asked.as_ref().filter(|(of, _)| *of == uri) {
+        return machine.clone();
+    }
+    let served = tcp::machine(&uri).ok().flatten();
+    let machine = served.and_then(|file| match MachineFile::parse(file.name(), file.text()) {
+        Ok(machine) => {
+            say("note", &format_args!("machine file {} of the server", file.name()));
+            Some(machine)
+        }
+        Err(error) => {
+            say("note", &format_args!("the machine file of the server is passed over: {error}"));
+            None
+        }
+    });
+    *asked = Some((uri, machine.clone()));
+    machine
 }
 
 /// A number with a unit directly behind it or after spaces: `0.5mm`, `500 counts`.

@@ -35,7 +35,7 @@ use ecmsk::sk::{SlaveKind, SlotSize};
 use super::error::CliError;
 use super::kind_list::KindList;
 use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
-use super::recording::Frames;
+use super::recording::{self, Frames};
 use super::stderr::say;
 use super::{machine_option, output, recording_end, slot_size};
 use source::{Each, Feed};
@@ -147,7 +147,12 @@ impl Args {
 
 /// Runs the monitor. The exit code also says whether its recording is complete.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let machine = machine_option::load(args.machine.as_deref()).map_err(MonitorError::from)?.map(Arc::new);
+    let given = args.machine.as_deref();
+    let machine = match &args.recording {
+        Some(file) => machine_option::of_recording(given, recording::carried(file).as_deref()),
+        None => machine_option::of_link(given, args.link.as_ref()),
+    };
+    let machine = machine.map_err(MonitorError::from)?.map(Arc::new);
     let code = show(args, machine.as_ref())?;
     if code != ExitCode::SUCCESS || args.recording.is_some() {
         return Ok(code);

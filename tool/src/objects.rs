@@ -143,6 +143,17 @@ pub fn converted(bytes: &[u8], file: &Path, device: Option<&str>) -> Result<Stri
     Ok(lines)
 }
 
+/// The objects that an ESI file lists for the device with this product code.
+///
+/// # Errors
+/// [`ObjectsError`] if the file cannot be read, is no ESI file, or has no object dictionary for such a device.
+pub fn of_esi(file: &Path, product: u32) -> Result<ManufacturerObjects, ObjectsError> {
+    let bytes = manufacturer_objects::read_bytes(file, ESI_BYTES_MAX)?;
+    let device = format!("0x{product:08X}");
+    let esi = esi::read(&bytes, Some(&device)).map_err(|error| ObjectsError::Esi { file: file.to_owned(), error })?;
+    Ok(ManufacturerObjects::of(esi.objects))
+}
+
 /// The largest ESI file that is read, in bytes \[OURS]. Manufacturers put all their devices into one file.
 const ESI_BYTES_MAX: u64 = 64 << 20;
 

@@ -5,11 +5,13 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use ecmsk::engine::Firmware;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{
-    Address, AddressError, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, WindowOf, board_in,
+    Address, AddressError, CarriedFile, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, WindowOf,
+    board_in,
 };
 use ecmsk::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use ecmsk::sk::{FRAME_LEN, SlotSize};
@@ -102,6 +104,11 @@ impl Frames<Box<dyn Read>> {
     }
 }
 
+/// The machine file that a recording carries; `None` if it carries none, or the file cannot be read.
+pub fn carried(file: &Path) -> Option<Arc<CarriedFile>> {
+    Recording::open(file).ok()?.meta()?.machine.clone()
+}
+
 /// Opens a file, or standard input for `-`. Returns it with its name for messages.
 ///
 /// # Errors
@@ -139,6 +146,12 @@ impl<R: Read> Frames<R> {
         };
         frames.look_ahead();
         Ok(frames)
+    }
+
+    /// The machine file that the recording carries; `None` if it carries none.
+    pub fn carried(&self) -> Option<Arc<CarriedFile>> {
+        let first = self.ahead.front().and_then(|found| found.as_ref().ok()).and_then(|(_, meta)| meta.as_deref());
+        first.or(self.recording.meta())?.machine.clone()
     }
 
     /// The number of frames in the whole recording, if only a part of it is read.

@@ -27,7 +27,7 @@ use super::board::{BoardError, slaves_words, units_words};
 use super::flight_option::FlightArgs;
 use super::link_option::ChosenLink;
 use super::stderr::say;
-use super::{CliError, control_option, output, recording_end, signals, streams};
+use super::{CliError, control_option, machine_option, output, recording_end, signals, streams};
 
 /// Serve a board, a chip ECM-XF or slaves to other processes and machines
 #[derive(clap::Args)]
@@ -93,6 +93,9 @@ struct Tcp {
     #[arg(long, value_name = "N", value_parser = units_words, allow_hyphen_values = true)]
     counts_per_unit: Option<String>,
 
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
+
     #[command(flatten)]
     flight: FlightArgs,
 
@@ -150,7 +153,12 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     // Signals are watched before anything can move, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     streams::queue().map_err(no_thread)?;
-    let controlled = control_option::controlled(served(args.link.as_ref())?, args.control.as_deref())?;
+    let machine = machine_option::load(args.machine.as_deref()).map_err(BoardError::from)?;
+    let chosen = ChosenLink::find_with(args.link.as_ref(), machine.as_ref()).map_err(BoardError::from)?;
+    if !chosen.is_named() {
+        return Err(CliError::NothingToServe);
+    }
+    let controlled = control_option::controlled(chosen.uri, args.control.as_deref())?;
     let recorded = args.flight.added_to(&controlled)?;
     let uri = recorded.to_string();
     let options = ServeOptions {
@@ -162,6 +170,7 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
             slaves: args.slaves.clone().unwrap_or_default(),
             counts_per_unit: args.counts_per_unit.clone().unwrap_or_default(),
         },
+        machine: machine.as_ref().and_then(machine_option::carried).map(Arc::new),
         tell: Arc::new(|line| say("serve", &line)),
         ..ServeOptions::default()
     };

@@ -68,7 +68,7 @@ impl Step {
         }
         let Some(network) = network else { return Ok(()) };
         match self {
-            Self::Io(args) => args.check(network),
+            Self::Io(args) => args.check(network, units.machine),
             Self::Servo(args) => args.check(network, units),
             Self::Home(args) => args.check(network, units),
             Self::Move(args) => args.check(network, units),
@@ -147,6 +147,9 @@ verbs! {
 /// [`BoardError`] if the board cannot be opened, the step is invalid on this network or fails, or a signal stops it.
 pub fn run(verb: Verb) -> Result<(), BoardError> {
     let (step, args) = verb.split();
+    if let Step::Io(io) = &step {
+        io.check_names(args.machine(step.uses())?.as_ref())?;
+    }
     if let Step::Move(moves) = &step {
         let machine = args.machine(step.uses())?;
         moves.check_only_units(Units { option: args.scales(), numbers: args.scales(), machine: machine.as_ref() })?;

@@ -133,11 +133,11 @@ pub enum SummaryError {
 /// # Errors
 /// [`CliError`] if the recording or the machine file cannot be read, or standard output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let machine = machine_option::load(args.machine.as_deref())?;
     let is_file = args.file.as_os_str() != "-";
     args.check_files()?;
     let device = if is_file { board(&args.file, args.device)? } else { args.device };
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
+    let machine = machine_option::of_recording(args.machine.as_deref(), frames.carried().as_deref())?;
     let times = args.times.times();
     let (mut events, mut extremes) = (Events::new(times), Extremes::new(times));
     let mut survey = args.html.is_some().then(Survey::default);

@@ -284,6 +284,11 @@ pub const KEYS: &[Key] = &[
                   every exchange; not given: no recording",
     },
     Key {
+        name: "axes", schemes: &Scheme::ALL, syntax: Syntax::File, default: None, example: "/tmp/machine.toml",
+        meaning: "a machine file: recordings carry it, and a target of a program beyond the limits of an axis is reported, or not sent if \
+                  the file says so; not given: the one of machine=, if there is one",
+    },
+    Key {
         name: "flight", schemes: &Scheme::ALL, syntax: Syntax::Folder, default: None, example: "/tmp/flight",
         meaning: "keep the frames of the last hours in that folder, and what surrounds an alarm, a lost slave or a mark for longer \
                   (`ecmsk flight`); not given: no flight recorder",

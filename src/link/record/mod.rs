@@ -176,7 +176,7 @@ impl RecordMeta {
             let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
             (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
         };
-        Self { slot, clock, base_ns, opened_ns: Some(link_time.0), link }
+        Self { slot, clock, base_ns, opened_ns: Some(link_time.0), link, machine: None }
     }
 }
 

@@ -187,15 +187,14 @@ pub(super) struct Capture<E> {
 impl<E: Entry> Capture<E> {
     /// Writes the headers of the section. Fails if the disk has no room for them and for the end of the section.
     pub fn begin(loss: Loss, sink: Sink, meta: &RecordMeta) -> io::Result<Self> {
-        let section = SectionHeaderBlock {
-            endianness: Endianness::Little,
-            options: vec![
-                SectionHeaderOption::Comment(Cow::Owned(meta.to_string())),
-                SectionHeaderOption::Hardware(Cow::Borrowed(E::HARDWARE)),
-                SectionHeaderOption::UserApplication(Cow::Borrowed(concat!("ecmsk ", env!("CARGO_PKG_VERSION")))),
-            ],
-            ..SectionHeaderBlock::default()
-        };
+        let mut options = vec![
+            SectionHeaderOption::Comment(Cow::Owned(meta.to_string())),
+            SectionHeaderOption::Hardware(Cow::Borrowed(E::HARDWARE)),
+            SectionHeaderOption::UserApplication(Cow::Borrowed(concat!("ecmsk ", env!("CARGO_PKG_VERSION")))),
+        ];
+        let machine = meta.machine.iter().flat_map(|machine| machine.comments());
+        options.extend(machine.map(|comment| SectionHeaderOption::Comment(Cow::Owned(comment))));
+        let section = SectionHeaderBlock { endianness: Endianness::Little, options, ..SectionHeaderBlock::default() };
         let room = BATCH_BYTES + (SORTED_FRAMES + 2) * (E::PACKET_MAX + AROUND_PACKET);
         let mut blocks = PcapNgWriter::with_section_header(Vec::with_capacity(room), section).map_err(io_error)?;
         let interface = InterfaceDescriptionBlock {

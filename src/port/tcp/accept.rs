@@ -289,6 +289,7 @@ const fn role_name(role: Role) -> &'static str {
         Role::Writer => "writer",
         Role::Reader => "reader",
         Role::Stopper => "client that asks for a stop",
+        Role::Asker => "client that asks for the machine file",
     }
 }
 

@@ -24,6 +24,8 @@ use crate::tcp::{Channel, PROOF_LEN};
 const STOPPERS_MAX: usize = 4;
 /// How long an opened board may take to show how wide its slots are, before clients are served without that. \[OURS]
 const SIZE_WAIT: Duration = Duration::from_millis(200);
+/// The most clients at a time that ask for the machine file. \[OURS]
+const ASKERS_MAX: usize = 4;
 
 /// A board that the server has open.
 pub(super) struct Board {
@@ -207,7 +209,7 @@ pub(super) struct Joining<'a> {
 impl Hub {
     pub(super) fn new(options: ServeOptions) -> Self {
         let board = Err("it is being opened".to_owned());
-        let clients = Vec::with_capacity(options.max_clients.saturating_add(STOPPERS_MAX));
+        let clients = Vec::with_capacity(options.max_clients.saturating_add(STOPPERS_MAX + ASKERS_MAX));
         let state = State {
             board,
             clients,
@@ -289,11 +291,13 @@ impl Hub {
         // While there is no writer, readers cannot have the last free place: it is kept for a writer. Clients that ask for
         // a stop have places of their own, so that the others cannot keep them out.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
-        let stoppers = state.clients.iter().filter(|client| client.role == Role::Stopper).count();
+        let count = |role| state.clients.iter().filter(|client| client.role == role).count();
+        let (stoppers, askers) = (count(Role::Stopper), count(Role::Asker));
         let (taken, places) = match joining.role {
             Role::Stopper => (stoppers, STOPPERS_MAX),
+            Role::Asker => (askers, ASKERS_MAX),
             Role::Writer | Role::Reader => {
-                (state.clients.len() - stoppers + usize::from(kept), self.options.max_clients)
+                (state.clients.len() - stoppers - askers + usize::from(kept), self.options.max_clients)
             }
         };
         if taken >= places {

@@ -57,7 +57,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crate::link::{KnownNetwork, Link, LinkError, LinkInfo};
+use crate::link::{CarriedFile, KnownNetwork, Link, LinkError, LinkInfo};
 use crate::notes::NoteThread;
 use crate::tcp::Secret;
 use crate::threads;
@@ -96,6 +96,8 @@ pub struct ServeOptions {
     /// The slaves and the counts per unit of their axes that the server tells its clients. An empty field is filled
     /// from passing frames, or else from the board's link.
     pub network: KnownNetwork,
+    /// The machine file that the server tells clients that ask for one ([`machine`](crate::link::tcp::machine)).
+    pub machine: Option<Arc<CarriedFile>>,
     /// How long a new connection may take to send its first message, the Hello; 2 s by default.
     pub hello_limit: Duration,
     /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
@@ -111,6 +113,7 @@ impl Default for ServeOptions {
             on_vanish: OnVanish::default(),
             max_clients: 16,
             network: KnownNetwork::default(),
+            machine: None,
             hello_limit: Duration::from_secs(2),
             tell: Arc::new(|line| log::info!("{line}")),
         }

@@ -9,7 +9,7 @@ use super::hub::{Board, Hub, Joining, StopProgress, StopStep};
 use super::vanish;
 use crate::link::{Dir, Link, LinkError, Wait, check_pass};
 use crate::sk::Frame;
-use crate::tcp::wire::{Counts, End, Failure, Hello, Message, Refusal, Role, WireError};
+use crate::tcp::wire::{Counts, End, Failure, Hello, Message, PART_MAX, Refusal, Role, WireError};
 use crate::tcp::{Inbox, PROOF_LEN};
 
 /// How often a write that waits for the board checks whether its client has cancelled it. \[OURS]
@@ -144,6 +144,15 @@ impl<'a> Session<'a> {
             }
             Message::Stop { request, off } if self.client.role == Role::Stopper => {
                 self.begin(request, Work::Stop { off, progress: self.hub.begin_stop() });
+                return Ok(());
+            }
+            Message::Ask { request, from } if self.client.role == Role::Asker => {
+                let file = self.hub.options.machine.as_deref();
+                let (name, text) = file.map_or(("", ""), |file| (file.name(), file.text()));
+                let part = text.as_bytes().get(from as usize..).unwrap_or_default();
+                let part = &part[..part.len().min(PART_MAX)];
+                let length = u32::try_from(text.len()).unwrap_or(u32::MAX);
+                self.client.reply(&Message::Machine { request, length, name, part });
                 return Ok(());
             }
             _ if self.client.role != Role::Writer => return Err(out_of_turn),

@@ -6,6 +6,7 @@
 
 use std::borrow::Cow;
 use std::io::Read;
+use std::sync::Arc;
 
 use pcap_file::pcap::PcapParser;
 use pcap_file::pcapng::blocks::interface_description::{InterfaceDescriptionBlock, InterfaceDescriptionOption};
@@ -22,7 +23,7 @@ use super::input::Input;
 use super::number;
 use crate::recording::error::RecordError;
 use crate::recording::lacks::Lost;
-use crate::recording::meta::{APPLICATION, RecordMeta};
+use crate::recording::meta::{APPLICATION, CarriedFile, RecordMeta};
 
 /// Longest block that is read into memory. \[OURS] Real ones are a thousand times shorter.
 const LONGEST_BLOCK: usize = 16 * 1024 * 1024;
@@ -176,10 +177,15 @@ fn malformed(name: &str, offset: u64, reason: &PcapError) -> RecordError {
 }
 
 fn section(header: &SectionHeaderBlock<'_>) -> Item<'static> {
-    let meta = header.options.iter().find_map(|option| match option {
-        SectionHeaderOption::Comment(comment) => RecordMeta::from_comment(comment),
-        _ => None,
-    });
+    let comments = || {
+        header.options.iter().filter_map(|option| match option {
+            SectionHeaderOption::Comment(comment) => Some(&**comment),
+            _ => None,
+        })
+    };
+    let meta = comments().find_map(RecordMeta::from_comment);
+    let machine = || CarriedFile::from_comments(comments()).map(Arc::new);
+    let meta = meta.map(|meta| RecordMeta { machine: machine(), ..meta });
     let ours = |option: &SectionHeaderOption<'_>| match option {
         SectionHeaderOption::UserApplication(name) => name.starts_with(APPLICATION),
         _ => false,

@@ -55,6 +55,7 @@ pub use pdo::{MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoMap, Pdo
 pub(crate) use raw::RAW_HEAD;
 pub(super) use raw::raw_data;
 pub use raw::{RAW_DATA_MAX, RawOperation};
+pub(crate) use sdo::SDO_HEAD;
 pub use sdo::{SDO_DATA_MAX, SdoOperation};
 pub use slave::Direction;
 pub use table::Request;

@@ -18,12 +18,14 @@ layout! {
 
 /// The maximum number of bytes that [`SdoRequest`] writes.
 pub const SDO_DATA_MAX: usize = 256;
+/// The place of the data to write behind the fields of [`SdoRequest`], bytes.
+pub(crate) const SDO_HEAD: usize = 12;
 
 layout! {
     /// The operation of [`SdoRequest`].
     pub enum SdoOperation<'d> by operation: u8 = at(0), "operation", "0 write, 1 read" {
         /// Writes these bytes, at most [`SDO_DATA_MAX`].
-        Write = 0 (data: &'d [u8] = tail(12)
+        Write = 0 (data: &'d [u8] = tail(SDO_HEAD as u16)
             .counted(at(6), "SDO_REQ data length", Allowed::AtMost(SDO_DATA_MAX as u32))
             .all_valid("SDO_REQ valid data length")),
         /// Reads the object; [`SdoGet`] then returns the data.

@@ -130,7 +130,7 @@ impl Write for Memory {
 }
 
 pub fn meta(clock: Clock, base_ns: u64) -> RecordMeta {
-    RecordMeta { slot: Some(SlotSize::Bytes12), clock, base_ns, opened_ns: None, link: URI.to_owned() }
+    RecordMeta { slot: Some(SlotSize::Bytes12), clock, base_ns, opened_ns: None, link: URI.to_owned(), machine: None }
 }
 
 /// A frame that differs from all others.

@@ -80,6 +80,8 @@ pub struct Board {
     pub(super) adopted: Cell<bool>,
     /// For each slave the target at which its last move ended, in counts.
     targets: RefCell<BTreeMap<u8, i32>>,
+    /// For each IO slave the outputs that this process has set.
+    outputs: RefCell<BTreeMap<u8, u16>>,
 }
 
 impl Board {
@@ -101,7 +103,7 @@ impl Board {
         })?;
         let machine = args.machine(board_use)?;
         let chosen = args.chosen(machine.as_ref())?;
-        let uri = args.with_record(&chosen.uri)?;
+        let uri = args.with_record(&chosen.uri, machine.as_ref())?;
         let slot = args.slot_size();
         let default = Options::default();
         let limit = |default| args.timeout.unwrap_or(default);
@@ -157,6 +159,7 @@ impl Board {
             source,
             adopted: Cell::new(adopted),
             targets: RefCell::default(),
+            outputs: RefCell::default(),
         })
     }
 
@@ -306,6 +309,16 @@ impl Board {
     /// Notes that a move has ended at this target.
     pub fn note_target(&self, slave: u8, target: i32) {
         self.targets.borrow_mut().insert(slave, target);
+    }
+
+    /// The outputs of an IO slave, if this process has set them; bit k is output k.
+    pub fn outputs(&self, slave: u8) -> Option<u16> {
+        self.outputs.borrow().get(&slave).copied()
+    }
+
+    /// Notes that the outputs of an IO slave were set.
+    pub fn note_outputs(&self, slave: u8, bits: u16) {
+        self.outputs.borrow_mut().insert(slave, bits);
     }
 
     /// Forgets all targets, because axes get new coordinates or are switched off.

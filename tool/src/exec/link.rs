@@ -6,41 +6,54 @@ use std::path::{Path, PathBuf};
 
 use ecmsk::link::config::{self, Environment};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::machine_file::MachineFile;
 
-use super::ExecError;
 use super::clock::ProgramClock;
-use crate::flight_option::FlightArgs;
+use super::{Args, ExecError};
 use crate::{control_option, record_option};
 
-/// The link to set for `program`: the user's, with the recording, the control socket and the clock if they are given. `None`
-/// leaves the choice to the library.
+/// The link to set for `program`: the user's, with the machine file, the recording, the control socket and the clock if they
+/// are given. `None` leaves the choice to the library.
 ///
-/// The keys `record=`, `control=`, `clock=` and `flight=` are part of a link. So if the user has given no link, they are
-/// added to the link that the library would choose.
+/// The keys `axes=`, `record=`, `control=`, `clock=` and `flight=` are part of a link. So if the user has given no link, they
+/// are added to the link of the machine file, or to that which the library would choose.
 pub fn for_program(
-    link: Option<&LinkUri>,
-    record: Option<&Path>,
-    control: Option<&str>,
-    clock: Option<ProgramClock>,
-    flight: &FlightArgs,
+    args: &Args,
+    machine: Option<MachineFile>,
     program: &Path,
     library: &Path,
 ) -> Result<Option<LinkUri>, ExecError> {
-    let is_changed = record.is_some() || control.is_some() || clock.is_some() || flight.is_given();
-    let link = match link {
-        Some(link) => link.clone(),
-        None if !is_changed => return Ok(None),
-        None => configured(program, library)?,
+    let Args { record, control, clock, flight, .. } = args;
+    let is_changed = machine.is_some() || record.is_some() || control.is_some() || clock.is_some() || flight.is_given();
+    // The path is made absolute, because a program may change its working directory before it opens the board.
+    let machine = machine.map(|mut machine| {
+        machine.path = std::path::absolute(&machine.path).unwrap_or(machine.path);
+        machine
+    });
+    let is_variable_set = env::var_os(config::LINK_VARIABLE).is_some_and(|value| !value.is_empty());
+    let of_file = machine.as_ref().filter(|_| !is_variable_set).and_then(|machine| machine.link.clone());
+    let link = match (&args.link, of_file) {
+        (Some(link), _) => link.clone(),
+        (None, _) if !is_changed => return Ok(None),
+        (None, Some(link)) => link,
+        (None, None) => configured(program, library)?,
+    };
+    let link = match &machine {
+        Some(machine) => {
+            let link = machine.link(Some(&link)).unwrap_or(link);
+            link.with_axes(&machine.path.display().to_string())
+        }
+        None => link,
     };
     if !link.scheme().in_build() {
         return Err(ExecError::NotInBuild { link });
     }
-    let link = control_option::controlled(link, control)?;
+    let link = control_option::controlled(link, control.as_deref())?;
     let link = match clock {
         Some(ProgramClock::Virtual) => virtual_time(link)?,
         None => link,
     };
-    let link = record.map_or(Ok(link.clone()), |file| record_option::with_record(&link, file))?;
+    let link = record.as_deref().map_or(Ok(link.clone()), |file| record_option::with_record(&link, file))?;
     Ok(Some(flight.added_to(&link)?))
 }
 

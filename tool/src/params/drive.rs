@@ -8,19 +8,24 @@ use ecmsk::coe::{AbortCode, ObjectAccess, ObjectAddress, ObjectCode, SdoScope};
 use ecmsk::ecm::{Ecm, EcmError};
 use ecmsk::master::SdoError;
 use ecmsk::slave::dictionary::Access;
-use ecmsk::slave::{ManufacturerObject, ManufacturerObjects, ManufacturerType, ManufacturerValue, Mappable};
+use ecmsk::slave::{ManufacturerObject, ManufacturerType, ManufacturerValue, Mappable};
 
 use super::ParamsError;
 use super::choice::is_parameter;
 use super::file::{Device, IDENTITY, TEXTS};
+use super::kept::{Carries, Kept};
 
 /// The answer of a drive to an SDO request: a value, or an abort code.
 pub type Answer<T> = Result<T, AbortCode>;
 
 /// A drive on any link. The outer error of a method means that the drive or its link does not answer.
 pub trait Drive {
-    /// Chooses the slave, from 1, for all following calls.
-    fn choose(&mut self, slave: u8);
+    /// The numbers of the slaves.
+    fn slaves(&mut self) -> Result<Vec<u8>, ParamsError>;
+
+    /// Chooses the slave, from 1, for all following calls. Behind a board a slave that is missing shows when its first object
+    /// is read.
+    fn choose(&mut self, slave: u8) -> Result<(), ParamsError>;
 
     /// Reads an object. Behind a board the result is always 4 bytes, little-endian. A shorter value is the first of them,
     /// and a longer value is cut.
@@ -30,11 +35,12 @@ pub trait Drive {
     /// another length is answered with [`AbortCode::LENGTH`].
     fn write(&mut self, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError>;
 
-    /// Reads all parameters of the drive; they are sorted by address. `at` is called with each index before it is read.
-    fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError>;
+    /// Reads all parameters of the drive, without a list of its maker's objects; they are sorted by address. `at` is called with
+    /// each index before it is read.
+    fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Kept, ParamsError>;
 
-    /// The length of the longest value that can be transferred, in bytes.
-    fn bytes_max(&self) -> usize;
+    /// The values that the link transfers whole.
+    fn carries(&self) -> Carries;
 
     /// Reads the identity of the drive from its objects. Numbers that it does not have are 0, texts are empty.
     fn device(&mut self) -> Result<Device, ParamsError> {
@@ -44,7 +50,7 @@ pub trait Drive {
         };
         let [vendor, product, revision, serial] = [number(1)?, number(2)?, number(3)?, number(4)?];
         let mut texts = [const { String::new() }; 3];
-        if self.bytes_max() > size_of::<u32>() {
+        if self.carries() != Carries::Board {
             for ((_, object), text) in TEXTS.iter().zip(&mut texts) {
                 let bytes = self.read(*object)?.unwrap_or_default();
                 *text = String::from_utf8_lossy(&bytes).trim_end_matches('\0').trim().to_owned();
@@ -57,6 +63,8 @@ pub trait Drive {
 /// A drive on a network of this process. All of its objects are found by its SDO information service.
 pub struct OnNetwork {
     pub network: Box<dyn Network>,
+    /// The slaves that the scan has found.
+    pub slaves: Vec<u8>,
     pub slave: u8,
 }
 
@@ -70,8 +78,16 @@ fn answered<T>(done: Result<T, BusError>) -> Result<Answer<T>, ParamsError> {
 }
 
 impl Drive for OnNetwork {
-    fn choose(&mut self, slave: u8) {
+    fn slaves(&mut self) -> Result<Vec<u8>, ParamsError> {
+        Ok(self.slaves.clone())
+    }
+
+    fn choose(&mut self, slave: u8) -> Result<(), ParamsError> {
+        if !self.slaves.contains(&slave) {
+            return Err(BusError::NoSuchSlave { slave, found: self.slaves.len() }.into());
+        }
         self.slave = slave;
+        Ok(())
     }
 
     fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError> {
@@ -82,28 +98,32 @@ impl Drive for OnNetwork {
         answered(self.network.download(self.slave, object, SdoScope::Entry, value))
     }
 
-    fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError> {
-        let mut found = Vec::new();
-        for object in dictionary::objects(&mut *self.network, self.slave)? {
+    fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Kept, ParamsError> {
+        let slave = self.slave;
+        let listed = dictionary::objects(&mut *self.network, slave).map_err(|error| match error {
+            BusError::NoInformation { slave } => ParamsError::NoList { slave },
+            error => error.into(),
+        })?;
+        let mut kept = Kept::default();
+        for object in listed {
             at(object.index);
             if !is_parameter(ObjectAddress::new(object.index, 0)) || !has_values(object.code) {
                 continue;
             }
-            for entry in dictionary::entries(&mut *self.network, self.slave, &object)? {
+            for entry in dictionary::entries(&mut *self.network, slave, &object)? {
                 if !entry.access.intersects(ObjectAccess::READ) || !entry.access.intersects(ObjectAccess::WRITE) {
                     continue;
                 }
-                // An object that the dictionary lists but that cannot be read has no value to save.
-                if let Ok(bytes) = self.read(entry.object)? {
-                    found.push(parameter(&object, &entry, &bytes));
-                }
+                let answer = self.read(entry.object)?;
+                let bytes = answer.as_ref().map_or(0, Vec::len);
+                kept.put(parameter(&object, &entry, bytes), answer, self.carries());
             }
         }
-        Ok(found)
+        Ok(kept)
     }
 
-    fn bytes_max(&self) -> usize {
-        usize::MAX
+    fn carries(&self) -> Carries {
+        Carries::AtMost(self.network.value_bytes_max())
     }
 }
 
@@ -111,7 +131,8 @@ const fn has_values(code: ObjectCode) -> bool {
     !matches!(code, ObjectCode::Domain | ObjectCode::DefType | ObjectCode::DefStruct)
 }
 
-fn parameter(object: &Object, entry: &Entry, bytes: &[u8]) -> ManufacturerObject {
+/// The parameter without its value, which has this length in bytes.
+fn parameter(object: &Object, entry: &Entry, bytes: usize) -> ManufacturerObject {
     let name = match entry.name.as_str() {
         "" => object.name.clone(),
         name if name == object.name => name.to_owned(),
@@ -119,10 +140,10 @@ fn parameter(object: &Object, entry: &Entry, bytes: &[u8]) -> ManufacturerObject
     };
     ManufacturerObject {
         address: entry.object,
-        data: ManufacturerType::of_code(entry.data_type, bytes.len()),
+        data: ManufacturerType::of_code(entry.data_type, bytes),
         access: Access::ReadWrite,
         mappable: Mappable::default(),
-        value: ManufacturerValue::of_bytes(bytes),
+        value: ManufacturerValue::of_bytes(&[]),
         name,
     }
 }
@@ -131,10 +152,10 @@ fn parameter(object: &Object, entry: &Entry, bytes: &[u8]) -> ManufacturerObject
 pub struct BehindBoard {
     pub ecm: Ecm,
     pub slave: u8,
-    /// The objects of the drive with their types, from the file of `--objects`. `None`: all indexes of [`TRIED`] are tried.
-    pub known: Option<ManufacturerObjects>,
 }
 
+/// The device type, which every slave has.
+const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
 /// The indexes that are tried if no file lists the objects: manufacturer-specific objects, and those of CiA 402 for one axis.
 const TRIED: [RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x67FF];
 
@@ -154,8 +175,22 @@ const fn is_length(code: AbortCode) -> bool {
 }
 
 impl Drive for BehindBoard {
-    fn choose(&mut self, slave: u8) {
+    /// Asks the slaves one after the other, up to the first that does not answer.
+    fn slaves(&mut self) -> Result<Vec<u8>, ParamsError> {
+        let mut found = Vec::new();
+        for slave in 1..=self.ecm.slot_size()?.max_slaves() as u8 {
+            match self.ecm.sdo_read::<u32>(slave, DEVICE_TYPE) {
+                Err(EcmError::SdoAborted { code: AbortCode::TIMEOUT, .. } | EcmError::Timeout { .. }) => break,
+                Ok(_) | Err(EcmError::SdoAborted { .. }) => found.push(slave),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        if found.is_empty() { Err(BusError::NoSlave.into()) } else { Ok(found) }
+    }
+
+    fn choose(&mut self, slave: u8) -> Result<(), ParamsError> {
         self.slave = slave;
+        Ok(())
     }
 
     fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError> {
@@ -173,54 +208,22 @@ impl Drive for BehindBoard {
         }
     }
 
-    fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError> {
-        match self.known.clone() {
-            Some(known) => self.values(&known, at),
-            None => self.found(at),
-        }
-    }
-
-    fn bytes_max(&self) -> usize {
-        size_of::<u32>()
-    }
-}
-
-impl BehindBoard {
-    /// Reads the objects that the file of `--objects` lists. Objects longer than the 4 bytes of a board are left out.
-    fn values(
-        &self,
-        known: &ManufacturerObjects,
-        at: &mut dyn FnMut(u16),
-    ) -> Result<Vec<ManufacturerObject>, ParamsError> {
-        let mut found = Vec::new();
-        for object in known.objects() {
-            at(object.address.index);
-            let len = object.data.bytes().map_or(size_of::<u32>(), usize::from);
-            if object.access == Access::ReadOnly || object.access == Access::WriteOnly || len > size_of::<u32>() {
-                continue;
-            }
-            if !is_parameter(object.address) {
-                continue;
-            }
-            if let Ok(bits) = told(self.ecm.sdo_read::<u32>(self.slave, object.address))? {
-                found
-                    .push(ManufacturerObject { value: ManufacturerValue::of_bits(bits.into(), len), ..object.clone() });
-            }
-        }
-        Ok(found)
-    }
-
-    /// Reads the objects of [`TRIED`] that exist. Their types are not known, nor whether they can be written.
-    fn found(&self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError> {
-        let mut found = Vec::new();
+    /// Reads the objects of [`TRIED`] that exist. Their types are not known, nor whether they can be written. Of a longer
+    /// value the first 4 bytes are kept, since a board does not show the length.
+    fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Kept, ParamsError> {
+        let mut kept = Kept::default();
         let mut keep = |object: ManufacturerObject| {
             if object.access != Access::WriteOnly && is_parameter(object.address) {
-                found.push(object);
+                kept.objects.push(object);
             }
             Ok::<_, ParamsError>(())
         };
         crate::objects::read_drive(&self.ecm, self.slave, &TRIED, &mut keep, at)?;
-        Ok(found)
+        Ok(kept)
+    }
+
+    fn carries(&self) -> Carries {
+        Carries::Board
     }
 }
 

@@ -67,14 +67,30 @@ pub enum ParamsError {
         /// The state of the network.
         state: String,
     },
-    /// `all` is requested behind a board, which does not say how many slaves it has.
+    /// A chip runs its network in SafeOP or OP for another program, so that drives may be moving. Parameters are not written
+    /// then.
     #[error(
-        "a board does not tell which slaves it has; keep the parameters of one after the other: `ecmsk params backup 1`"
+        "nothing was written: slave {slave} is in {state}, where drives may move; end the program that runs the network of this chip, \
+         or say `ecmsk xf state preop`"
     )]
-    AllBehindBoard,
-    /// `--objects` is given for a network, where drives list their objects themselves.
-    #[error("a drive on a network of its own says itself which objects it has; leave out --objects")]
-    ObjectsOnNetwork,
+    ChipRuns {
+        /// The slave, from 1.
+        slave: u8,
+        /// The name of its state.
+        state: &'static str,
+    },
+    /// A slave has no SDO information service, and the user names no list of its objects.
+    #[error(
+        "slave {slave} does not list its objects (no SDO information); name them with --objects: the ESI file of its maker, or a list \
+         of `ecmsk objects`"
+    )]
+    NoList {
+        /// The slave, from 1.
+        slave: u8,
+    },
+    /// The ESI file of `--objects` has no objects of this drive, or cannot be read.
+    #[error("{0}; or make a list of its objects, `ecmsk objects from-esi`, and name that with --objects")]
+    Esi(#[from] crate::objects::ObjectsError),
     /// The parameters in the file are those of another product.
     #[error("nothing was written: {what}; give the file of such a drive, or say --force")]
     OtherProduct {
@@ -84,14 +100,22 @@ pub enum ParamsError {
     /// Parameters differ, and the user has not confirmed writing them.
     #[error("nothing was written; look at what differs, and say --yes")]
     NotConfirmed,
+    /// The drive or its link was lost before anything was written to it.
+    #[error("{0}; nothing was written")]
+    Untouched(Box<ParamsError>),
     /// The drive or its link was lost in the middle of a restore.
     #[error(
-        "{error}; {decided} parameters were decided before, {left} were not: some of them may be written; restore once more"
+        "{error}; the restore has ended early: {written} written and read back, {failed} refused, {sent} may be written, {left} not \
+         written; restore once more"
     )]
     Halfway {
-        /// The number of parameters that were written and read back, or refused.
-        decided: usize,
-        /// The number of remaining differences: not written, or not read back.
+        /// The number of parameters that were written and read back.
+        written: usize,
+        /// The number of parameters that the drive has refused, or has with another value.
+        failed: usize,
+        /// The number of parameters that may be written, and were not read back.
+        sent: usize,
+        /// The number of parameters that were not written.
         left: usize,
         /// The error that has ended the restore.
         error: Box<ParamsError>,
@@ -124,7 +148,7 @@ impl ParamsError {
     pub const fn code(&self) -> u8 {
         match self {
             Self::NotCompared(_) => crate::compare::TROUBLE,
-            Self::NoLink | Self::ObjectsOnNetwork | Self::AllBehindBoard => crate::WRONG_COMMAND_LINE,
+            Self::NoLink => crate::WRONG_COMMAND_LINE,
             _ => 1,
         }
     }

@@ -5,9 +5,10 @@ use std::path::Path;
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::link::manufacturer_objects;
-use ecmsk::slave::{MANUFACTURER_FILE_BYTES_MAX, ManufacturerObject, ManufacturerObjects};
+use ecmsk::slave::{MANUFACTURER_FILE_BYTES_MAX, ManufacturerObjects};
 
 use super::ParamsError;
+use super::kept::Kept;
 
 /// The identity of the drive that parameters were read from: the numbers of object 0x1018, and the texts 0x1008 to 0x100A.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -29,6 +30,9 @@ pub const TEXTS: [(&str, ObjectAddress); 3] = [
     ("hardware", ObjectAddress::new(0x1009, 0)),
     ("firmware", ObjectAddress::new(0x100A, 0)),
 ];
+
+/// The beginning of the comment for a parameter that the backup has left out.
+const NOT_KEPT: &str = "# not kept: ";
 
 impl Device {
     /// The numbers of the identity, each with its key in the comments of a parameter file.
@@ -61,6 +65,8 @@ pub struct ParameterFile {
     /// The drive that the parameters were read from; `None` if the file does not say so, such as a file of `ecmsk objects`.
     pub device: Option<Device>,
     pub objects: ManufacturerObjects,
+    /// How many parameters of the drive the backup has left out, by the comments of the file.
+    pub not_kept: usize,
 }
 
 impl ParameterFile {
@@ -77,11 +83,12 @@ impl ParameterFile {
         if objects.objects().is_empty() {
             return Err(wrong("it has no object".to_owned()));
         }
-        Ok(Self { device: device(&text), objects })
+        let not_kept = text.lines().filter(|line| line.starts_with(NOT_KEPT)).count();
+        Ok(Self { device: device(&text), objects, not_kept })
     }
 
     /// The text of a parameter file. `source` is the slave and its link, `time` the time of reading it.
-    pub fn text(device: &Device, objects: &[ManufacturerObject], source: &str, time: &str) -> String {
+    pub fn text(device: &Device, kept: &Kept, source: &str, time: &str) -> String {
         let line = |text: &str| text.replace(|c: char| c.is_control(), " ");
         let mut text = format!("# parameters of {}, read {time}\n#", line(source));
         // Writing to a String does not fail.
@@ -93,7 +100,10 @@ impl ParameterFile {
             let _ = writeln!(text, "# {word}: {}", line(value));
         }
         text += "# a line is INDEX:SUB TYPE ACCESS VALUE NAME; `ecmsk params restore` writes the values back\n";
-        for object in objects {
+        for left in &kept.left_out {
+            let _ = writeln!(text, "{NOT_KEPT}{}: {}", line(left.to_string().trim()), left.why);
+        }
+        for object in &kept.objects {
             let _ = writeln!(text, "{object}");
         }
         text
@@ -123,6 +133,7 @@ fn device(text: &str) -> Option<Device> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::kept::{LeftOut, Why};
     use super::*;
 
     fn a_device() -> Device {
@@ -140,16 +151,19 @@ mod tests {
     fn a_file_is_read_as_it_was_written() {
         let objects =
             ManufacturerObjects::parse("0x2000:0 u16 rw 0x10 Gain\n0x3000:1 text rw \"a\\x00\" Name\n").unwrap();
-        let text = ParameterFile::text(&a_device(), objects.objects(), "slave 1 of nic:eth1", "2026-11-28T10:00:00Z");
+        let left_out = LeftOut { address: ObjectAddress::new(0x2001, 0), name: "Long".to_owned(), why: Why::Text };
+        let kept = Kept { objects: objects.objects().to_vec(), left_out: vec![left_out] };
+        let text = ParameterFile::text(&a_device(), &kept, "slave 1 of nic:eth1", "2026-11-28T10:00:00Z");
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.params");
         std::fs::write(&file, &text).unwrap();
         let read = ParameterFile::read(&file).unwrap();
-        assert_eq!(read, ParameterFile { device: Some(a_device()), objects });
+        assert_eq!(read, ParameterFile { device: Some(a_device()), objects, not_kept: 1 });
         assert!(
             text.starts_with("# parameters of slave 1 of nic:eth1, read 2026-11-28T10:00:00Z\n# vendor 0x0000066F "),
             "{text}"
         );
+        assert!(text.contains("\n# not kept: 0x2001:0 Long: a board transfers no texts\n"), "{text}");
     }
 
     #[test]

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeSet;
 
-use ecmsk::coe::AbortCode;
-use ecmsk::slave::{ManufacturerObject, ManufacturerType, ManufacturerValue};
+use ecmsk::coe::{AbortCode, ObjectAddress};
+use ecmsk::slave::{ManufacturerObject, ManufacturerValue};
 
 use super::ParamsError;
 use super::choice::{self, is_mapping};
 use super::drive::{Answer, Drive, write_any};
+use super::kept::LeftOut;
 
 /// A parameter whose value on the drive is not that of the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,28 +25,8 @@ pub struct Compared {
     pub different: Vec<Difference>,
     /// How many parameters have the value of the file.
     pub same: usize,
-    /// Parameters whose values are longer than the link can transfer, which were not compared.
-    pub too_long: Vec<ManufacturerObject>,
-}
-
-/// Whether `present`, the value that was read from a drive, is that of the file. A read behind a board returns 4 bytes, so
-/// only as many bytes are compared as the value in the file has. If the file does not know the length, zeros at the end are
-/// ignored.
-pub fn is_same(wanted: &ManufacturerObject, present: &[u8], bytes_max: usize) -> bool {
-    let value = wanted.value.bytes();
-    if bytes_max < usize::MAX {
-        return present.get(..value.len()) == Some(value);
-    }
-    if wanted.data == ManufacturerType::Any {
-        return without_zeros(value) == without_zeros(present);
-    }
-    value == present
-}
-
-/// The bytes without the zeros at the end.
-fn without_zeros(bytes: &[u8]) -> &[u8] {
-    let len = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
-    &bytes[..len]
+    /// Parameters whose values the link does not transfer, which were not compared.
+    pub left_out: Vec<LeftOut>,
 }
 
 /// Compares a drive with the objects of a file that are parameters.
@@ -57,16 +38,17 @@ pub fn compare(
     objects: &[ManufacturerObject],
     at: &mut dyn FnMut(u16),
 ) -> Result<Compared, ParamsError> {
+    let carries = drive.carries();
     let mut compared = Compared::default();
     for wanted in objects.iter().filter(|object| choice::is_parameter(object.address)) {
         at(wanted.address.index);
-        if wanted.value.bytes().len() > drive.bytes_max() {
-            compared.too_long.push(wanted.clone());
+        if let Some(why) = carries.obstacle(wanted.data, wanted.value.bytes().len()) {
+            compared.left_out.push(LeftOut::of(wanted, why));
             continue;
         }
         let present = drive.read(wanted.address)?;
         match &present {
-            Ok(bytes) if is_same(wanted, bytes, drive.bytes_max()) => compared.same += 1,
+            Ok(bytes) if carries.is_same(wanted, bytes) => compared.same += 1,
             _ => compared.different.push(Difference { wanted: wanted.clone(), present }),
         }
     }
@@ -85,79 +67,122 @@ pub enum Fate {
     ReadsBack(Vec<u8>),
 }
 
-/// Writes the parameters that differ, and calls `done` with the outcome of each. Refused writes are repeated after the others
-/// as long as at least one of them then succeeds, because a limit may depend on another parameter. The PDO mapping comes last.
-///
-/// # Errors
-/// The drive does not answer any more. For parameters without a call of `done` it is unknown whether they were written.
-pub fn restore(
-    drive: &mut dyn Drive,
-    objects: &[ManufacturerObject],
-    different: &[Difference],
-    done: &mut dyn FnMut(&Difference, Fate) -> Result<(), ParamsError>,
-) -> Result<(), ParamsError> {
-    let (mapping, mut waiting): (Vec<&Difference>, Vec<&Difference>) =
-        different.iter().partition(|difference| is_mapping(difference.wanted.address));
-    let mut written = Vec::new();
-    loop {
-        let mut refused = Vec::new();
-        let before = waiting.len();
-        for difference in waiting {
-            match write_any(drive, difference.wanted.address, difference.wanted.value.bytes())? {
-                Ok(()) => written.push(difference),
-                Err(code) => refused.push((difference, code)),
-            }
-        }
-        if refused.is_empty() || refused.len() == before {
-            for (difference, code) in refused {
-                done(difference, Fate::Refused(code))?;
-            }
-            break;
-        }
-        waiting = refused.into_iter().map(|(difference, _)| difference).collect();
-    }
-    read_back(drive, &written, done)?;
-    restore_mapping(drive, objects, &mapping, done)
+/// Called with a parameter and its outcome.
+pub type Done<'d> = &'d mut dyn FnMut(&Difference, Fate) -> Result<(), ParamsError>;
+
+/// A restore: writes the parameters that differ. If it ends early, it knows which of them were written.
+#[derive(Debug, Default)]
+pub struct Restore {
+    /// Parameters for which a write was sent that the drive has not refused.
+    sent: BTreeSet<ObjectAddress>,
+    decided: BTreeSet<ObjectAddress>,
 }
 
-fn read_back(
-    drive: &mut dyn Drive,
-    written: &[&Difference],
-    done: &mut dyn FnMut(&Difference, Fate) -> Result<(), ParamsError>,
-) -> Result<(), ParamsError> {
-    for difference in written {
-        let fate = match drive.read(difference.wanted.address)? {
-            Ok(bytes) if is_same(&difference.wanted, &bytes, drive.bytes_max()) => Fate::Written,
-            Ok(bytes) => Fate::ReadsBack(bytes),
-            Err(code) => Fate::Refused(code),
-        };
-        done(difference, fate)?;
-    }
-    Ok(())
+/// How far a restore has come with a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Its outcome is known.
+    Decided,
+    /// It may be written, and was not read back.
+    Sent,
+    /// It was not written.
+    NotWritten,
 }
 
-fn restore_mapping(
-    drive: &mut dyn Drive,
-    objects: &[ManufacturerObject],
-    mapping: &[&Difference],
-    done: &mut dyn FnMut(&Difference, Fate) -> Result<(), ParamsError>,
-) -> Result<(), ParamsError> {
-    if mapping.is_empty() {
-        return Ok(());
-    }
-    let changed: BTreeSet<u16> = mapping.iter().map(|difference| difference.wanted.address.index).collect();
-    let wanted: Vec<&ManufacturerObject> = objects.iter().filter(|object| is_mapping(object.address)).collect();
-    for write in choice::mapping_writes(&wanted, &changed) {
-        if let Err(code) = drive.write(write.address, &write.bytes)? {
-            // A half-written mapping is worse than the old one, so the old one is written back.
-            let old: Vec<ManufacturerObject> = wanted.iter().map(|object| present(object, mapping)).collect();
-            for write in choice::mapping_writes(&old.iter().collect::<Vec<_>>(), &changed) {
-                let _refused_again = drive.write(write.address, &write.bytes)?;
-            }
-            return mapping.iter().try_for_each(|difference| done(difference, Fate::Refused(code)));
+impl Restore {
+    /// How far the restore has come with the parameter at this address.
+    pub fn stage(&self, address: ObjectAddress) -> Stage {
+        match (self.decided.contains(&address), self.sent.contains(&address)) {
+            (true, _) => Stage::Decided,
+            (false, true) => Stage::Sent,
+            (false, false) => Stage::NotWritten,
         }
     }
-    read_back(drive, mapping, done)
+
+    /// Writes the parameters that differ, and calls `done` with the outcome of each. Refused writes are repeated after the
+    /// others as long as at least one of them then succeeds, because a limit may depend on another parameter. The PDO mapping
+    /// comes last.
+    ///
+    /// # Errors
+    /// The drive does not answer any more. [`Self::stage`] then tells for each parameter whether it was written.
+    pub fn run(
+        &mut self,
+        drive: &mut dyn Drive,
+        objects: &[ManufacturerObject],
+        different: &[Difference],
+        done: Done<'_>,
+    ) -> Result<(), ParamsError> {
+        let (mapping, mut waiting): (Vec<&Difference>, Vec<&Difference>) =
+            different.iter().partition(|difference| is_mapping(difference.wanted.address));
+        let mut written = Vec::new();
+        loop {
+            let mut refused = Vec::new();
+            let before = waiting.len();
+            for difference in waiting {
+                let address = difference.wanted.address;
+                self.sent.insert(address);
+                match write_any(drive, address, difference.wanted.value.bytes())? {
+                    Ok(()) => written.push(difference),
+                    Err(code) => {
+                        self.sent.remove(&address);
+                        refused.push((difference, code));
+                    }
+                }
+            }
+            if refused.is_empty() || refused.len() == before {
+                for (difference, code) in refused {
+                    self.decide(difference, Fate::Refused(code), done)?;
+                }
+                break;
+            }
+            waiting = refused.into_iter().map(|(difference, _)| difference).collect();
+        }
+        self.read_back(drive, &written, done)?;
+        self.mapping(drive, objects, &mapping, done)
+    }
+
+    fn decide(&mut self, difference: &Difference, fate: Fate, done: Done<'_>) -> Result<(), ParamsError> {
+        self.decided.insert(difference.wanted.address);
+        done(difference, fate)
+    }
+
+    fn read_back(&mut self, drive: &mut dyn Drive, written: &[&Difference], done: Done<'_>) -> Result<(), ParamsError> {
+        for difference in written {
+            let fate = match drive.read(difference.wanted.address)? {
+                Ok(bytes) if drive.carries().is_same(&difference.wanted, &bytes) => Fate::Written,
+                Ok(bytes) => Fate::ReadsBack(bytes),
+                Err(code) => Fate::Refused(code),
+            };
+            self.decide(difference, fate, done)?;
+        }
+        Ok(())
+    }
+
+    fn mapping(
+        &mut self,
+        drive: &mut dyn Drive,
+        objects: &[ManufacturerObject],
+        mapping: &[&Difference],
+        done: Done<'_>,
+    ) -> Result<(), ParamsError> {
+        if mapping.is_empty() {
+            return Ok(());
+        }
+        let changed: BTreeSet<u16> = mapping.iter().map(|difference| difference.wanted.address.index).collect();
+        let wanted: Vec<&ManufacturerObject> = objects.iter().filter(|object| is_mapping(object.address)).collect();
+        self.sent.extend(mapping.iter().map(|difference| difference.wanted.address));
+        for write in choice::mapping_writes(&wanted, &changed) {
+            if let Err(code) = drive.write(write.address, &write.bytes)? {
+                // A half-written mapping is worse than the old one, so the old one is written back.
+                let old: Vec<ManufacturerObject> = wanted.iter().map(|object| present(object, mapping)).collect();
+                for write in choice::mapping_writes(&old.iter().collect::<Vec<_>>(), &changed) {
+                    let _refused_again = drive.write(write.address, &write.bytes)?;
+                }
+                return mapping.iter().try_for_each(|difference| self.decide(difference, Fate::Refused(code), done));
+            }
+        }
+        self.read_back(drive, mapping, done)
+    }
 }
 
 /// The object of the file, but with the value that the drive had before the restore.
@@ -175,6 +200,7 @@ mod tests {
     use ecmsk::coe::ObjectAddress;
     use ecmsk::slave::ManufacturerObjects;
 
+    use super::super::kept::{Carries, Kept};
     use super::*;
 
     type Refuses = fn(&Table, ObjectAddress, &[u8]) -> Option<AbortCode>;
@@ -188,14 +214,13 @@ mod tests {
         /// The number of calls after which the drive no longer answers; `None`: it always answers.
         calls_left: Option<usize>,
         writes: Vec<(ObjectAddress, Vec<u8>)>,
-        bytes_max: usize,
     }
 
     impl Table {
         fn of(text: &str) -> Self {
             let objects = ManufacturerObjects::parse(text).unwrap();
             let values = objects.objects().iter().map(|object| (object.address, object.value.bytes().to_vec()));
-            Self { values: values.collect(), bytes_max: usize::MAX, ..Self::default() }
+            Self { values: values.collect(), ..Self::default() }
         }
 
         fn call(&mut self) -> Result<(), ParamsError> {
@@ -211,7 +236,13 @@ mod tests {
     }
 
     impl Drive for Table {
-        fn choose(&mut self, _: u8) {}
+        fn slaves(&mut self) -> Result<Vec<u8>, ParamsError> {
+            Ok(vec![1])
+        }
+
+        fn choose(&mut self, _: u8) -> Result<(), ParamsError> {
+            Ok(())
+        }
 
         fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError> {
             self.call()?;
@@ -234,24 +265,31 @@ mod tests {
             }
         }
 
-        fn parameters(&mut self, _: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError> {
-            Ok(Vec::new())
+        fn parameters(&mut self, _: &mut dyn FnMut(u16)) -> Result<Kept, ParamsError> {
+            Ok(Kept::default())
         }
 
-        fn bytes_max(&self) -> usize {
-            self.bytes_max
+        fn carries(&self) -> Carries {
+            Carries::AtMost(usize::MAX)
         }
     }
 
     fn run(drive: &mut Table, file: &str) -> (Vec<(String, Fate)>, Result<(), ParamsError>) {
+        let (fates, _, result) = run_staged(drive, file);
+        (fates, result)
+    }
+
+    /// Also returns the stage of each parameter that differs, in the order of the file.
+    fn run_staged(drive: &mut Table, file: &str) -> (Vec<(String, Fate)>, Vec<Stage>, Result<(), ParamsError>) {
         let objects = ManufacturerObjects::parse(file).unwrap();
         let compared = compare(drive, objects.objects(), &mut |_| ()).unwrap();
-        let mut fates = Vec::new();
-        let result = restore(drive, objects.objects(), &compared.different, &mut |difference, fate| {
+        let (mut fates, mut restore) = (Vec::new(), Restore::default());
+        let result = restore.run(drive, objects.objects(), &compared.different, &mut |difference, fate| {
             fates.push((difference.wanted.address.to_string(), fate));
             Ok(())
         });
-        (fates, result)
+        let stages = compared.different.iter().map(|difference| restore.stage(difference.wanted.address)).collect();
+        (fates, stages, result)
     }
 
     #[test]
@@ -279,15 +317,31 @@ mod tests {
         assert_eq!(fates, [refused, written("0x2001:0"), written("0x2000:0")]);
     }
 
-    /// If the drive is lost during a restore, the remaining parameters have no outcome.
+    /// If the drive is lost during a restore, each parameter is decided, may be written, or is not written, whenever that is.
     #[test]
-    fn a_drive_that_vanishes_is_an_error() {
-        let mut drive = Table::of("0x2000:0 u8 rw 1\n0x2001:0 u8 rw 2\n");
-        // Two reads of the comparison, two writes, one read back; the second read back fails.
-        drive.calls_left = Some(5);
-        let (fates, result) = run(&mut drive, "0x2000:0 u8 rw 8\n0x2001:0 u8 rw 9\n");
-        assert_eq!(fates, [("0x2000:0".to_owned(), Fate::Written)]);
-        assert!(result.unwrap_err().to_string().contains("slave 1 does not answer any more"));
+    fn a_drive_that_vanishes_leaves_each_parameter_at_a_stage() {
+        use Stage::{Decided, NotWritten, Sent};
+        let file = "0x1600:0 u8 rw 1\n0x1600:1 u32 rw 8\n0x2000:0 u8 rw 8\n0x2001:0 u8 rw 9\n0x2002:0 u8 rw 7\n";
+        // Five reads of the comparison come first. 0x2002 is refused.
+        for (calls, stages) in [
+            (0, [NotWritten, Sent, NotWritten, NotWritten]),
+            (1, [NotWritten, Sent, Sent, NotWritten]),
+            (2, [NotWritten, Sent, Sent, Sent]),
+            (3, [NotWritten, Sent, Sent, Sent]),
+            (4, [NotWritten, Sent, Sent, Decided]),
+            (5, [NotWritten, Decided, Sent, Decided]),
+            (6, [Sent, Decided, Decided, Decided]),
+            (8, [Sent, Decided, Decided, Decided]),
+        ] {
+            let text = file.replace(" 8\n", " 1\n").replace(" 9\n", " 2\n").replace(" 7\n", " 3\n");
+            let mut drive = Table::of(&text);
+            drive.refuses = Some(|_, object, _| (object.index == 0x2002).then_some(AbortCode::VALUE_HIGH));
+            drive.calls_left = Some(5 + calls);
+            let (fates, found, result) = run_staged(&mut drive, file);
+            assert_eq!(found, stages, "{calls}");
+            assert_eq!(fates.len(), stages.iter().filter(|stage| **stage == Decided).count(), "{calls}");
+            assert!(result.unwrap_err().to_string().contains("slave 1 does not answer any more"));
+        }
     }
 
     /// A file that was read behind a board has values of type `any` with 4 bytes each. They are written with the length of the

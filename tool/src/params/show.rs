@@ -5,6 +5,8 @@ use serde_json::{Value as Json, json};
 
 use super::choice;
 use super::drive::Answer;
+use super::kept::{LeftOut, by_reason};
+use super::place::Opened;
 use super::restore::{Compared, Difference};
 use crate::board::Reporter;
 use crate::hex::hex;
@@ -28,21 +30,37 @@ pub fn show(
     reporter.result(format_args!("{:<10}  {from} -> {to}{name}{what}", wanted.address.to_string()), &json)
 }
 
-/// Prints how many parameters differ, and which were left out.
-pub fn summarise(reporter: &Reporter, compared: &Compared) {
-    let Compared { different, same, too_long } = compared;
-    let word = |count: usize| if count == 1 { "parameter" } else { "parameters" };
+/// Prints how many parameters differ, how many do not, and which were not compared and why.
+///
+/// # Errors
+/// Standard output cannot be written to.
+pub fn summarise(opened: &Opened, verb: &str, slave: u8, compared: &Compared) -> std::io::Result<()> {
+    let Compared { different, same, left_out } = compared;
     let differ = if different.len() == 1 { "differs" } else { "differ" };
-    reporter.note(format_args!("{} {} {differ}, {same} are the same", different.len(), word(different.len())));
-    if !too_long.is_empty() {
-        let names: Vec<String> = too_long.iter().map(|object| object.address.to_string()).collect();
-        reporter.note(format_args!(
-            "a board transfers 4 bytes of an object, so that {} {} left out: {}",
-            too_long.len(),
-            if too_long.len() == 1 { "is" } else { "are" },
-            names.join(", ")
-        ));
+    let left = if left_out.is_empty() { String::new() } else { format!(", {} were not compared", left_out.len()) };
+    opened.reporter.note(format_args!("{} {differ}, {same} are the same{left}", parameters(different.len())));
+    show_left_out(&opened.reporter, "not compared", left_out);
+    for one in left_out.iter().filter(|_| opened.json) {
+        let mut json = one.json();
+        json["verb"] = verb.into();
+        json["slave"] = slave.into();
+        json["result"] = "not_compared".into();
+        opened.reporter.result("", &json)?;
     }
+    Ok(())
+}
+
+/// Prints a note for each reason for which parameters were left out, with their names. `what` begins it: `not kept`.
+pub fn show_left_out(reporter: &Reporter, what: &str, left_out: &[LeftOut]) {
+    for (why, which) in by_reason(left_out) {
+        let names: Vec<String> = which.iter().map(|one| one.to_string().trim().to_owned()).collect();
+        reporter.note(format_args!("{what}, because {why}: {}", names.join(", ")));
+    }
+}
+
+/// The number as text: `1 parameter`, `3 parameters`.
+pub fn parameters(count: usize) -> String {
+    format!("{count} {}", if count == 1 { "parameter" } else { "parameters" })
 }
 
 /// Begins the JSON object that a verb prints for a parameter of a drive: the verb, the slave, and the parameter's address, name

@@ -45,6 +45,15 @@ pub enum RecordingVerbError {
         /// The error of the system.
         source: io::Error,
     },
+    /// `ecmsk recording info --machine-file` for a recording that carries no machine file.
+    #[error(
+        "{} carries no machine file; a verb with --record writes one into its recording if it uses one, and so does `exec`",
+        .file.display()
+    )]
+    NoMachineFile {
+        /// The recording.
+        file: PathBuf,
+    },
     /// No report shows the board in OP, so a table would be empty.
     #[error("{} has no report in OP, so that its table has no row; `ecmsk dump` shows its frames", .file.display())]
     NoRow {

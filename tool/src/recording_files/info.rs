@@ -26,6 +26,10 @@ pub struct Args {
     #[arg(long)]
     check: bool,
 
+    /// Print the machine file that the recording carries, and nothing else
+    #[arg(long, conflicts_with_all = ["check", "json"])]
+    machine_file: bool,
+
     /// In a capture with several boards, use the one at BUS.DEVICE
     #[arg(long, value_name = "BUS.DEVICE", value_parser = recording::parse_device)]
     device: Option<Address>,
@@ -52,6 +56,11 @@ struct Info {
 /// # Errors
 /// [`CliError`] if the recording cannot be read or standard output cannot be written to.
 pub fn run(args: &Args) -> Result<(), CliError> {
+    let carried = recording::carried(&args.file);
+    if args.machine_file {
+        let none = || RecordingVerbError::NoMachineFile { file: args.file.clone() };
+        return Ok(output::print(carried.ok_or_else(none)?.text().to_owned())?);
+    }
     let outline =
         Outline::of(&args.file).map_err(|source| RecordingVerbError::Read { file: args.file.clone(), source })?;
     let size = std::fs::metadata(&args.file).map_or(0, |metadata| metadata.len());
@@ -69,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         let blocks = outline.as_ref().map(blocks_json);
         let object = json!({"file": args.file.display().to_string(), "bytes": size, "frames": info.frames, "seconds": seconds,
             "first_ns": info.times_ns.map(|times| times.0), "last_ns": info.times_ns.map(|times| times.1),
-            "link": info.link, "lacks": info.lacks, "checked": args.check || outline.is_none(), "blocks": blocks});
+            "link": info.link, "machine": carried.as_ref().map(|file| file.name()), "lacks": info.lacks, "checked": args.check || outline.is_none(), "blocks": blocks});
         return Ok(output::print(format!("{object}\n"))?);
     }
     let per_frame = size as f64 / info.frames.max(1) as f64;
@@ -80,6 +89,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     );
     if let Some(link) = &info.link {
         text += &format!("link: {link}\n");
+    }
+    if let Some(file) = &carried {
+        text += &format!("machine file: {}, --machine-file prints it\n", file.name());
     }
     match &outline {
         Some(Outline { recordings, blocks, pieces, has_index, .. }) => {

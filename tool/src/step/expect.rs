@@ -5,9 +5,10 @@ use std::time::Duration;
 use clap::Subcommand;
 use ecmsk::cia402::{ErrorCode, Statusword};
 use ecmsk::ecm::{Config, Snapshot};
+use ecmsk::machine_file::MachineFile;
 use ecmsk::sk::MasterState;
 
-use super::io::{bits, io_slave};
+use super::io::{bits, input, io_slave, named};
 use super::motion::{AxisTarget, Target};
 use super::object::{Type, Value};
 use super::sdo::{Which, read_raw};
@@ -64,10 +65,11 @@ enum Verb {
         #[arg(value_name = "AXIS=CODE|any|none", required = true, value_parser = alarm)]
         alarms: Vec<(AxisWord, Alarm)>,
     },
-    /// The 16 inputs of an IO slave must be exactly these, bit k is input k, e.g. 3=0x0001
+    /// The 16 inputs of an IO slave must be exactly these, bit k is input k, e.g. 3=0x0001; or an input with a name of the
+    /// machine file must be on or off
     Inputs {
-        #[arg(value_name = "SLAVE=BITS", value_parser = inputs)]
-        inputs: (u8, u16),
+        #[arg(value_name = "SLAVE=BITS|NAME=on|off", value_parser = Inputs::parse)]
+        inputs: Inputs,
     },
     /// An object of a slave must have this value (SDO)
     Sdo {
@@ -147,10 +149,40 @@ impl Counter {
     }
 }
 
-fn inputs(text: &str) -> Result<(u8, u16), String> {
-    let (slave, inputs) = text.split_once('=').ok_or("allowed: SLAVE=BITS, e.g. 3=0x0001")?;
-    let slave = whole(slave).and_then(|slave| u8::try_from(slave).ok()).filter(|slave| (1..=40).contains(slave));
-    Ok((slave.ok_or("allowed: a slave from 1 to 40")?, bits(inputs)?))
+/// Inputs that are expected to have a value.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Inputs {
+    /// All inputs of a slave.
+    Slave(u8, u16),
+    /// One input, by its name.
+    Name(String, bool),
+}
+
+impl Inputs {
+    fn parse(text: &str) -> Result<Self, String> {
+        let (slave, inputs) =
+            text.split_once('=').ok_or("allowed: SLAVE=BITS, e.g. 3=0x0001, or NAME=on or NAME=off")?;
+        if slave.trim_start().chars().next().is_some_and(char::is_alphabetic) {
+            let (name, on) = named(text)?;
+            return Ok(Self::Name(name.to_owned(), on == Some(true)));
+        }
+        let slave = whole(slave).and_then(|slave| u8::try_from(slave).ok()).filter(|slave| (1..=40).contains(slave));
+        Ok(Self::Slave(slave.ok_or("allowed: a slave from 1 to 40")?, bits(inputs)?))
+    }
+
+    /// The slave of the inputs, which of them are expected to have a value, and this value.
+    ///
+    /// # Errors
+    /// There is no machine file, or it has no such input.
+    fn of(&self, machine: Option<&MachineFile>) -> Result<(u8, u16, u16), BoardError> {
+        match self {
+            Self::Slave(slave, bits) => Ok((*slave, u16::MAX, *bits)),
+            Self::Name(name, on) => {
+                let line = input(machine, WHAT, name)?;
+                Ok((line.slave, 1 << line.bit, u16::from(*on) << line.bit))
+            }
+        }
+    }
 }
 
 fn torque(text: &str) -> Result<(AxisWord, f64), String> {
@@ -205,7 +237,7 @@ impl Args {
             }
             Verb::Torque { torques, .. } => torques.iter().try_for_each(|(word, _)| axis(word)),
             Verb::Alarm { alarms } => alarms.iter().try_for_each(|(word, _)| axis(word)),
-            Verb::Inputs { inputs: (slave, _) } => io_slave(network, WHAT, *slave),
+            Verb::Inputs { inputs } => io_slave(network, WHAT, inputs.of(units.machine)?.0),
             Verb::Sdo { which, value } => match which.of().filter(|of| !of.takes(*value)) {
                 None => Ok(()),
                 Some(of) => Err(refused(
@@ -293,11 +325,16 @@ impl Verb {
                     Ok(alarm_of(board, &snapshot, slave, *wanted))
                 })
             }
-            Self::Inputs { inputs: (slave, wanted) } => {
+            Self::Inputs { inputs } => {
+                let (slave, mask, wanted) = inputs.of(board.machine.as_ref())?;
                 board.ready(WHAT, Needs::Op)?;
-                let found = board.run_interruptible("reading inputs", |ecm| ecm.inputs(*slave))?;
-                let why = || format!("inputs of slave {slave} are 0x{found:04X}, not 0x{wanted:04X}");
-                Ok(compared(found == *wanted, why))
+                let found = board.run_interruptible("reading inputs", |ecm| ecm.inputs(slave))?;
+                let word = |bits: u16| if bits == 0 { "off" } else { "on" };
+                let why = || match inputs {
+                    Inputs::Slave(..) => format!("inputs of slave {slave} are 0x{found:04X}, not 0x{wanted:04X}"),
+                    Inputs::Name(name, _) => format!("input {name} is {}, not {}", word(found & mask), word(wanted)),
+                };
+                Ok(compared(found & mask == wanted, why))
             }
             Self::Sdo { which, value } => {
                 let of = which.of().unwrap_or(Type::U32);

@@ -28,7 +28,8 @@ fn a_wrong_option_is_a_wrong_command_line() {
         (&["sdo", "read", "0", "statusword"], "0 is not in 1..=40"),
         (&["sdo", "read", "1", "0x1000", "--type", "f32"], "allowed: u8, i8"),
         (&["sdo", "write", "1", "0x1000", "x"], "allowed: a whole number"),
-        (&["io", "third"], "allowed: a slave from 1 to 40, or local"),
+        (&["io", "41"], "allowed: a slave from 1 to 40, local, or names"),
+        (&["io", "lamp=half"], "allowed: lamp=on or lamp=off"),
         (&["io", "3", "--set", "0x10000"], "allowed: 0 to 0xFFFF"),
     ] {
         let ran = run(words);

@@ -2,7 +2,10 @@
 //! checks it.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use ecmsk::link::CarriedFile;
+use ecmsk::port::tcp::ServeOptions;
 use tempfile::TempDir;
 
 use crate::common::board::RecordedTraffic;
@@ -89,7 +92,11 @@ fn one_file_runs_one_program_on_every_board_in_units() {
          axis turn: off, Switched on (0x0233)\n"
     );
     assert_eq!(printed(&["--link", "xf-sim:?clock=virtual"], "chip.pcapng"), board);
-    for record in ["board.pcapng", "chip.pcapng"] {
+    let (server, _) = support::tcp::serve("sim:?slaves=drive*2,io&clock=virtual");
+    assert_eq!(printed(&["--link", &support::tcp::uri(&server, "")], "served.pcapng"), board);
+    for record in ["board.pcapng", "chip.pcapng", "served.pcapng"] {
+        let found = folder.run(&["find", "position(X) > 12mm", record]);
+        assert_eq!((found.code, found.out.lines().count()), (Some(0), 1), "{found:?}");
         let summary = folder.run(&["summary", record]);
         assert!(summary.out.starts_with("axis X: ") && summary.out.contains(" mm ("), "{summary:?}");
         assert!(summary.out.contains("\naxis turn: ") && summary.out.contains(" deg/s ("), "{summary:?}");
@@ -283,4 +290,153 @@ mod needs_root {
             assert!(ran.code == Some(0) && passes, "{ran:?}");
         }
     }
+}
+
+/// Inputs and outputs have their names in `io` and `expect`. What a board does not tell is asked for.
+#[test]
+fn inputs_and_outputs_have_names() {
+    let lines = "[inputs]\ndoor = { slave = 3, bit = 0 }\nknob = { slave = 3, bit = 2 }\n\
+                 [outputs]\nlamp = { slave = 3, bit = 0 }\nhorn = { slave = 3, bit = 2 }\n";
+    let folder = Folder::new(&format!("{MACHINE}{lines}"));
+    let run = |words: &[&str]| folder.run(words);
+    // The outputs of a simulated IO slave are wired to its inputs.
+    folder.write(
+        "program",
+        "state op\nio lamp=on horn=off\nexpect inputs door=on\nio Door knob\nio horn=on\nexpect inputs 3=0x0005\n\
+         io lamp=off --others-off\nexpect inputs 3=0\nexpect inputs knob=off\nio 3 --set 0x5\nio lamp=0\nexpect inputs 3=4\n",
+    );
+    let ran = run(&["run", "program"]);
+    assert_eq!(
+        (ran.code, ran.out.as_str()),
+        (
+            Some(0),
+            "OP\nlamp: on (slave 3, output 0)\nhorn: off (slave 3, output 2)\ndoor: on (slave 3, input 0)\n\
+             knob: off (slave 3, input 2)\nhorn: on (slave 3, output 2)\nlamp: off (slave 3, output 0)\n\
+             slave 3: outputs 0x0005\nlamp: off (slave 3, output 0)\n"
+        ),
+        "{ran:?}"
+    );
+    let json = run(&["io", "lamp=on", "horn=on", "--up", "--json"]);
+    assert_eq!(
+        json_lines(&json.out)[1],
+        serde_json::json!({"verb": "io", "name": "horn", "slave": 3, "output": 2, "on": true}),
+        "{json:?}"
+    );
+    for (words, why) in [
+        (&["io", "lamp=on", "--up"][..], "slave 3 has others: horn; give those too, or say --others-off"),
+        (&["io", "lamp"], "`lamp` is an output, and a board does not tell which outputs are on; set it: io lamp=on"),
+        (&["io", "door=on"], "`door` is an input, which cannot be set; read it: io door"),
+        (&["io", "gate"], "machine.toml has no input `gate`; it has door, knob"),
+        (&["io", "gate=on"], "machine.toml has no output `gate`; it has horn, lamp"),
+        (&["io", "door", "3"], "use a command for each"),
+        (&["io", "door", "--machine", "none"], "there is no machine file; name its slave, or say --machine FILE"),
+    ] {
+        let ran = run(words);
+        assert!(ran.code == Some(1) && ran.err.contains(why), "{words:?}: {ran:?}");
+    }
+    folder.write("program", "state op\nio lamp=off horn=off\nexpect inputs door=on\n");
+    let ran = run(&["run", "program"]);
+    assert!(ran.code != Some(0) && ran.err.contains("input door is off, not on"), "{ran:?}");
+}
+
+/// A recording in either format carries the machine file. Verbs that read it elsewhere have its names and units, and say whose
+/// they are; a copy carries it, too.
+#[test]
+fn a_recording_carries_its_machine_file() {
+    let folder = Folder::new(MACHINE);
+    folder.write("program", "state op\nservo on X\nhome X\nmove X=12.5\n");
+    for name in ["run.pcapng", "run.ecmrec", "without.pcapng"] {
+        let machine: &[&str] =
+            if name.starts_with("run") { &[] } else { &["--machine", "none", "--slaves", "drive*2,io"] };
+        let link = ["--link", "sim:?slaves=drive*2,io&clock=virtual"];
+        folder.write("plain", "state op\nservo on 1\nmove 1=12500\n");
+        let program = if machine.is_empty() { "program" } else { "plain" };
+        let ran = folder.run(&[&["run", program, "--record", name][..], machine, &link].concat());
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+    }
+    let elsewhere = Folder(tempfile::tempdir().expect("a folder"));
+    let export = |from: &str, to: &str| {
+        let ran = folder.run(&["recording", "export", from, to]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+    };
+    export("run.pcapng", "copy.ecmrec");
+    export("run.ecmrec", "copy.pcapng");
+    let path = |name: &str| folder.path(name).display().to_string();
+    let said = "note: machine file machine.toml of the recording\n";
+    for name in ["run.pcapng", "run.ecmrec", "copy.ecmrec", "copy.pcapng"] {
+        let summary = elsewhere.run(&["summary", &path(name)]);
+        assert!(summary.err.contains(said) && summary.out.starts_with("axis X: "), "{name}: {summary:?}");
+        let found = elsewhere.run(&["find", "position(X) > 12mm", &path(name)]);
+        assert_eq!((found.code, found.out.lines().count()), (Some(0), 1), "{name}: {found:?}");
+        let svg = elsewhere.path("a.svg").display().to_string();
+        let plot = elsewhere.run(&["plot", &path(name), "--axes", "X", "-o", &svg]);
+        assert!(plot.code == Some(0) && plot.err.contains(said), "{name}: {plot:?}");
+        let info = elsewhere.run(&["recording", "info", &path(name)]);
+        assert!(info.out.contains("\nmachine file: machine.toml, --machine-file prints it\n"), "{name}: {info:?}");
+        let text = elsewhere.run(&["recording", "info", &path(name), "--machine-file"]);
+        assert_eq!(text.out, MACHINE, "{name}");
+        let none = elsewhere.run(&["summary", &path(name), "--machine", "none"]);
+        assert!(none.out.starts_with("axis 1: ") && !none.err.contains(said), "{name}: {none:?}");
+    }
+    let without = elsewhere.run(&["recording", "info", &path("without.pcapng"), "--json"]);
+    assert_eq!(without.json()["machine"], serde_json::Value::Null);
+    let without = elsewhere.run(&["recording", "info", &path("without.pcapng"), "--machine-file"]);
+    assert!(without.code == Some(1) && without.err.contains("carries no machine file"), "{without:?}");
+    assert!(elsewhere.run(&["summary", &path("without.pcapng")]).out.starts_with("axis 1: "));
+    // In a folder with a file, that is for recordings that carry none.
+    let here = folder.run(&["summary", "without.pcapng"]);
+    assert!(here.err.starts_with(SAID) && here.out.starts_with("axis X: "), "{here:?}");
+}
+
+/// A program under `exec` gets the machine file by its link: the slaves of a simulated board that has none, and the axes.
+#[cfg(unix)]
+#[test]
+fn exec_gives_the_program_the_machine_file() {
+    let place = crate::common::exec::ExecFolder::new();
+    std::fs::write(place.path().join("machine.toml"), MACHINE).expect("a file");
+    let shown = |options: &[&str]| place.run(options, "echo \"$ECMSK_LINK\"");
+    let file = place.path().join("machine.toml").canonicalize().expect("it is there").display().to_string();
+    let ran = shown(&[]);
+    assert!(ran.err.contains(SAID), "{ran:?}");
+    assert_eq!(ran.out, format!("sim:?machine={file}&clock=virtual\n"));
+    let ran = shown(&["--link", "sim:?slaves=drive"]);
+    assert_eq!(ran.out, format!("sim:?slaves=drive&axes={file}\n"));
+    let ran = shown(&["--link", "sim:?slaves=drive", "--machine", "none"]);
+    assert_eq!((ran.out.as_str(), ran.err.as_str()), ("sim:?slaves=drive\n", ""));
+    let ran = shown(&["--machine", "missing.toml"]);
+    assert!(ran.code == Some(125) && ran.err.contains("missing.toml"), "{ran:?}");
+}
+
+/// A server tells its machine file to those who move its axes, who have their names and units without a file of their own.
+#[test]
+fn a_server_tells_its_machine_file() {
+    let folder = Folder::new(MACHINE);
+    let (options, _) = support::tcp::options();
+    // Longer than a message of the protocol.
+    let long = format!("{MACHINE}{}", "# a comment\n".repeat(500));
+    let file = CarriedFile::new(Path::new("portal.toml"), &long);
+    let options = ServeOptions { machine: Some(Arc::new(file.clone())), ..options };
+    let server = support::tcp::serve_with("sim:?slaves=drive*2,io&clock=virtual", options);
+    let link = support::tcp::uri(&server, "");
+    assert_eq!(ecmsk::link::tcp::machine(&link.parse().expect("a link")).expect("an answer"), Some(file));
+    let elsewhere = Folder(tempfile::tempdir().expect("a folder"));
+    let said = "note: machine file portal.toml of the server\n";
+    let ran = elsewhere.run(&["move", "X=12.5", "--up", "--link", &link]);
+    assert!(ran.code == Some(0) && ran.err.starts_with(said) && ran.err.matches(said).count() == 1, "{ran:?}");
+    assert_eq!(ran.out, "axis X: at 12.5 mm (12500 counts)\n");
+    let ran = elsewhere.run(&["move", "X=250.5", "--link", &link]);
+    assert!(ran.code == Some(1) && ran.err.contains("max = 250 mm"), "{ran:?}");
+    elsewhere.write("program", "move X=1\nexpect position X=1\n");
+    let ran = elsewhere.run(&["run", "program", "--link", &link]);
+    assert!(ran.code == Some(0) && ran.err.matches(said).count() == 1, "{ran:?}");
+    let none = elsewhere.run(&["move", "X=2", "--link", &link, "--machine", "none"]);
+    assert!(none.code == Some(1) && none.err.contains("there is no machine file"), "{none:?}");
+    // The own file comes first.
+    assert!(folder.run(&["move", "X=2", "--up", "--link", &link]).err.starts_with(SAID));
+
+    let (server, _) = support::tcp::serve("sim:?slaves=drive*2,io&clock=virtual");
+    let link = support::tcp::uri(&server, "");
+    assert_eq!(ecmsk::link::tcp::machine(&link.parse().expect("a link")).expect("an answer"), None);
+    let none = elsewhere.run(&["move", "X=2", "--link", &link]);
+    assert!(none.code == Some(1) && none.err.contains("there is no machine file"), "{none:?}");
 }

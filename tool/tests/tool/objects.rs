@@ -163,7 +163,7 @@ fn a_simulated_drive_with_the_objects_of_a_drive_answers_the_same() {
     assert!(absent.code == Some(1) && absent.err.contains("slave 3"), "{}", absent.err);
 }
 
-const ESI: &str = r##"<?xml version="1.0"?>
+pub const ESI: &str = r##"<?xml version="1.0"?>
 <EtherCATInfo><Descriptions><Devices>
 <Device><Type ProductCode="#x1">Other</Type><Name>Another one</Name></Device>
 <Device><Type ProductCode="#x00001234" RevisionNo="#x1">SV2</Type><Name>Servo two</Name><Profile><Dictionary>

@@ -98,6 +98,7 @@ fn what_is_wrong_is_said() {
     let empty = text("params_empty", "# nothing\n");
     let missing = file("params_missing").display().to_string();
     let good = backup("params_good");
+    let esi = text("params_other.xml", &crate::objects::ESI.replace("#x00001234", "#x00001235"));
     for (words, code, said) in [
         (&["diff", &broken, "1", "--link", NETWORK][..], 2, "line 1"),
         (&["diff", &empty, "1", "--link", NETWORK], 2, "no object"),
@@ -106,7 +107,8 @@ fn what_is_wrong_is_said() {
         (&["diff", &good, "41", "--link", NETWORK], 2, "1 to 40"),
         (&["restore", &good, "4", "--link", NETWORK, "--yes"], 1, "no slave 4"),
         (&["backup", "1"], 2, "--link"),
-        (&["backup", "1", "--link", NETWORK, "--objects", &good], 2, "leave out --objects"),
+        (&["backup", "1", "--link", NETWORK, "--objects", &missing], 1, "params_missing"),
+        (&["backup", "1", "--link", NETWORK, "--objects", &esi], 1, "it has no device `0x30305070`; allowed: SV2"),
         (&["backup", "1", "--link", NETWORK, "--output", "/nowhere/a"], 1, "/nowhere/a"),
     ] {
         let ran = run([&["params"], words].concat());
@@ -130,4 +132,28 @@ fn a_backup_makes_a_simulated_drive() {
     assert_eq!((ran.code, ran.out.as_str()), (Some(0), ""), "{ran:?}");
     let ran = run(["params", "diff", &path, "1", "--link", "sim:?slaves=drive"]);
     assert!(ran.code == Some(1) && ran.out.lines().count() == 3 && ran.out.contains("0x2000:0    7 | ("), "{ran:?}");
+}
+
+/// What a drive refuses is named with its reason, and the rest is written.
+#[test]
+fn what_a_drive_refuses_is_named() {
+    let path = backup("params_abort");
+    let kept = std::fs::read_to_string(&path).expect("it is written");
+    let line = |object: &str| kept.lines().find(|line| line.starts_with(object)).expect("it is kept").to_owned();
+    let changed =
+        kept.replace(&line("0x6099:1 "), "0x6099:1 u32 rw 1234").replace(&line("0x6099:2 "), "0x6099:2 u32 rw 99");
+    let changed = text("params_abort_2", &changed);
+    let script = text("params_abort.ecmscript", "at 0s sdo-abort 1 0x6099:1 0x08000021\n");
+    let link = format!("{NETWORK}&script={script}");
+    let ran = run(["params", "restore", &changed, "1", "--link", &link, "--yes"]);
+    assert_eq!((ran.code, ran.out.lines().count()), (Some(1), 2), "{ran:?}");
+    assert!(ran.out.contains(": refused, 0x08000021") && ran.err.contains("written and read back: 1 of 2"), "{ran:?}");
+    // An object that cannot be read is not kept, and named.
+    let path = file("params_abort_3").display().to_string();
+    let ran = run(["params", "backup", "1", "--link", &link, "--output", &path, "--overwrite", "--json"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert_eq!(json_lines(&ran.out)[0]["left_out"][0]["why"], "not_read", "{ran:?}");
+    assert!(ran.err.contains("not kept, because the drive does not let them be read: 0x08000021"), "{ran:?}");
+    let ran = run(["params", "diff", &path, "1", "--link", NETWORK]);
+    assert!(ran.code == Some(0) && ran.err.contains("the file does not have 1 parameter"), "{ran:?}");
 }

@@ -1,9 +1,14 @@
 //! The contents of the blocks that begin and end a recording. They are lines of text, each with a name, a space and a
 //! value. Lines with other names are skipped, so that later versions can add some.
 
-use crate::recording::meta::{APPLICATION, RecordMeta};
+use std::sync::Arc;
+
+use crate::recording::meta::{APPLICATION, CarriedFile, RecordMeta};
 
 const META: &str = "meta";
+/// The name of the carried machine file, and each of its lines.
+const MACHINE: &str = "machine";
+const MACHINE_LINE: &str = "machine-line";
 const APPLICATION_LINE: &str = "application";
 const PACKETS: &str = "packets";
 const MISSING: &str = "missing";
@@ -27,7 +32,16 @@ impl Section {
         let application = concat!("ecmsk ", env!("CARGO_PKG_VERSION"));
         let meta = self.meta.as_ref().map(|meta| format!("{META} {}\n", one_line(&meta.to_string())));
         let repeated = (self.repeated > 0).then(|| format!("{REPEATED} {}\n", self.repeated));
-        format!("{APPLICATION_LINE} {application}\n{}{}", meta.unwrap_or_default(), repeated.unwrap_or_default())
+        let machine = self.meta.as_ref().and_then(|meta| meta.machine.as_deref()).map(CarriedFile::lines);
+        let machine: String = machine
+            .into_iter()
+            .flat_map(|(name, lines)| {
+                let lines = lines.map(|line| format!("{MACHINE_LINE} {line}\n"));
+                [format!("{MACHINE} {name}\n")].into_iter().chain(lines)
+            })
+            .collect();
+        let (meta, repeated) = (meta.unwrap_or_default(), repeated.unwrap_or_default());
+        format!("{APPLICATION_LINE} {application}\n{meta}{repeated}{machine}")
     }
 
     /// Decodes the contents of the block; `None` if they are not those of a block that begins a recording.
@@ -35,7 +49,10 @@ impl Section {
         let text = str::from_utf8(bytes).ok()?;
         value(text, APPLICATION_LINE).filter(|name| name.starts_with(APPLICATION))?;
         let repeated = value(text, REPEATED).and_then(|number| number.parse().ok()).unwrap_or(0);
-        Some(Self { meta: value(text, META).and_then(RecordMeta::from_comment), repeated })
+        let lines = || text.lines().filter_map(|line| line.strip_prefix(MACHINE_LINE)?.strip_prefix(' '));
+        let machine = || value(text, MACHINE).map(|name| Arc::new(CarriedFile::from_lines(name, lines())));
+        let meta = value(text, META).and_then(RecordMeta::from_comment);
+        Some(Self { meta: meta.map(|meta| RecordMeta { machine: machine(), ..meta }), repeated })
     }
 }
 

@@ -4,6 +4,7 @@
 //! - `card.rs`: running the tool there
 //! - `shown.rs`: the slaves, the synchronisation of clocks, bad cables
 //! - `written.rs`: objects, files and EEPROMs
+//! - `machine.rs`: the machine file, and parameters of drives
 //! - `told.rs`: whether the card is usable, and its faults
 //! - `ring.rs`: two cards
 //! - `gone.rs`: cards that are pulled
@@ -14,6 +15,7 @@
 
 mod card;
 mod gone;
+mod machine;
 mod odd;
 mod page;
 mod ring;

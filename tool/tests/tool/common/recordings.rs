@@ -65,7 +65,8 @@ impl Script {
     pub fn record(&self, file: &Path, link: &str, slot: Option<SlotSize>) {
         // The times that the tool shows count from the first frame.
         let opened_ns = Some(self.0.first().map_or(0, |(at_ns, ..)| *at_ns));
-        let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns, link: link.to_owned() };
+        let link = link.to_owned();
+        let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns, link, machine: None };
         let queue = Mutex::new(self.0.iter().cloned().collect());
         let recorder = RecordLink::new(Arc::new(Scripted(queue)), file, &meta).expect("the recording begins");
         for (_, dir, frame) in &self.0 {
@@ -107,6 +108,7 @@ pub fn record_to_a_slow_disk(file: &Path, frames: u64) -> u64 {
         base_ns: 0,
         opened_ns: Some(0),
         link: "sim:".to_owned(),
+        machine: None,
     };
     let queue = Mutex::new((0..frames).map(|n| (n, Dir::Write, Frame::new())).collect());
     let recorder = RecordLink::to_sink(Arc::new(Scripted(queue)), "slow", Box::new(sink), &meta, 4);

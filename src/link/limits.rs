@@ -1,0 +1,193 @@
+//! The machine file of a link (`axes=`, `machine=`): a [`Link`] around a link that checks the targets of a program against
+//! the soft limits of the file.
+//!
+//! A target beyond a limit is reported in the log, once for each excursion: until the axis has a target within its limits
+//! again. If the file says so (`[limits] program = "stop"`), a frame with a target that leads further out is not sent,
+//! and the write fails. So the axis holds its last target, and so do the others. A target that leads back is sent, so that
+//! an axis that stands outside can return. \[OURS]
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use parking_lot::Mutex;
+
+use super::common_options::CommonOptions;
+use super::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
+use crate::address::scale::SoftLimits;
+use crate::address::uri::UriError;
+use crate::machine_file::{MachineAxis, MachineFile, ProgramLimits, axes_of_link};
+use crate::recording::{CarriedFile, SizeFinder};
+use crate::sk::{CommandId, DriveResponse, FRAME_LEN, Frame, SlotSize};
+use crate::span::Seconds;
+
+/// The machine file that the options of a link name.
+pub(crate) struct Axes {
+    machine: MachineFile,
+    carried: Arc<CarriedFile>,
+}
+
+impl Axes {
+    /// The file of a link; `None` if the link names none.
+    ///
+    /// # Errors
+    /// [`UriError::BadValue`]: the file cannot be used.
+    pub(crate) fn of(options: &CommonOptions) -> Result<Option<Self>, UriError> {
+        let Some(path) = &options.axes else { return Ok(None) };
+        let (machine, text) = axes_of_link(path)?;
+        Ok(Some(Self { machine, carried: Arc::new(CarriedFile::new(path, &text)) }))
+    }
+
+    /// The file as recordings carry it.
+    pub(crate) fn carried(&self) -> Arc<CarriedFile> {
+        Arc::clone(&self.carried)
+    }
+
+    /// The link with the limits of the file around it. The link itself if no axis has a limit.
+    pub(crate) fn around(self, link: Arc<dyn Link>) -> Arc<dyn Link> {
+        let MachineFile { path, axes, program_limits, .. } = self.machine;
+        let axes: Vec<MachineAxis> = axes.into_iter().filter(|axis| axis.limits != SoftLimits::NONE).collect();
+        if axes.is_empty() {
+            return link;
+        }
+        let state = State {
+            sizes: SizeFinder::new(link.info().slot),
+            now: link.info().opened_at,
+            axes: vec![AxisState::default(); axes.len()],
+        };
+        Arc::new(LimitLink { inner: link, file: path, axes, program_limits, state: Mutex::new(state) })
+    }
+}
+
+/// A link around another one that checks the targets of axes against their limits.
+struct LimitLink {
+    inner: Arc<dyn Link>,
+    /// The path of the machine file, for messages.
+    file: PathBuf,
+    /// The axes that have limits.
+    axes: Vec<MachineAxis>,
+    program_limits: ProgramLimits,
+    state: Mutex<State>,
+}
+
+struct State {
+    sizes: SizeFinder,
+    /// The time of the newest report.
+    now: Stamp,
+    /// For each of [`LimitLink::axes`].
+    axes: Vec<AxisState>,
+}
+
+/// How far an axis is beyond its limits, counts; 0 within them.
+#[derive(Clone, Copy, Debug, Default)]
+struct AxisState {
+    /// The last target that was sent.
+    target: u32,
+    /// The position of the newest report.
+    position: u32,
+    /// Whether the present excursion was reported.
+    is_reported: bool,
+}
+
+impl LimitLink {
+    /// The slots of the axes in a frame, with their places in [`Self::axes`].
+    fn slots(&self, size: SlotSize) -> impl Iterator<Item = (usize, &MachineAxis)> {
+        self.axes.iter().enumerate().filter(move |(_, axis)| usize::from(axis.slave) <= size.max_slaves())
+    }
+
+    /// What a target beyond a limit is reported as: axis, target and limit in the unit of the axis, and the time since the
+    /// link was opened.
+    fn words(&self, axis: &MachineAxis, target: i32, at: Stamp) -> String {
+        // Six decimals are more than any unit needs, and hide the rounding errors of the division.
+        let rounded = |counts: i32| (axis.scale.to_units(counts) * 1e6).round() / 1e6;
+        let (target, ends) = (rounded(target), [rounded(axis.limits.min), rounded(axis.limits.max)]);
+        let (name, limit) = match target > ends[0].max(ends[1]) {
+            true => ("max", ends[0].max(ends[1])),
+            false => ("min", ends[0].min(ends[1])),
+        };
+        let seconds = Seconds(at.0.saturating_sub(self.inner.info().opened_at.0));
+        let MachineAxis { name: axis, unit, .. } = axis;
+        format!(
+            "axis {axis}: a target of {target} {unit} at {seconds} is beyond {name} = {limit} {unit} of {}",
+            self.file.display()
+        )
+    }
+
+    /// Checks the targets of a frame that is to be sent.
+    ///
+    /// # Errors
+    /// A target leads further out, and the file says that such targets are not sent.
+    fn check(&self, frame: &Frame) -> Result<(), LinkError> {
+        if self.program_limits != ProgramLimits::Stop {
+            return Ok(());
+        }
+        let mut state = self.state.lock();
+        let size = state.sizes.size_of(frame, FRAME_LEN).0;
+        for (place, axis) in self.slots(size) {
+            let slot = frame.slot(size, usize::from(axis.slave));
+            let target = slot.data1 as i32;
+            let AxisState { target: last, position, is_reported } = state.axes[place];
+            if slot.id != CommandId::Csp.code() || axis.limits.beyond(target) <= last.max(position) {
+                continue;
+            }
+            let words = self.words(axis, target, state.now);
+            if !is_reported {
+                log::warn!("{words}; it is not sent, and the axes hold their last targets");
+                state.axes[place].is_reported = true;
+            }
+            return Err(LinkError::Io {
+                what: "the frame was not sent".to_owned(),
+                message: format!("{words}; correct the program, or the limit"),
+            });
+        }
+        Ok(())
+    }
+
+    /// Notes the targets of a frame that was sent at the time `at`, and reports those beyond a limit.
+    fn sent(&self, frame: &Frame, at: Stamp) {
+        let mut state = self.state.lock();
+        state.sizes.look(frame, FRAME_LEN);
+        let size = state.sizes.size_of(frame, FRAME_LEN).0;
+        for (place, axis) in self.slots(size) {
+            let slot = frame.slot(size, usize::from(axis.slave));
+            let known = &mut state.axes[place];
+            if slot.id == CommandId::GoHome.code() {
+                // The axis gets new coordinates.
+                known.target = 0;
+            }
+            if slot.id != CommandId::Csp.code() {
+                continue;
+            }
+            let target = slot.data1 as i32;
+            known.target = axis.limits.beyond(target);
+            if known.target > 0 && !known.is_reported {
+                log::warn!("{}", self.words(axis, target, at));
+            }
+            known.is_reported = known.target > 0;
+        }
+    }
+}
+
+impl Layer for LimitLink {
+    fn inner(&self) -> &dyn Link {
+        &*self.inner
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        self.check(frame)?;
+        let at = self.inner.write(frame, wait)?;
+        self.sent(frame, at);
+        Ok(at)
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        let meta = self.inner.read(out, wait)?;
+        let mut state = self.state.lock();
+        state.now = meta.at;
+        let size = state.sizes.size_of(out, FRAME_LEN).0;
+        for (place, axis) in self.slots(size) {
+            let position = DriveResponse::decode(&out.slot(size, usize::from(axis.slave))).position;
+            state.axes[place].position = axis.limits.beyond(position);
+        }
+        Ok(meta)
+    }
+}

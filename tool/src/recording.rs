@@ -216,7 +216,23 @@ impl<R: Read> Frames<R> {
     /// # Errors
     /// [`RecordError`] if the recording cannot be read.
     pub fn walk(&mut self, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, RecordError> {
-        let mut order = self.in_time();
+        let order = self.in_time();
+        self.try_walk(order, until_ns, |framed| {
+            show(framed);
+            Ok(())
+        })
+    }
+
+    /// The same in the given order, with a `show` that may fail, which ends the reading.
+    ///
+    /// # Errors
+    /// A [`RecordError`] if the recording cannot be read, or the error of `show`.
+    pub fn try_walk<E: From<RecordError>>(
+        &mut self,
+        mut order: InTime,
+        until_ns: i64,
+        mut show: impl FnMut(&Framed) -> Result<(), E>,
+    ) -> Result<Walked, E> {
         let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
         for framed in self {
             match framed {
@@ -226,16 +242,16 @@ impl<R: Read> Frames<R> {
                     if framed.time_ns > until_ns {
                         return Ok(walked);
                     }
-                    show(&framed);
+                    show(&framed)?;
                 }
                 Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
                     walked.damage = Some(error);
                 }
-                Err(error) => return Err(error),
+                Err(error) => return Err(error.into()),
             }
         }
         while let Some(framed) = order.pop() {
-            show(&framed);
+            show(&framed)?;
         }
         walked.is_whole = true;
         walked.jumps = order.jumps();
@@ -324,16 +340,24 @@ pub struct Walked {
 pub struct InTime {
     /// Whether frames are left out, so that a long time between two frames is no jump of the clock.
     has_gaps: bool,
+    /// Whether frames stay in the order of the file.
+    is_unsorted: bool,
     timeline: Timeline<Framed>,
     order: InOrder<Framed>,
 }
 
 impl InTime {
+    /// Corrects times alone: frames stay in the order of the file, in which a report that was read late stands behind
+    /// commands that were sent after it.
+    pub fn unsorted(self) -> Self {
+        Self { is_unsorted: true, ..self }
+    }
+
     /// Adds the next frame of the file. Once so many frames are buffered that no earlier one can follow (1,024), returns
     /// the earliest of them.
     pub fn push(&mut self, framed: Framed) -> Option<Framed> {
         if self.has_gaps {
-            return self.order.push(framed.time_ns, framed);
+            return self.sort((framed.time_ns, framed));
         }
         let placed = self.timeline.push(framed.recorded.at_ns, framed)?;
         self.sort(placed)
@@ -351,7 +375,8 @@ impl InTime {
     }
 
     fn sort(&mut self, (time_ns, framed): (i64, Framed)) -> Option<Framed> {
-        self.order.push(time_ns, Framed { time_ns, ..framed })
+        let framed = Framed { time_ns, ..framed };
+        if self.is_unsorted { Some(framed) } else { self.order.push(time_ns, framed) }
     }
 }
 

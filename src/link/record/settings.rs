@@ -1,7 +1,7 @@
 //! The settings of a board that later frames are understood with: the kinds of its slaves and its cycle time.
 
+use super::writer::FrameEntry;
 use crate::link::Dir;
-use crate::link::record::writer::FrameEntry;
 use crate::sk::{MasterCommand, MasterResponse, MasterState, SlotSize};
 
 /// The newest command for each setting: SET_AXIS for each group of slaves, and SET_DC.

@@ -165,7 +165,11 @@ fn a_folder_that_vanishes_stops_no_board() {
     let board = link::open(&uri(&folder, "&clock=virtual"), Share::ByName).unwrap();
     to_op(&*board);
     let mut report = Frame::new();
-    let read = |report: &mut Frame, count: u64| (0..count).for_each(|_| drop(board.read(report, Wait::Forever).unwrap()));
+    let read = |report: &mut Frame, count: u64| {
+        for _ in 0..count {
+            board.read(report, Wait::Forever).unwrap();
+        }
+    };
     read(&mut report, 2_000);
     std::fs::remove_dir_all(&folder).unwrap();
     // More than a segment has.

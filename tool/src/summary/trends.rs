@@ -204,7 +204,9 @@ impl Trends {
             frames.note_walked(&walked);
         }
         if !is_whole {
-            within.iter().filter_map(|key| parts.get_mut(key)).for_each(|part| part.incomplete += 1);
+            for key in within {
+                parts.entry(key).and_modify(|part| part.incomplete += 1);
+            }
         }
         Ok((watch.finish(), is_whole))
     }

@@ -140,7 +140,11 @@ fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walk
         Ok(())
     })?;
     if let Some((_, last)) = copy {
-        last.end(&inherited(frames.lacks().unwrap_or_default())).map_err(failed)?;
+        let mut lacks = inherited(frames.lacks().unwrap_or_default());
+        if walked.damage.is_some() {
+            lacks.not_ended = lacks.not_ended.max(1);
+        }
+        last.end(&lacks).map_err(failed)?;
     }
     match count {
         0 => Err(RecordingVerbError::NoFrame { file: args.input.clone(), times }.into()),

@@ -50,7 +50,10 @@ struct Report {
 fn reports(file: &Path) -> Vec<Report> {
     let dumped = run(["dump", "--json", "--slots", "0-3", text(file)]);
     let (mut found, mut target) = (Vec::new(), None);
-    for frame in json_lines(&dumped.out) {
+    let mut frames = json_lines(&dumped.out);
+    // In the file a report stands behind commands that were sent before it was read.
+    frames.sort_by_key(|frame| frame["time_ns"].as_i64());
+    for frame in frames {
         let slots = frame["slots"].as_array().expect("slots").clone();
         if frame["direction"] == "command" {
             if slots[2]["id"] == "CSP" {
@@ -187,7 +190,7 @@ fn a_part_is_exported() {
         let (first, last) = (frames[0].at_ns, frames[frames.len() - 1].at_ns);
         assert!(last - first <= 100_000_000 && frames.iter().all(|frame| (first..=last).contains(&frame.at_ns)));
         // SET_AXIS stands at its beginning: without it nobody knows what the slaves are.
-        let dump = run(["dump", text(&part), "--to", "0"]).expect_quiet();
+        let dump = run(["dump", text(&part), "--to", "0"]).out;
         assert!(dump.contains("SET_AXIS group 0: 1 DRIVE, 2 DRIVE, 3 IO") && dump.contains("SET_DC 1000 us"), "{dump}");
         assert_eq!(reports_of_part(&part), expected.len());
     }
@@ -220,7 +223,7 @@ fn what_is_there_of_a_damaged_recording_is_exported() {
     fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).expect("a file");
 
     let all = reports(&whole.file);
-    for (source, words) in [(&blocks, "damaged, and not read"), (&cut, "was not ended")] {
+    for (source, words) in [(&blocks, "damaged, and not read"), (&cut, "ends in the middle")] {
         let export = |ending: &str| {
             let out = source.with_extension(ending);
             let ran = run(["recording", "export", text(source), text(&out)]);

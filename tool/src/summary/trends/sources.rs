@@ -113,7 +113,11 @@ impl Sources {
 
     /// Notes a file that is left out, and why.
     pub fn pass_over(&mut self, file: &Path, why: impl ToString) {
-        self.passed_over.push((file.to_owned(), why.to_string()));
+        let why = why.to_string();
+        // Messages of a reader begin with the name of the file, which is said anyhow.
+        let name = file.display().to_string();
+        let rest = why.strip_prefix(&name).map(|rest| rest.trim_start_matches([':', ' '])).unwrap_or(&why);
+        self.passed_over.push((file.to_owned(), rest.to_owned()));
     }
 }
 

@@ -71,11 +71,11 @@ impl Format for ArrowFile {
         }
         let clock = if head.is_virtual { "virtual" } else { "real" };
         let link = head.link.clone().map(|link| ("link".to_owned(), link));
-        let about: BTreeMap<String, String> = link.into_iter().chain([("clock".to_owned(), clock.to_owned())]).collect();
+        let about: BTreeMap<String, String> =
+            link.into_iter().chain([("clock".to_owned(), clock.to_owned())]).collect();
         let schema = Arc::new(Schema::new_with_metadata(fields, about));
         let options = IpcWriteOptions::default().try_with_compression(Some(CompressionType::ZSTD)).map_err(io_error)?;
-        let writer =
-            FileWriter::try_new_with_options(BufWriter::new(file), &schema, options).map_err(io_error)?;
+        let writer = FileWriter::try_new_with_options(BufWriter::new(file), &schema, options).map_err(io_error)?;
         let times = TimestampNanosecondBuilder::new().with_timezone_opt(time_zone);
         let seconds = Float64Builder::new();
         self.open = Some(Open { writer, schema, times, seconds, columns, rows: 0 });

@@ -94,12 +94,8 @@ impl Format for McapFile {
         let Some(writer) = &mut self.writer else { return Ok(()) };
         for Channel { id, columns } in &self.channels {
             put(&mut self.text, columns, &mut values);
-            let header = MessageHeader {
-                channel_id: *id,
-                sequence: self.rows,
-                log_time: row.at_ns,
-                publish_time: row.at_ns,
-            };
+            let header =
+                MessageHeader { channel_id: *id, sequence: self.rows, log_time: row.at_ns, publish_time: row.at_ns };
             writer.write_to_known_channel(&header, self.text.as_bytes()).map_err(io_error)?;
             let bytes = MESSAGE_HEAD + self.text.len() as u64;
             (self.bytes, self.chunk) = (self.bytes + bytes, self.chunk + bytes);

@@ -214,9 +214,9 @@ impl Table {
             let slot = frame.slot(size, n);
             let target = n.checked_sub(1).and_then(|n| self.targets[n]).map(i64::from);
             match part {
-                Part::Board => self.values.extend(
-                    [board.fifo_free, board.full_count, board.error.into(), board.state.0.into()].map(number),
-                ),
+                Part::Board => self
+                    .values
+                    .extend([board.fifo_free, board.full_count, board.error.into(), board.state.0.into()].map(number)),
                 Part::Axis => {
                     let DriveResponse { statusword, position, torque, error_code, .. } = DriveResponse::decode(&slot);
                     self.values.extend([target, number(position), number(torque)]);

@@ -124,7 +124,9 @@ pub fn run(args: &Args, machine: Option<&MachineFile>) -> Result<ExitCode, CliEr
         Sources::of_file(&args.file, about)?
     };
     let by = args.by.unwrap_or_else(|| By::usual(&sources.recordings));
-    if by != By::Recording && let Some(source) = sources.recordings.iter().find(|source| source.is_virtual) {
+    if by != By::Recording
+        && let Some(source) = sources.recordings.iter().find(|source| source.is_virtual)
+    {
         return Err(SummaryError::NoDays { file: source.file.clone() }.into());
     }
     let any = [FailOn::any()];

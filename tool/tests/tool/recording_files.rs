@@ -134,7 +134,11 @@ fn a_wrong_export_is_refused() {
     let export = |output: &Path| run(["recording", "export", whole.path(), text(output)]);
     export(&there).expect_failure(1, &["there.csv", "--overwrite"], "name a file on a disk with room");
     assert_eq!(fs::read_to_string(&there).expect("a file"), "a letter");
-    export(&whole.file.with_extension("xls")).expect_failure(1, &["run.xls"], "name it .pcapng, .ecmrec, .csv, .mcap, .arrow or .feather");
+    export(&whole.file.with_extension("xls")).expect_failure(
+        1,
+        &["run.xls"],
+        "name it .pcapng, .ecmrec, .csv, .mcap, .arrow or .feather",
+    );
     export(&whole.file).expect_failure(1, &["is the recording itself"], "name another file");
     let capture = support::root().join("tests/recordings/usbmon_12.pcap");
     let ran = run(["recording", "export", text(&capture), text(&whole.file.with_extension("ecmrec"))]);

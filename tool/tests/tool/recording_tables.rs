@@ -316,7 +316,8 @@ fn memory_does_not_grow_with_the_recording() {
         let ran = std::process::Command::new("sh").args(["-c", script, tool, text(&long), text(&out)]).output();
         let ran = crate::common::Ran::from(ran.expect("sh starts"));
         assert_eq!(ran.code, Some(0), "{ran:?}");
-        let rows: usize = ran.out.rsplit(": ").next().and_then(|rows| rows.split(' ').next()?.parse().ok()).expect("rows");
+        let rows: usize =
+            ran.out.rsplit(": ").next().and_then(|rows| rows.split(' ').next()?.parse().ok()).expect("rows");
         assert!(rows > 25_000, "{rows}");
     }
 }

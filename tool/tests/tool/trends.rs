@@ -164,7 +164,10 @@ fn what_changes_from_day_to_day_is_shown() {
     let lines: Vec<&str> = table.lines().collect();
     assert!(lines[0].starts_with("recording  recorded") && lines[1].starts_with("c.ecmrec"), "{table}");
     assert!(lines.iter().any(|line| line.starts_with("axis 1; same motion: from ")), "{table}");
-    assert!(lines.iter().any(|line| line.starts_with("b.pcapng") && line.ends_with("116 counts  -4 counts")), "{table}");
+    assert!(
+        lines.iter().any(|line| line.starts_with("b.pcapng") && line.ends_with("116 counts  -4 counts")),
+        "{table}"
+    );
 }
 
 /// The page has a picture of each axis and of the FIFO, and fetches nothing. With a machine file, units.
@@ -181,7 +184,9 @@ fn trends_are_drawn() {
     assert!(ran.err.contains("machine.toml: passed over: "), "{}", ran.err);
     let html = fs::read_to_string(page).expect("a page");
     assert_eq!(html.matches("<svg ").count(), 2);
-    for words in ["Axis X; same motion", "Following error (mm)", "Home: change against the first homing (mm)", "Gaps in"] {
+    for words in
+        ["Axis X; same motion", "Following error (mm)", "Home: change against the first homing (mm)", "Gaps in"]
+    {
         assert!(html.contains(words), "{words}");
     }
     for text in ["<script", "<link", "@import", "url("] {
@@ -317,7 +322,10 @@ fn a_flight_recorder_has_trends() {
     drop(ecm);
     let found = json(&[text(&flight)]);
     let names = of_parts(&found, "name");
-    assert!(names.len() >= 2 && names.iter().all(|name| name.as_str().expect("a name").starts_with("segment-")), "{names:?}");
+    assert!(
+        names.len() >= 2 && names.iter().all(|name| name.as_str().expect("a name").starts_with("segment-")),
+        "{names:?}"
+    );
     let alarms: u64 = of_parts(&found, "alarms").iter().map(|alarms| alarms.as_u64().expect("a number")).sum();
     assert_eq!(alarms, 1);
     assert_eq!(found["passed_over"], serde_json::json!([]));

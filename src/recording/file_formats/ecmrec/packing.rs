@@ -252,8 +252,7 @@ impl Unpacker {
         let begin = out.len();
         let words = &mut self.before[index(dir)].words;
         out.resize(begin + len.next_multiple_of(WORD), 0);
-        for ((word, difference), bytes) in
-            words.iter_mut().zip(differences).zip(out[begin..].as_chunks_mut::<WORD>().0)
+        for ((word, difference), bytes) in words.iter_mut().zip(differences).zip(out[begin..].as_chunks_mut::<WORD>().0)
         {
             *word = word.wrapping_add(*difference);
             *bytes = word.to_le_bytes();

@@ -132,7 +132,8 @@ mod tests {
     fn motions_end_at_rest_and_where_they_turn() {
         let rest = |at: i32| std::iter::repeat_n(at, 200);
         let to = |from: i32, to: i32| (0..=100).map(move |n| from + (to - from) * n / 100);
-        let way = rest(500).chain(to(500, 1500)).chain(rest(1500)).chain(to(1500, 0)).chain(to(0, 300)).chain(rest(300));
+        let way =
+            rest(500).chain(to(500, 1500)).chain(rest(1500)).chain(to(1500, 0)).chain(to(0, 300)).chain(rest(300));
         assert_eq!(found(way), [((500, 1500), 150), ((1500, 0), 150), ((0, 300), 30)]);
         assert_eq!(found(to(7, 400).chain(rest(400)).chain(to(400, 7)).chain(rest(7))), [((400, 7), 40)]);
         // A pause on the way is no end.

@@ -88,9 +88,8 @@ fn of_axis(report: &Report, trend: &AxisTrend, axis: Option<&MachineAxis>, name:
     let axis = axis.filter(|axis| axis.unit != Unit::Counts);
     let per_unit = axis.map_or(1.0, |axis| axis.scale.counts_per_unit);
     let unit = axis.map_or("counts", |axis| axis.unit.word());
-    let points = |value: &dyn Fn(&AxisPart) -> Option<f64>| {
-        report.points(trend.parts.iter().map(|found| value((*found)?)))
-    };
+    let points =
+        |value: &dyn Fn(&AxisPart) -> Option<f64>| report.points(trend.parts.iter().map(|found| value((*found)?)));
     let error = |value: Option<u64>| value.map(|value| value as f64 / per_unit.abs());
     let largest = points(&|found| error(found.largest(Quantity::FollowingError)));
     let same = points(&|found| error(trend.same_motion(found)));

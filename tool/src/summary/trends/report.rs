@@ -111,9 +111,8 @@ impl Report<'_> {
             let Some(found) = of_axis else {
                 return [part.name.clone()].into_iter().chain((1..heads.len()).map(|_| none())).collect();
             };
-            let largest = |quantity: Quantity| {
-                found.largest(quantity).map_or_else(none, |value| brief(quantity, value, axis))
-            };
+            let largest =
+                |quantity: Quantity| found.largest(quantity).map_or_else(none, |value| brief(quantity, value, axis));
             let same = trend.same_motion(found).map_or_else(none, |value| brief(Quantity::FollowingError, value, axis));
             let home = found.homings.last.map_or_else(none, |counts| distance(counts, axis));
             let change = trend.home_change(found).map_or_else(none, |counts| distance(counts, axis));

@@ -99,12 +99,12 @@ fn window_of_a_day(folder: &Path) {
 
 /// Writes the frames so often, one time behind the other.
 fn repeat(frames: &[Recorded], meta: &RecordMeta, times: u64, file: &Path) {
-    let mut copy = RecordingCopy::begin(file, meta).expect("a file");
+    let mut copy = RecordingCopy::new(file, meta);
     let length = frames.last().map_or(0, |last| last.at_ns) - frames[0].at_ns + S as u64 / 1000;
     for time in 0..times {
         for frame in frames {
             let at_ns = frame.at_ns + time * length;
-            copy.add(Recorded { at_ns, ..frame.clone() }).expect("room on the disk");
+            copy.add(&Recorded { at_ns, ..frame.clone() }).expect("room on the disk");
         }
     }
     copy.end(&Lacks::default()).expect("room on the disk");

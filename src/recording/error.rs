@@ -39,6 +39,14 @@ pub enum RecordError {
         /// What is wrong with the block.
         reason: String,
     },
+    /// The file begins like a recording in blocks (`.ecmrec`), and no block of it can be read.
+    #[error("nothing of {name} can be read: it is {damage}")]
+    Unreadable {
+        /// The name of the file, for the message.
+        name: String,
+        /// What is damaged, whether a newer version wrote it, and what to do.
+        damage: String,
+    },
     /// The file has no USB traffic, so it cannot be a capture of a board.
     #[error(
         "{name} holds no USB traffic (link types 220 and 189 of Linux, 249 of Windows) but {found}; record with record= or capture usbmon or USBPcap"

@@ -3,7 +3,7 @@
 //! The frames of a recording are in the order in which the calls of the host returned. If a report was read late, it
 //! stands behind commands that were sent after the board had made it.
 
-use std::collections::BTreeMap;
+use std::collections::VecDeque;
 
 /// The number of frames that are buffered to be sorted. Up to 31 reports wait in the host while it writes commands, so
 /// there is room for the commands of 31 cycles, some 32 per cycle. \[OURS]
@@ -12,15 +12,14 @@ const WINDOW: usize = 1024;
 /// Sorts frames by time if they are out of order by less than 1024 frames. Frames of the same time keep their order.
 #[derive(Debug)]
 pub struct InOrder<T> {
-    /// The buffered frames, with their time and their number in the file as the key. They are boxed, because a frame is
-    /// large and the map moves its values.
-    held: BTreeMap<(i64, u64), Box<T>>,
-    pushed: u64,
+    /// The buffered frames with their times, sorted. They are boxed, because a frame is large and a late one moves those
+    /// around its place.
+    held: VecDeque<(i64, Box<T>)>,
 }
 
 impl<T> Default for InOrder<T> {
     fn default() -> Self {
-        Self { held: BTreeMap::new(), pushed: 0 }
+        Self { held: VecDeque::new() }
     }
 }
 
@@ -28,14 +27,18 @@ impl<T> InOrder<T> {
     /// Adds the next frame of the file and its time in nanoseconds. Returns the earliest buffered frame once more than
     /// 1024 are buffered. Otherwise returns `None`.
     pub fn push(&mut self, at_ns: i64, frame: T) -> Option<T> {
-        self.held.insert((at_ns, self.pushed), Box::new(frame));
-        self.pushed += 1;
+        // Nearly all frames are in order.
+        let place = match self.held.back() {
+            Some((latest_ns, _)) if *latest_ns > at_ns => self.held.partition_point(|(held_ns, _)| *held_ns <= at_ns),
+            _ => self.held.len(),
+        };
+        self.held.insert(place, (at_ns, Box::new(frame)));
         if self.held.len() > WINDOW { self.pop() } else { None }
     }
 
     /// Removes the earliest buffered frame. Call this at the end of the file until the result is `None`.
     pub fn pop(&mut self) -> Option<T> {
-        self.held.pop_first().map(|(_, frame)| *frame)
+        self.held.pop_front().map(|(_, frame)| *frame)
     }
 }
 

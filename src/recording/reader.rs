@@ -209,6 +209,11 @@ impl<R: Read> Recording<R> {
         let of_chip = format!("{:?}", file_formats::exchange::LINK_TYPE);
         match self.others.take() {
             Some(found) if found.contains(&of_chip) => Err(RecordError::OfChip { name }),
+            Some(found) if found.is_empty() && self.lacks.damage.count > 0 => {
+                let damage = &self.lacks.damage;
+                let next = if damage.whole.is_newer { "" } else { "; record again" };
+                Err(RecordError::Unreadable { name, damage: format!("{damage}{next}") })
+            }
             Some(found) if found.is_empty() => Err(RecordError::NoUsb { name, found: "no interface".to_owned() }),
             Some(found) if found.iter().all(|link_type| *link_type == of_network) => {
                 Err(RecordError::OfNetwork { name })

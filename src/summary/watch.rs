@@ -177,17 +177,18 @@ impl FrameWatch {
             }
         }
         for slave in 1..=self.size.max_slaves() {
+            let kind = self.kinds.of(slave);
+            if matches!(kind, Some(SlaveKind::Io | SlaveKind::None)) {
+                continue;
+            }
             let slot = frame.slot(self.size, slave);
+            // If the frames begin after SET_AXIS, the kind of the slave is unknown. A slot that answers a command for axes is
+            // treated as that of a drive, any other slot is skipped.
+            if kind.is_none() && !CommandId::from_code(slot.id).is_for_axes() {
+                continue;
+            }
             let drive = DriveResponse::decode(&slot);
-            let code = match self.kinds.of(slave) {
-                Some(SlaveKind::Drive | SlaveKind::Step) => drive.error_code,
-                Some(SlaveKind::Hsp) => 0,
-                Some(SlaveKind::Io | SlaveKind::None) => continue,
-                // The frames begin after SET_AXIS, so the kind of the slave is unknown. A slot that answers a command for axes
-                // is treated as that of a drive, any other slot is skipped.
-                None if CommandId::from_code(slot.id).is_for_axes() => drive.error_code,
-                None => continue,
-            };
+            let code = if kind == Some(SlaveKind::Hsp) { 0 } else { drive.error_code };
             self.alarm(at_ns, slave, is_fault(drive.statusword).then_some(code), on_event);
         }
     }

@@ -157,6 +157,31 @@ fn a_folder_that_cannot_be_used_is_an_error() {
     }
 }
 
+/// A folder that somebody removes ends the recording, and nothing else: the board goes on, and the frames that are not in
+/// the recording are counted.
+#[test]
+fn a_folder_that_vanishes_stops_no_board() {
+    let (_above, folder) = new_folder();
+    let board = link::open(&uri(&folder, "&clock=virtual"), Share::ByName).unwrap();
+    to_op(&*board);
+    let mut report = Frame::new();
+    let read = |report: &mut Frame, count: u64| {
+        for _ in 0..count {
+            board.read(report, Wait::Forever).unwrap();
+        }
+    };
+    read(&mut report, 2_000);
+    std::fs::remove_dir_all(&folder).unwrap();
+    // More than a segment has.
+    read(&mut report, 40_000);
+    let state = MasterResponse::decode(&report.slot(SlotSize::Bytes12, 0)).state;
+    assert_eq!(state.state(), Some(MasterState::Op));
+    board.close();
+    let dropped = board.stats().record_dropped;
+    assert!((1..=42_000).contains(&dropped), "{dropped}");
+    assert!(FlightContents::of(&folder).is_err());
+}
+
 /// A mark that is put into the folder before the board is closed is kept, on the real clock too.
 #[test]
 fn a_mark_is_kept_on_the_real_clock() {

@@ -35,6 +35,7 @@ pub mod states;
 pub mod style;
 pub mod survey;
 mod svg;
+pub mod trend;
 
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};

@@ -219,7 +219,8 @@ impl<R: Read> Frames<R> {
     /// # Errors
     /// [`RecordError`] if the recording cannot be read.
     pub fn walk(&mut self, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, RecordError> {
-        self.walk_while(until_ns, |framed| {
+        let order = self.in_time();
+        self.try_walk(order, until_ns, |framed| {
             show(framed);
             Ok(true)
         })
@@ -232,9 +233,22 @@ impl<R: Read> Frames<R> {
     pub fn walk_while<E: From<RecordError>>(
         &mut self,
         until_ns: i64,
+        show: impl FnMut(&Framed) -> Result<bool, E>,
+    ) -> Result<Walked, E> {
+        let order = self.in_time();
+        self.try_walk(order, until_ns, show)
+    }
+
+    /// The same in the given order.
+    ///
+    /// # Errors
+    /// [`RecordError`] if the recording cannot be read, and the errors of `show`.
+    pub fn try_walk<E: From<RecordError>>(
+        &mut self,
+        mut order: InTime,
+        until_ns: i64,
         mut show: impl FnMut(&Framed) -> Result<bool, E>,
     ) -> Result<Walked, E> {
-        let mut order = self.in_time();
         let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
         for framed in self {
             match framed {
@@ -344,16 +358,24 @@ pub struct InTime {
     has_gaps: bool,
     /// The time of the file's first frame, from which the timeline counts.
     first_ns: Option<i64>,
+    /// Whether frames stay in the order of the file.
+    is_unsorted: bool,
     timeline: Timeline<Framed>,
     order: InOrder<Framed>,
 }
 
 impl InTime {
+    /// Corrects times alone: frames stay in the order of the file, in which a report that was read late stands behind
+    /// commands that were sent after it.
+    pub fn unsorted(self) -> Self {
+        Self { is_unsorted: true, ..self }
+    }
+
     /// Adds the next frame of the file. Once so many frames are buffered that no earlier one can follow (1,024), returns
     /// the earliest of them.
     pub fn push(&mut self, framed: Framed) -> Option<Framed> {
         if self.has_gaps {
-            return self.order.push(framed.time_ns, framed);
+            return self.sort((framed.time_ns, framed));
         }
         self.first_ns.get_or_insert(framed.time_ns);
         let placed = self.timeline.push(framed.recorded.at_ns, framed)?;
@@ -374,7 +396,8 @@ impl InTime {
 
     fn sort(&mut self, (since_first_ns, framed): (i64, Framed)) -> Option<Framed> {
         let time_ns = self.time_ns(since_first_ns);
-        self.order.push(time_ns, Framed { time_ns, ..framed })
+        let framed = Framed { time_ns, ..framed };
+        if self.is_unsorted { Some(framed) } else { self.order.push(time_ns, framed) }
     }
 
     /// The [time](Framed::time_ns) of a frame that comes so many nanoseconds after the first one.

@@ -4,12 +4,16 @@
 //!
 //! - `recording_files.rs`: the verbs
 //! - `recording_files/info.rs`: `ecmsk recording info`
-//! - `recording_files/export.rs`: `ecmsk recording export`; `table.rs`: the rows of a table, as CSV
+//! - `recording_files/export.rs`: `ecmsk recording export`; `table.rs`: the rows of a table; `csv_file.rs`, `mcap_file.rs`,
+//!   `arrow_file.rs`: a table in each format
 //! - `recording_files/error.rs`: why a verb fails
 
+mod arrow_file;
+mod csv_file;
 mod error;
 mod export;
 mod info;
+mod mcap_file;
 mod table;
 
 use clap::Subcommand;
@@ -29,7 +33,8 @@ pub use error::RecordingVerbError;
 Examples:
   ecmsk recording info run.ecmrec
   ecmsk recording export run.ecmrec run.pcapng
-  ecmsk recording export run.pcapng run.csv --axes 1,2"
+  ecmsk recording export run.pcapng run.csv --axes 1,2
+  ecmsk recording export day.ecmrec moment.mcap --from 3600 --to 3620"
 )]
 pub struct Args {
     #[command(subcommand)]

@@ -7,11 +7,13 @@
 //! - `summary/extremes.rs`: the extremes of each axis
 //! - `summary/fail_on.rs`: the option that decides which findings make a run fail
 //! - `summary/page.rs`: the page for a browser
+//! - `summary/trends.rs`: trends over the recordings of a folder
 
 mod events;
 pub mod extremes;
 pub mod fail_on;
 mod page;
+mod trends;
 
 use std::fs;
 use std::io;
@@ -40,12 +42,17 @@ use super::stderr::say;
 use super::{machine_option, output, slot_size};
 
 /// Show what went wrong in a recorded run: alarms, failed changes of state, gaps, a full FIFO, wrong CRCs; and the extremes of
-/// each axis
+/// each axis; of a folder, the trends
 ///
 /// Prints the summary of `ecmsk exec`, as far as frames show it. Frames do not show which commands the board has
 /// rejected: a simulated board counts those, and `ecmsk exec` prints them. A line for each axis that was moved follows: the
 /// largest following error (the target in force minus the position), step of the target from one cycle to the next, velocity
 /// and torque, each with its time since the board was opened; in a capture since the first frame.
+///
+/// Of a folder with recordings, or of a flight recorder, it prints trends: tables with a line for each recording, hour or day.
+/// For each axis they have the largest values, the following error of the motion that most lines have in common (from and to
+/// the same targets), and where homings found home: the new zero in the coordinates before. The FIFO reserve is the fewest
+/// commands that still waited when the next target of a motion came.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -54,11 +61,13 @@ Examples:
   ecmsk summary --from 3.5 --to 4 run.pcapng
   ecmsk summary --fail-on 'alarm,gap,following-error>500,torque>90' --junit found.xml run.pcapng
   ecmsk summary --html found.html run.pcapng
+  ecmsk summary recordings
+  ecmsk summary --by day --html trends.html flight
 
 Exit code: 0, whatever went wrong, unless --exit-code or --fail-on is given; 1 if the recording cannot be read.")]
 pub struct Args {
-    /// The recording or capture; - for standard input
-    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    /// The recording or capture, or a folder with some; - for standard input
+    #[arg(value_name = "FILE|DIR", value_hint = ValueHint::AnyPath)]
     file: PathBuf,
 
     #[command(flatten)]
@@ -74,6 +83,11 @@ pub struct Args {
 
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
     machine: Option<PathBuf>,
+
+    /// Show trends, with a line for each recording, hour or day (UTC) [default for a folder: recording, and for more than 60
+    /// of them hour or day]
+    #[arg(long, value_name = "PART")]
+    by: Option<trends::By>,
 
     /// Print one JSON object
     #[arg(long)]
@@ -122,6 +136,32 @@ pub enum SummaryError {
     /// Standard input is named, but the page needs its recording twice.
     #[error("the page of --html needs the recording twice, and standard input can be read once; save it to a file")]
     Stdin,
+    /// The folder cannot be read.
+    #[error("{}: {source}; name a folder with recordings that you may read", .folder.display())]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+    /// No file of the folder is a recording with frames.
+    #[error("{} has no recording with frames; record into it with `ecmsk exec --record` or `--flight`", .folder.display())]
+    NoRecording {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// Trends by hours or days of recordings whose clock has none.
+    #[error("{} has a virtual clock, which knows no hours and days; leave --by out", .file.display())]
+    NoDays {
+        /// The recording.
+        file: PathBuf,
+    },
+    /// A part of each recording was asked for.
+    #[error("--from, --to and --around count from the beginning of one recording; name one for them, without --by")]
+    TimesOfTrends,
+    /// Standard input is to be read for trends.
+    #[error("--by needs a file, since it looks at its beginning first; save standard input to one")]
+    TrendsOfStdin,
     /// The results of --junit cannot be written.
     #[error(transparent)]
     Junit(#[from] junit::JunitError),
@@ -135,6 +175,10 @@ pub enum SummaryError {
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let is_file = args.file.as_os_str() != "-";
     args.check_files()?;
+    if args.by.is_some() || is_file && args.file.is_dir() {
+        let machine = machine_option::load(args.machine.as_deref())?;
+        return if is_file { trends::run(args, machine.as_ref()) } else { Err(SummaryError::TrendsOfStdin.into()) };
+    }
     let device = if is_file { board(&args.file, args.device)? } else { args.device };
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
     let machine = machine_option::of_recording(args.machine.as_deref(), frames.carried().as_deref())?;

@@ -15,7 +15,7 @@
 //! - `writer.rs`: the recorder's thread, which writes frames as pcapng blocks, and the end of the recording;
 //!   `blocks.rs`: the same in the format `.ecmrec`; `loss.rs`: what the file lacks
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and the handling of a full disk
-//! - `copy.rs`: writing frames of another recording
+//! - `copy.rs`: writing frames of another recording; `settings.rs`: the commands that they are understood with
 //! - `flight/`: the key `flight=`: the last hours, and what surrounds an event
 //! - `network.rs`: recordings of EtherCAT frames on a network
 //! - `sync.rs`: syncing the file to the disk
@@ -32,6 +32,7 @@ mod network;
 mod queue;
 pub(super) mod recorder;
 mod ring;
+mod settings;
 mod sync;
 mod tell;
 pub(super) mod writer;

@@ -3,11 +3,13 @@
 use std::io;
 use std::path::PathBuf;
 
+use crate::filter::Times;
+
 /// Why `ecmsk recording` fails.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingVerbError {
     /// The extension of the output file names no format.
-    #[error("{} has no ending that names a format; name it .pcapng, .ecmrec or .csv", .file.display())]
+    #[error("{} has no ending that names a format; name it .pcapng, .ecmrec, .csv, .mcap, .arrow or .feather", .file.display())]
     Ending {
         /// The output file.
         file: PathBuf,
@@ -22,7 +24,7 @@ pub enum RecordingVerbError {
     /// has more than the frames of one board.
     #[error(
         "{} is a capture of another program, which has more than frames of a board; verbs read it as it is, and it can be \
-         exported as .csv",
+         exported as a table, such as .csv",
         .file.display()
     )]
     Capture {
@@ -55,9 +57,22 @@ pub enum RecordingVerbError {
         file: PathBuf,
     },
     /// No report shows the board in OP, so a table would be empty.
-    #[error("{} has no report in OP, so that its table has no row; `ecmsk dump` shows its frames", .file.display())]
+    #[error(
+        "{} has no report in OP ({times}), so that its table has no row; `ecmsk dump` shows its frames",
+        .file.display()
+    )]
     NoRow {
         /// The recording.
         file: PathBuf,
+        /// The times that were asked for.
+        times: Times,
+    },
+    /// No frame is within the times, so a copy would be empty.
+    #[error("{} has no frame ({times}); `ecmsk recording info` says how long it is", .file.display())]
+    NoFrame {
+        /// The recording.
+        file: PathBuf,
+        /// The times that were asked for.
+        times: Times,
     },
 }

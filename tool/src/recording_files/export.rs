@@ -1,41 +1,57 @@
-//! `ecmsk recording export`: writes a recording in another format, or its reports as a CSV table.
+//! `ecmsk recording export`: writes a recording in another format, or its reports as a table.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Read};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use clap::ValueHint;
 use ecmsk::link::record::{RecordingCopy, make_room};
-use ecmsk::recording::{Address, Lacks, RecordMeta};
+use ecmsk::recording::{Address, Lacks, RecordError, RecordMeta};
 use ecmsk::sk::SlotSize;
 
 use super::super::error::CliError;
-use super::super::recording::{self, Framed, Frames};
+use super::super::filter::{TimeOptions, Times, nanoseconds};
+use super::super::recording::{self, Framed, Frames, Walked};
 use super::super::stderr::say;
 use super::super::{output, slot_size};
 use super::RecordingVerbError;
-use super::table::Table;
+use super::arrow_file::ArrowFile;
+use super::csv_file::CsvFile;
+use super::mcap_file::McapFile;
+use super::table::{Format, Table};
 
-/// Write a recording in another format: pcapng for Wireshark, .ecmrec, or a table as CSV
+/// How much later than `--to` a copy looks for frames, ns: a report that was read late stands behind commands that were sent
+/// after it. \[OURS]
+const LATE_NS: i64 = 1_000_000_000;
+
+/// Write a recording in another format: pcapng for Wireshark, .ecmrec, or a table as CSV, MCAP or Arrow
 ///
-/// The ending of OUT names the format. A table has a row for each report in OP: its time in seconds since the recording's first
-/// frame, what it says of the board, and for each slave its position, statusword, torque and error code, or its inputs, and the
-/// target that was sent last. Its columns are those of the slaves in the first of these reports.
+/// The ending of OUT names the format: .pcapng, .ecmrec, .csv, .mcap (Foxglove, PlotJuggler), .arrow or .feather (pandas,
+/// Polars). A table has a row for each report in OP: its time, what it says of the board, and for each slave its position,
+/// statusword, torque and error code, or its inputs, and the target that was sent last. Its columns are those of the slaves in
+/// the first of these reports. Memory does not grow with the length of the recording.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk recording export run.ecmrec run.pcapng
+  ecmsk recording export day.ecmrec moment.mcap --from 3600 --to 3620")]
 pub struct Args {
-    /// The recording; for CSV also a capture
+    /// The recording; for a table also a capture
     #[arg(value_name = "IN", value_hint = ValueHint::FilePath)]
     input: PathBuf,
 
-    /// The file to write: .pcapng, .ecmrec or .csv
+    /// The file to write: .pcapng, .ecmrec, .csv, .mcap, .arrow or .feather
     #[arg(value_name = "OUT", value_hint = ValueHint::FilePath)]
     output: PathBuf,
 
     /// Replace an output file that exists
     #[arg(long)]
     overwrite: bool,
+
+    #[command(flatten)]
+    times: TimeOptions,
 
     /// In a table, only the slaves with these numbers; comma list [default: all that the first report in OP has]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
@@ -53,9 +69,9 @@ pub struct Args {
 /// Runs `ecmsk recording export`.
 ///
 /// # Errors
-/// [`CliError`] if the recording cannot be read, has no report in OP for a table, or is a capture of another program that
-/// is to become a recording; if the output file has another extension or cannot be written; or if standard output cannot be
-/// written to.
+/// [`CliError`] if the recording cannot be read, has no report in OP for a table or no frame for a copy, or is a capture of
+/// another program that is to become a recording; if the output file has another extension or cannot be written; or if standard
+/// output cannot be written to.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let (input, output) = (&args.input, &args.output);
     let same = fs::canonicalize(input).ok().zip(fs::canonicalize(output).ok()).is_some_and(|(a, b)| a == b);
@@ -63,46 +79,77 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         return Err(RecordingVerbError::SameFile { file: output.clone() }.into());
     }
     let ending = output.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let device = recording::board(input, args.device)?;
-    let mut frames = Frames::open(input, args.slot_size, device)?;
-    let count = match ending.as_str() {
-        "pcapng" | "ecmrec" => copy(args, &mut frames)?,
-        "csv" => table(args, &mut frames)?,
+    let format: Option<fn(File) -> io::Result<Box<dyn Format>>> = match ending.as_str() {
+        "pcapng" | "ecmrec" => None,
+        "csv" => Some(|file| Ok(Box::new(CsvFile::new(file)))),
+        "mcap" => Some(|file| Ok(Box::new(McapFile::new(file)?))),
+        "arrow" | "feather" => Some(|file| Ok(Box::new(ArrowFile::new(file)))),
         _ => return Err(RecordingVerbError::Ending { file: output.clone() }.into()),
     };
-    frames.note_missing();
+    let device = recording::board(input, args.device)?;
+    let mut frames = args.open(device)?;
+    let (count, walked) = match format {
+        None => copy(args, &mut frames)?,
+        Some(format) => table(args, &mut frames, format)?,
+    };
+    frames.note_walked(&walked);
     Ok(output::print(format!("{}: {count}\n", output.display()))?)
 }
 
-/// Copies all frames to a recording of another format. Returns the number of frames as text for the user, e.g. `12 frames`.
-fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<String, CliError> {
+impl Args {
+    /// Opens the recording: the part for the range of `--from` and `--to`, if either is given.
+    fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read>>, RecordError> {
+        let times = self.times.times();
+        if times == Times::default() {
+            return Frames::open(&self.input, self.slot_size, device);
+        }
+        Frames::open_part(&self.input, self.slot_size, device, (times.from.map_or(0, nanoseconds), until_ns(times)))
+    }
+}
+
+/// The end of the times, ns since the first frame.
+fn until_ns(times: Times) -> i64 {
+    times.to.map_or(i64::MAX, nanoseconds)
+}
+
+/// Copies frames to a recording of another format. Returns the number of frames as text for the user, e.g. `12 frames`.
+fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walked), CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
+    let times = args.times.times();
     make_room(&args.output, args.overwrite).map_err(|error| failed(with_hint(error, args.overwrite)))?;
     let mut progress = Progress::new(&args.input);
     let mut copy: Option<(Rc<RecordMeta>, RecordingCopy)> = None;
     let mut count = 0_u64;
-    for framed in frames.by_ref() {
-        let framed = framed?;
-        progress.frame(&framed);
+    let order = frames.in_time().unsorted();
+    let walked = frames.try_walk(order, until_ns(times).saturating_add(LATE_NS), |framed| {
+        progress.frame(framed);
         let Some(meta) = framed.meta.clone() else {
-            return Err(RecordingVerbError::Capture { file: args.input.clone() }.into());
+            return Err(CliError::from(RecordingVerbError::Capture { file: args.input.clone() }));
         };
         // Each opening of the board has metadata of its own, and becomes a recording of its own in the output file.
         if let Some((_, ended)) = copy.take_if(|(of, _)| *of != meta) {
             ended.end(&Lacks::default()).map_err(failed)?;
         }
-        let begun = match copy.take() {
-            Some(begun) => begun,
-            None => (Rc::clone(&meta), RecordingCopy::begin(&args.output, &meta).map_err(failed)?),
-        };
-        let (_, writer) = copy.insert(begun);
-        writer.add(framed.recorded).map_err(failed)?;
-        count += 1;
-    }
+        let (_, writer) = copy.get_or_insert_with(|| (Rc::clone(&meta), RecordingCopy::new(&args.output, &meta)));
+        if times.contains(framed.time_ns) {
+            writer.add(&framed.recorded).map_err(failed)?;
+            count += 1;
+        } else {
+            writer.look(&framed.recorded);
+        }
+        Ok(true)
+    })?;
     if let Some((_, last)) = copy {
-        last.end(&inherited(frames.lacks().unwrap_or_default())).map_err(failed)?;
+        let mut lacks = inherited(frames.lacks().unwrap_or_default());
+        if walked.damage.is_some() {
+            lacks.not_ended = lacks.not_ended.max(1);
+        }
+        last.end(&lacks).map_err(failed)?;
     }
-    Ok(format!("{count} frames"))
+    match count {
+        0 => Err(RecordingVerbError::NoFrame { file: args.input.clone(), times }.into()),
+        count => Ok((format!("{count} frames"), walked)),
+    }
 }
 
 /// What the output file lacks, when the input file lacks `lacks`. Damaged stretches of the input are not in the output, so
@@ -115,24 +162,31 @@ fn inherited(mut lacks: Lacks) -> Lacks {
     lacks
 }
 
-/// Writes a CSV table with a row for each report in OP. Returns the number of rows as text for the user, e.g. `12 rows`.
-fn table(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<String, CliError> {
+/// Writes a table with a row for each report in OP. Returns the number of rows as text for the user, e.g. `12 rows`.
+fn table(
+    args: &Args,
+    frames: &mut Frames<Box<dyn Read>>,
+    format: fn(File) -> io::Result<Box<dyn Format>>,
+) -> Result<(String, Walked), CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
+    let times = args.times.times();
     let file = create(&args.output, args.overwrite).map_err(failed)?;
     let mut progress = Progress::new(&args.input);
-    let mut table = Table::new(BufWriter::new(file), args.axes.clone());
-    let walked = frames.walk_while(i64::MAX, |framed| {
+    let mut table = Table::new(format(file).map_err(failed)?, args.axes.clone(), times);
+    let walked = frames.walk_while(until_ns(times), |framed| {
         progress.frame(framed);
         table.frame(framed).map_err(failed)?;
         Ok::<_, CliError>(true)
     })?;
-    if let Some(damage) = walked.damage {
-        return Err(damage.into());
+    let damage = walked.damage.as_ref().map(ToString::to_string);
+    let lacks: Vec<String> = frames.lacks().map(|lacks| lacks.to_string()).into_iter().chain(damage).collect();
+    let rows = table.finish((!lacks.is_empty()).then(|| lacks.join("; "))).map_err(failed)?;
+    if rows == 0 {
+        // Nothing is in the file; that it cannot be removed would say no more than the error.
+        let _ = fs::remove_file(&args.output);
+        return Err(RecordingVerbError::NoRow { file: args.input.clone(), times }.into());
     }
-    match table.finish().map_err(failed)? {
-        0 => Err(RecordingVerbError::NoRow { file: args.input.clone() }.into()),
-        rows => Ok(format!("{rows} rows")),
-    }
+    Ok((format!("{rows} rows"), walked))
 }
 
 fn create(file: &Path, overwrite: bool) -> io::Result<File> {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::ValueHint;
-use ecmsk::recording::{Address, Outline};
+use ecmsk::recording::{Address, Outline, RecordError};
 use serde_json::{Value, json};
 
 use super::super::error::CliError;
@@ -127,8 +127,16 @@ fn read(args: &Args) -> Result<Info, CliError> {
     let mut frames = Frames::open(&args.file, None, device)?.quiet();
     let mut info = Info::default();
     let mut progress = Progress::new(&args.file);
+    let mut damage = None;
     for framed in &mut frames {
-        let framed = framed?;
+        let framed = match framed {
+            Ok(framed) => framed,
+            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
+                damage = Some(error.to_string());
+                continue;
+            }
+            Err(error) => return Err(error.into()),
+        };
         let at_ns = framed.recorded.at_ns;
         let (first, last) = info.times_ns.get_or_insert((at_ns, at_ns));
         (*first, *last) = ((*first).min(at_ns), (*last).max(at_ns));
@@ -136,6 +144,7 @@ fn read(args: &Args) -> Result<Info, CliError> {
         info.frames += 1;
         progress.frame(&framed);
     }
-    info.lacks = frames.lacks().map(|lacks| lacks.to_string());
+    let lacks: Vec<String> = frames.lacks().map(|lacks| lacks.to_string()).into_iter().chain(damage).collect();
+    info.lacks = (!lacks.is_empty()).then(|| lacks.join("; "));
     Ok(info)
 }

@@ -1,48 +1,160 @@
-//! The reports of a recording as rows of a table.
+//! The reports of a recording as rows of a table, which a [`Format`] writes.
 
-use std::io::{self, Write};
+use std::io;
 
 use ecmsk::link::Dir;
-use ecmsk::recording::Kinds;
+use ecmsk::recording::{Clock, Kinds, RecordMeta};
 use ecmsk::sk::dump::{MAX_SLAVES, ResponseDump, SlotMeaning};
 use ecmsk::sk::{
     DriveResponse, HspResponse, IoResponse, MasterResponse, MasterState, SlaveCommand, SlaveKind, SlotCommand,
 };
 
-use crate::recording::Framed;
+use crate::filter::Times;
+use crate::recording::{Framed, link_name};
 
-/// Which columns of the table a slave has.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Columns {
+/// The numbers that a column may have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Type {
+    I32,
+    U16,
+    /// In tenths of a percent; it is written in percent.
+    Percent,
+}
+
+/// A column of the table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Column {
+    pub name: &'static str,
+    pub ty: Type,
+    /// What it has, with its unit.
+    pub about: &'static str,
+}
+
+/// Of what columns are that belong together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    Board,
     Axis,
     /// The first axis of a pulse module, which has no torque.
     Pulse,
     Bits,
 }
 
-/// Writes the CSV table: a line with the names of the columns, and a row for each report in OP.
-pub struct Table<W> {
-    out: W,
+const fn column(name: &'static str, ty: Type, about: &'static str) -> Column {
+    Column { name, ty, about }
+}
+
+const TARGET: Column = column("target", Type::I32, "the target that was sent last, counts");
+const POSITION: Column = column("position", Type::I32, "the actual position, counts");
+const STATUSWORD: Column = column("statusword", Type::U16, "the statusword, object 0x6041");
+
+const OF_BOARD: &[Column] = &[
+    column("fifo_free", Type::U16, "free entries of the FIFO"),
+    column("full_count", Type::U16, "command frames that were lost because the FIFO was full, modulo 65536"),
+    column("crc_errors", Type::U16, "command frames with a wrong CRC, modulo 256"),
+    column("state", Type::U16, "byte 2 of slot 0: 8 is OP, 24 is OP with a lost slave"),
+];
+const OF_AXIS: &[Column] = &[
+    TARGET,
+    POSITION,
+    column("torque_percent", Type::Percent, "the actual torque, percent of the rated torque"),
+    STATUSWORD,
+    column("error_code", Type::U16, "the error code, object 0x603F"),
+];
+const OF_PULSE: &[Column] = &[TARGET, POSITION, STATUSWORD];
+const OF_BITS: &[Column] = &[column("bits", Type::U16, "the inputs, or outputs in the answer to IO_WR, a bit each")];
+
+impl Part {
+    /// The columns, in their order.
+    pub const fn columns(self) -> &'static [Column] {
+        match self {
+            Self::Board => OF_BOARD,
+            Self::Axis => OF_AXIS,
+            Self::Pulse => OF_PULSE,
+            Self::Bits => OF_BITS,
+        }
+    }
+}
+
+/// Columns that belong together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Group {
+    /// The slave, from 1; 0: the board.
+    pub slave: u8,
+    pub part: Part,
+}
+
+/// What is known before the first row.
+pub struct Head<'a> {
+    pub groups: &'a [Group],
+    /// The link that was recorded; `None`: the recording does not say.
+    pub link: Option<String>,
+    /// Whether times are those of a virtual clock. If not they count from 1970-01-01, UTC.
+    pub is_virtual: bool,
+}
+
+/// A row: a report in OP.
+pub struct Row<'a> {
+    /// The time of the report, ns, with jumps of the clock taken out.
+    pub at_ns: u64,
+    /// The same since the first frame of the recording.
+    pub time_ns: i64,
+    /// The values of all columns, those of the first group first. `None`: it is not known.
+    pub values: &'a [Option<i64>],
+}
+
+/// Writes a table to a file of some format.
+pub trait Format {
+    /// Begins the table, before its first row.
+    fn begin(&mut self, head: &Head) -> io::Result<()>;
+
+    fn row(&mut self, row: &Row) -> io::Result<()>;
+
+    /// Completes the file. `lacks`: what is missing in the recording.
+    fn finish(&mut self, lacks: Option<String>) -> io::Result<()>;
+}
+
+/// Makes the rows from frames.
+pub struct Table {
+    format: Box<dyn Format>,
     /// The numbers of the slaves that the table has columns for; empty: all slaves.
     asked: Vec<u8>,
+    times: Times,
     kinds: Kinds,
-    /// The slaves that have columns, by number. `None` before the first report in OP, whose slots show which slaves there
-    /// are.
-    slaves: Option<Vec<(u8, Columns)>>,
-    /// The target that was sent last to each slave.
+    /// The board, and the slaves that have columns. Empty before the first row, whose slots show which slaves there are.
+    groups: Vec<Group>,
+    /// The target that was sent last to each slave within the times. \[OURS] Of a part of a recording not all frames
+    /// before it are read, so an earlier target may not be the last one.
     targets: [Option<i32>; MAX_SLAVES],
+    /// The time of the first frame in the file, ns.
+    begin_ns: Option<u64>,
+    values: Vec<Option<i64>>,
     rows: u64,
 }
 
-impl<W: Write> Table<W> {
-    /// Starts a table that is written to `out`. It has columns for the slaves with the numbers `asked`, or for all slaves
-    /// if `asked` is empty.
-    pub fn new(out: W, asked: Vec<u8>) -> Self {
-        Self { out, asked, kinds: Kinds::new(None), slaves: None, targets: [None; MAX_SLAVES], rows: 0 }
+impl Table {
+    /// Starts a table of the frames within the times. It has columns for the slaves with the numbers `asked`, or for all
+    /// slaves if `asked` is empty.
+    pub fn new(format: Box<dyn Format>, asked: Vec<u8>, times: Times) -> Self {
+        Self {
+            format,
+            asked,
+            times,
+            kinds: Kinds::new(None),
+            groups: Vec::new(),
+            targets: [None; MAX_SLAVES],
+            begin_ns: None,
+            values: Vec::new(),
+            rows: 0,
+        }
     }
 
     /// Adds the next frame; frames are sorted by time.
+    ///
+    /// # Errors
+    /// The file cannot be written.
     pub fn frame(&mut self, framed: &Framed) -> io::Result<()> {
+        self.begin_ns.get_or_insert_with(|| moved(framed.recorded.at_ns, -i128::from(framed.time_ns)));
         match framed.recorded.dir {
             Dir::Write => {
                 self.command(framed);
@@ -52,15 +164,23 @@ impl<W: Write> Table<W> {
         }
     }
 
-    /// Completes the table, and returns the number of its rows.
-    pub fn finish(mut self) -> io::Result<u64> {
-        self.out.flush()?;
+    /// Completes the file, and returns the number of rows. Without a row there is nothing in the file.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn finish(mut self, lacks: Option<String>) -> io::Result<u64> {
+        if self.rows > 0 {
+            self.format.finish(lacks)?;
+        }
         Ok(self.rows)
     }
 
     fn command(&mut self, framed: &Framed) {
         let (frame, size) = (&framed.recorded.frame, framed.size);
         self.kinds.command(frame, size);
+        if !self.times.contains(framed.time_ns) {
+            return;
+        }
         for (n, target) in (1..=size.max_slaves()).zip(&mut self.targets) {
             match SlotCommand::decode(&frame.slot(size, n), size).map(|slot| slot.command) {
                 Ok(SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion)) => *target = Some(motion.first.target),
@@ -74,66 +194,76 @@ impl<W: Write> Table<W> {
         let (frame, size) = (&framed.recorded.frame, framed.size);
         self.kinds.response(frame, size);
         let board = MasterResponse::decode(&frame.slot(size, 0));
-        if board.state.state() != Some(MasterState::Op) {
+        if board.state.state() != Some(MasterState::Op) || !self.times.contains(framed.time_ns) {
             return Ok(());
         }
-        if self.slaves.is_none() {
-            self.begin(framed)?;
+        if self.groups.is_empty() {
+            self.groups = self.found(framed);
+            let meta = framed.meta.as_deref();
+            let (link, is_virtual) = (meta.map(link_name), meta.is_some_and(is_virtual));
+            self.format.begin(&Head { groups: &self.groups, link, is_virtual })?;
         }
-        let seconds = framed.time_ns as f64 / 1e9;
-        write!(self.out, "{seconds:.9},{},{}", board.fifo_free, board.full_count)?;
-        for (slave, columns) in self.slaves.iter().flatten() {
+        self.values.clear();
+        for Group { slave, part } in &self.groups {
             let n = usize::from(*slave);
+            // A file may have a board with fewer slaves behind the first one.
+            if n > size.max_slaves() {
+                self.values.extend(part.columns().iter().map(|_| None));
+                continue;
+            }
             let slot = frame.slot(size, n);
-            match columns {
-                Columns::Axis => {
+            let target = n.checked_sub(1).and_then(|n| self.targets[n]).map(i64::from);
+            match part {
+                Part::Board => self
+                    .values
+                    .extend([board.fifo_free, board.full_count, board.error.into(), board.state.0.into()].map(number)),
+                Part::Axis => {
                     let DriveResponse { statusword, position, torque, error_code, .. } = DriveResponse::decode(&slot);
-                    let target = self.targets[n - 1].map(|target| target.to_string()).unwrap_or_default();
-                    let torque = f64::from(torque) / 10.0;
-                    write!(self.out, ",{target},{position},{torque},{},{error_code}", statusword.0)?;
+                    self.values.extend([target, number(position), number(torque)]);
+                    self.values.extend([statusword.0, error_code].map(number));
                 }
-                Columns::Pulse => {
+                Part::Pulse => {
                     let HspResponse { statusword, first, .. } = HspResponse::decode(&slot, size);
-                    let target = self.targets[n - 1].map(|target| target.to_string()).unwrap_or_default();
-                    write!(self.out, ",{target},{},{}", first.position, statusword.0)?;
+                    self.values.extend([target, number(first.position), number(statusword.0)]);
                 }
-                Columns::Bits => write!(self.out, ",{}", IoResponse::decode(&slot).bits)?,
+                Part::Bits => self.values.push(number(IoResponse::decode(&slot).bits)),
             }
         }
         self.rows += 1;
-        writeln!(self.out)
+        let at_ns = moved(self.begin_ns.unwrap_or_default(), framed.time_ns.into());
+        self.format.row(&Row { at_ns, time_ns: framed.time_ns, values: &self.values })
     }
 
-    /// Finds the slaves in the first report in OP, and writes the names of the columns.
-    fn begin(&mut self, framed: &Framed) -> io::Result<()> {
+    /// The groups of columns, by the first report in OP.
+    fn found(&self, framed: &Framed) -> Vec<Group> {
         let dump = ResponseDump::new(&framed.recorded.frame, framed.size);
         let guessed = |n: usize| match dump.line(n)?.meaning {
             SlotMeaning::SlaveResponse(reading) => reading.kind.kind(),
             _ => None,
         };
-        let mut slaves = Vec::new();
-        for n in 1..=framed.size.max_slaves() {
-            let slave = n as u8;
-            let columns = match self.kinds.of(n).or_else(|| guessed(n)) {
-                Some(SlaveKind::Io) => Columns::Bits,
-                Some(SlaveKind::Hsp) => Columns::Pulse,
-                Some(SlaveKind::None) | None => continue,
-                Some(_) => Columns::Axis,
+        let slaves = (1..=framed.size.max_slaves()).filter_map(|n| {
+            let part = match self.kinds.of(n).or_else(|| guessed(n)) {
+                Some(SlaveKind::Io) => Part::Bits,
+                Some(SlaveKind::Hsp) => Part::Pulse,
+                Some(SlaveKind::None) | None => return None,
+                Some(_) => Part::Axis,
             };
-            if self.asked.is_empty() || self.asked.contains(&slave) {
-                slaves.push((slave, columns));
-            }
-        }
-        write!(self.out, "time_s,fifo_free,full_count")?;
-        for (slave, columns) in &slaves {
-            let names: &[&str] = match columns {
-                Columns::Axis => &["target", "position", "torque_percent", "statusword", "error_code"],
-                Columns::Pulse => &["target", "position", "statusword"],
-                Columns::Bits => &["bits"],
-            };
-            names.iter().try_for_each(|name| write!(self.out, ",{slave}_{name}"))?;
-        }
-        self.slaves = Some(slaves);
-        writeln!(self.out)
+            Some(Group { slave: n as u8, part })
+        });
+        let slaves = slaves.filter(|group| self.asked.is_empty() || self.asked.contains(&group.slave));
+        [Group { slave: 0, part: Part::Board }].into_iter().chain(slaves).collect()
     }
+}
+
+fn number(value: impl Into<i64>) -> Option<i64> {
+    Some(value.into())
+}
+
+fn is_virtual(meta: &RecordMeta) -> bool {
+    meta.clock == Clock::Virtual
+}
+
+/// A time in the file, moved by some nanoseconds. A damaged file may have any times.
+fn moved(at_ns: u64, by_ns: i128) -> u64 {
+    (i128::from(at_ns) + by_ns).clamp(0, u64::MAX.into()) as u64
 }

@@ -57,6 +57,11 @@ impl AxisExtremes {
     pub const fn of(&self, quantity: Quantity) -> Peak {
         self.peaks[quantity as usize]
     }
+
+    /// Adds a value, which counts if it is the largest so far.
+    pub fn take(&mut self, quantity: Quantity, value: i64, at_ns: i64) {
+        self.peaks[quantity as usize].take(value, at_ns);
+    }
 }
 
 /// Finds the extremes of all axes in the frames of a run, sorted by time.
@@ -84,7 +89,7 @@ impl Extremes {
             if times.contains(at_ns)
                 && let Some(extremes) = found.get_mut(slave - 1)
             {
-                extremes.peaks[quantity as usize].take(value, at_ns);
+                extremes.take(quantity, value, at_ns);
             }
         });
     }

@@ -22,7 +22,8 @@ const PICTURES_MAX: usize = 30;
 /// Pictures that overlap become one up to this length, ns. \[OURS] Single cycles can still be told apart in it.
 const STRETCH_MAX_NS: i64 = 1_000_000_000;
 
-const STYLE: &str = "body{font:14px sans-serif;color:#202428;max-width:1200px;margin:1em auto;padding:0 1em}\
+/// The style of pages.
+pub const STYLE: &str = "body{font:14px sans-serif;color:#202428;max-width:1200px;margin:1em auto;padding:0 1em}\
     table{border-collapse:collapse}th,td{text-align:left;padding:.2em 1em .2em 0;border-bottom:1px solid #e4e8ec}\
     pre{white-space:pre-wrap}svg{max-width:100%;height:auto}";
 

@@ -9,11 +9,13 @@
 //!   wrong, and programs that sleep
 //! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
 //!   captures, shown, drawn, compared, replayed, and judged
-//! - `summary_axes.rs`, `bad_moments.rs`, `find.rs`: `ecmsk summary` and `ecmsk find`
+//! - `summary_axes.rs`, `trends.rs`, `bad_moments.rs`, `find.rs`: `ecmsk summary` and `ecmsk find`
 //! - `assert_rules.rs`: `ecmsk assert`
 //! - `fault.rs`: `ecmsk fault`, `--control`, and faults in scripts
-//! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and recordings of unknown origin
-//! - `recording_files.rs`: `ecmsk recording`, and recordings in blocks in other verbs; `odd_recordings.rs`: damaged ones, odd values
+//! - `recording_end.rs`, `recording_damage.rs`, `foreign_recording.rs`: recordings that were not ended, damaged ones, and
+//!   recordings of unknown origin
+//! - `recording_files.rs`: `ecmsk recording`, and recordings in blocks in other verbs; `recording_tables.rs`: tables that it
+//!   exports
 //! - `verbs.rs`, `moves.rs`, `stop.rs`, `stalled.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk
 //!   to a board,
 //!   signals, scripts, the shell
@@ -83,8 +85,10 @@ mod plot_panels;
 mod plot_png;
 mod plot_states;
 mod readme_picture;
+mod recording_damage;
 mod recording_end;
 mod recording_files;
+mod recording_tables;
 mod recordings_page;
 mod scripts;
 mod serve_ethercat;
@@ -108,6 +112,7 @@ mod tcp_params;
 mod tcp_process;
 mod tcp_stalled_log;
 mod terminal;
+mod trends;
 mod verbs;
 mod wireshark;
 mod wireshark_chip;

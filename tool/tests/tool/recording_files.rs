@@ -80,7 +80,7 @@ fn a_table_has_the_reports() {
     let table = fs::read_to_string(exported(&whole, "csv")).expect("a table");
     let mut rows = table.lines().map(|row| row.split(',').collect::<Vec<_>>());
     let names = rows.next().expect("the names");
-    assert_eq!(names[..4], ["time_s", "fifo_free", "full_count", "1_target"]);
+    assert_eq!(names[..4], ["time_s", "fifo_free", "full_count", "crc_errors"]);
     assert_eq!(names.last(), Some(&"3_bits"));
     let position = names.iter().position(|name| *name == "2_position").expect("a column");
     let rows: Vec<_> = rows.collect();
@@ -134,11 +134,15 @@ fn a_wrong_export_is_refused() {
     let export = |output: &Path| run(["recording", "export", whole.path(), text(output)]);
     export(&there).expect_failure(1, &["there.csv", "--overwrite"], "name a file on a disk with room");
     assert_eq!(fs::read_to_string(&there).expect("a file"), "a letter");
-    export(&whole.file.with_extension("xls")).expect_failure(1, &["run.xls"], "name it .pcapng, .ecmrec or .csv");
+    export(&whole.file.with_extension("xls")).expect_failure(
+        1,
+        &["run.xls"],
+        "name it .pcapng, .ecmrec, .csv, .mcap, .arrow or .feather",
+    );
     export(&whole.file).expect_failure(1, &["is the recording itself"], "name another file");
     let capture = support::root().join("tests/recordings/usbmon_12.pcap");
     let ran = run(["recording", "export", text(&capture), text(&whole.file.with_extension("ecmrec"))]);
-    ran.expect_failure(1, &["usbmon_12.pcap", "a capture of another program"], "exported as .csv");
+    ran.expect_failure(1, &["usbmon_12.pcap", "a capture of another program"], "exported as a table, such as .csv");
 }
 
 /// `--record FILE.ecmrec` of a verb: the file is whole, and a second run asks for `--overwrite`.

@@ -9,10 +9,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::folder::{self, Folder, Output};
 use super::moment::{self, Kind, Moment, one_line};
-use super::settings::Settings;
 use crate::link::record::blocks::{BlockWriter, Pieces};
 use crate::link::record::file::Sink;
 use crate::link::record::loss::Loss;
+use crate::link::record::settings::Settings;
 use crate::link::record::writer::{FrameEntry, Writer};
 use crate::recording::file_formats::ecmrec::header::{HEADER_LEN, Header};
 use crate::recording::file_formats::ecmrec::section::Section;

@@ -13,8 +13,7 @@
 //! loses a second at most (docs/decisions/a-flight-recorder-writes-frames-twice.md). Files:
 //!
 //! - `mod.rs`: what surrounds an event, and the promises of a folder
-//! - `writer.rs`: the frames of the queue go to segments; `ring.rs`: which segments there are; `settings.rs`: the
-//!   commands with which each of them begins
+//! - `writer.rs`: the frames of the queue go to segments; `ring.rs`: which segments there are
 //! - `keeper.rs`: syncing, compressed segments, moments and marks; `helper.rs`: the thread that does it
 //! - `moment.rs`: the text beside the recording of a moment; `state.rs`: the file `writer.txt`
 //! - `folder.rs`: the folder on the disk
@@ -26,7 +25,6 @@ mod helper;
 mod keeper;
 mod moment;
 mod ring;
-mod settings;
 mod state;
 #[cfg(test)]
 mod tests;

@@ -251,9 +251,11 @@ impl Unpacker {
         self.next += 1;
         let begin = out.len();
         let words = &mut self.before[index(dir)].words;
-        for (word, difference) in words.iter_mut().zip(differences).take(len.div_ceil(WORD)) {
+        out.resize(begin + len.next_multiple_of(WORD), 0);
+        for ((word, difference), bytes) in words.iter_mut().zip(differences).zip(out[begin..].as_chunks_mut::<WORD>().0)
+        {
             *word = word.wrapping_add(*difference);
-            out.extend(word.to_le_bytes());
+            *bytes = word.to_le_bytes();
         }
         out.truncate(begin + len);
         Some((dir, at_ns))

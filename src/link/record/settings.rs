@@ -1,7 +1,7 @@
 //! The settings of a board that later frames are understood with: the kinds of its slaves and its cycle time.
 
+use super::writer::FrameEntry;
 use crate::link::Dir;
-use crate::link::record::writer::FrameEntry;
 use crate::sk::{CycleTime, MasterCommand, MasterResponse, MasterState, SlotSize};
 
 /// How many cycles before the frames of a recording the commands stand. Reports that are read late stand behind them, too:

@@ -1,0 +1,241 @@
+//! Trends over the recordings of a folder: `ecmsk summary DIR`, and `ecmsk summary --by hour FILE`.
+//!
+//! Files:
+//!
+//! - `trends.rs`: reads the recordings one after the other; `trends/sources.rs`: which these are, in which order
+//! - `trends/part.rs`: what is known of a recording, an hour or a day; `trends/watch.rs`: finds it in frames
+//! - `trends/motions.rs`, `homings.rs`, `reserve.rs`: motions with the same ends, where homings found home, the FIFO
+//! - `trends/report.rs`: as text and as JSON; `trends/page.rs`: as a page for a browser
+
+mod homings;
+mod motions;
+mod page;
+mod part;
+mod report;
+mod reserve;
+mod sources;
+mod watch;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::ValueEnum;
+use ecmsk::machine_file::MachineFile;
+use ecmsk::recording::RecordError;
+use time::OffsetDateTime;
+
+use super::fail_on::FailOn;
+use super::{Args, SummaryError, write};
+use crate::error::CliError;
+use crate::filter::Times;
+use crate::junit::{self, Case};
+use crate::output;
+use crate::recording::{Frames, Walked};
+use crate::stderr::say;
+use crate::visible::visible;
+use part::Part;
+use report::Report;
+use sources::{About, Source, Sources};
+use watch::{Watch, Whole};
+
+/// With more recordings than this they are put together by hours or days, unless --by says otherwise. \[OURS] A table of
+/// more lines is not looked at.
+const RECORDINGS_MAX: usize = 60;
+/// Recordings over more days than this are put together by days, and of fewer by hours. \[OURS]
+const HOURS_OF_DAYS_MAX: u64 = 3;
+/// The most files that are named because they are passed over. \[OURS]
+const NAMED_MAX: usize = 20;
+
+/// What a line of the trends is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum By {
+    /// A recording
+    Recording,
+    /// An hour (UTC)
+    Hour,
+    /// A day (UTC)
+    Day,
+}
+
+impl By {
+    /// How long a part is, ns; `None`: as long as its recording.
+    const fn length_ns(self) -> Option<u64> {
+        const HOUR_NS: u64 = 3_600_000_000_000;
+        match self {
+            Self::Recording => None,
+            Self::Hour => Some(HOUR_NS),
+            Self::Day => Some(24 * HOUR_NS),
+        }
+    }
+
+    /// The name of a part.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Recording => "recording",
+            Self::Hour => "hour",
+            Self::Day => "day",
+        }
+    }
+
+    /// What suits these recordings.
+    fn usual(recordings: &[Source]) -> Self {
+        if recordings.len() <= RECORDINGS_MAX || recordings.iter().any(|source| source.is_virtual) {
+            return Self::Recording;
+        }
+        let days = |source: &Source| source.begin_ns / Self::Day.length_ns().unwrap_or(1);
+        let (first, last) = (recordings.iter().map(days).min(), recordings.iter().map(days).max());
+        match first.zip(last) {
+            Some((first, last)) if last - first < HOURS_OF_DAYS_MAX => Self::Hour,
+            _ => Self::Day,
+        }
+    }
+
+    /// The number of the part for a time in the recording with this number.
+    fn part(self, recording: usize, at_ns: u64) -> u64 {
+        self.length_ns().map_or(recording as u64, |length_ns| at_ns / length_ns)
+    }
+
+    fn name(self, file: &Path, at_ns: u64) -> String {
+        let at = OffsetDateTime::from_unix_timestamp_nanos(at_ns.into()).unwrap_or(OffsetDateTime::UNIX_EPOCH);
+        match self {
+            Self::Recording => visible(&file.file_name().unwrap_or(file.as_os_str()).to_string_lossy()),
+            Self::Hour => format!("{} {:02} h", at.date(), at.hour()),
+            Self::Day => at.date().to_string(),
+        }
+    }
+}
+
+/// Runs `ecmsk summary` on a folder, or on a recording by hours or days.
+///
+/// # Errors
+/// [`CliError`] if the folder cannot be read or has no recording, if an output file cannot be written, or if standard output
+/// cannot be written to.
+pub fn run(args: &Args, machine: Option<&MachineFile>) -> Result<ExitCode, CliError> {
+    if args.times.times() != Times::default() {
+        return Err(SummaryError::TimesOfTrends.into());
+    }
+    let about = About { size: args.slot_size, device: args.device };
+    let mut sources = if args.file.is_dir() {
+        let failed = |source| SummaryError::Folder { folder: args.file.clone(), source };
+        Sources::of(&args.file, about).map_err(failed)?
+    } else {
+        Sources::of_file(&args.file, about)?
+    };
+    let by = args.by.unwrap_or_else(|| By::usual(&sources.recordings));
+    if by != By::Recording
+        && let Some(source) = sources.recordings.iter().find(|source| source.is_virtual)
+    {
+        return Err(SummaryError::NoDays { file: source.file.clone() }.into());
+    }
+    let any = [FailOn::any()];
+    let reasons = if args.fail_on.is_empty() && args.junit.is_some() { &any[..] } else { &args.fail_on[..] };
+    let mut trends = Trends { by, parts: BTreeMap::new(), is_clean: true, failures: vec![Vec::new(); reasons.len()] };
+    let recordings = std::mem::take(&mut sources.recordings);
+    for (number, source) in recordings.iter().enumerate() {
+        match trends.read(number, source, about) {
+            Ok((whole, is_whole)) => trends.judge(source, &whole, is_whole, reasons, machine),
+            Err(error) => sources.pass_over(&source.file, error),
+        }
+    }
+    note_passed_over(&sources);
+    if trends.parts.is_empty() {
+        return Err(SummaryError::NoRecording { folder: args.file.clone() }.into());
+    }
+    let parts: Vec<(u64, Part)> = trends.parts.into_iter().collect();
+    let report = Report { folder: &args.file, by, parts: &parts, sources: &sources, machine };
+    output::print(if args.json { format!("{}\n", report.json()) } else { report.text() })?;
+    if let Some(file) = &args.html {
+        write(file, "--html", page::html(&report)?)?;
+    }
+    if let Some(file) = &args.junit {
+        let case = |(reason, failures): (&FailOn, &Vec<String>)| {
+            let failure = (!failures.is_empty()).then(|| failures.join("; "));
+            Case { name: reason.text.clone(), failure, time: Duration::ZERO }
+        };
+        let cases: Vec<Case> = reasons.iter().zip(&trends.failures).map(case).collect();
+        junit::write(file, &format!("ecmsk summary {}", args.file.display()), &cases).map_err(SummaryError::from)?;
+    }
+    let failed = args.fail_on.iter().zip(&trends.failures).flat_map(|(_, failures)| failures);
+    let failed = failed.inspect(|failure| say("failed", failure)).count() > 0;
+    Ok(if failed || args.exit_code && !trends.is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+fn note_passed_over(sources: &Sources) {
+    for (file, why) in sources.passed_over.iter().take(NAMED_MAX) {
+        say("note", &format_args!("{}: passed over: {why}", file.display()));
+    }
+    if let Some(more @ 1..) = sources.passed_over.len().checked_sub(NAMED_MAX) {
+        say("note", &format_args!("{more} more files are passed over; --json names all"));
+    }
+}
+
+/// The trends while recordings are read.
+struct Trends {
+    by: By,
+    parts: BTreeMap<u64, Part>,
+    /// Whether nothing went wrong, and all recordings are whole.
+    is_clean: bool,
+    /// For each reason to fail, why the runs have failed.
+    failures: Vec<Vec<String>>,
+}
+
+impl Trends {
+    /// Reads a recording. Returns what it shows, and whether it is whole: as far as it is written.
+    fn read(&mut self, number: usize, source: &Source, about: About) -> Result<(Whole, bool), RecordError> {
+        let Self { by, parts, .. } = self;
+        let mut frames = Frames::open(&source.file, about.size, source.device)?;
+        let mut watch = Watch::new();
+        let mut within: Vec<u64> = Vec::new();
+        let walked = frames.walk(i64::MAX, |framed| {
+            let at_ns = (i128::from(source.begin_ns) + i128::from(framed.time_ns)).clamp(0, u64::MAX.into()) as u64;
+            let key = by.part(number, at_ns);
+            let part = parts.entry(key).or_insert_with(|| Part::new(by.name(&source.file, at_ns), at_ns));
+            if within.last() != Some(&key) && !within.contains(&key) {
+                within.push(key);
+                part.recordings += 1;
+            }
+            watch.frame(framed, i64::try_from(at_ns.saturating_sub(part.begin_ns)).unwrap_or(i64::MAX), part);
+        })?;
+        let is_growing = source.is_growing();
+        let is_whole = is_whole(&frames, &walked, is_growing);
+        if is_growing && is_whole {
+            say("note", &format_args!("{}: it is being written; what came later is missing", source.file.display()));
+        } else {
+            frames.note_walked(&walked);
+        }
+        if !is_whole {
+            for key in within {
+                parts.entry(key).and_modify(|part| part.incomplete += 1);
+            }
+        }
+        Ok((watch.finish(), is_whole))
+    }
+
+    fn judge(
+        &mut self,
+        source: &Source,
+        whole: &Whole,
+        is_whole: bool,
+        reasons: &[FailOn],
+        machine: Option<&MachineFile>,
+    ) {
+        self.is_clean &= whole.summary.is_empty() && is_whole;
+        let axes: Vec<_> = whole.axes.iter().map(|(slave, extremes)| (*slave, extremes)).collect();
+        for (reason, failures) in reasons.iter().zip(&mut self.failures) {
+            let found = reason.failures(&whole.summary, is_whole, &axes, machine);
+            failures.extend(found.into_iter().map(|why| format!("{}: {why}", source.file.display())));
+        }
+    }
+}
+
+/// Whether a recording is whole. That it has no end, or ends within a frame, is as it should be while it is written.
+fn is_whole(frames: &Frames<Box<dyn std::io::Read>>, walked: &Walked, is_growing: bool) -> bool {
+    let is_as_written = |error: &RecordError| is_growing && matches!(error, RecordError::Truncated { .. });
+    let lacks = frames.lacks().unwrap_or_default();
+    walked.damage.as_ref().is_none_or(is_as_written)
+        && lacks.missing == 0
+        && lacks.damage.count == 0
+        && (is_growing || lacks.not_ended == 0)
+}

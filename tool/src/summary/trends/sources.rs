@@ -1,0 +1,148 @@
+//! The recordings of a folder, in the order in which they were made.
+
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use ecmsk::link::record::flight::FlightContents;
+use ecmsk::recording::{Address, Clock, RecordError};
+use ecmsk::sk::SlotSize;
+
+use crate::recording::{Frames, board};
+
+/// A recording, and when it begins.
+#[derive(Clone, Debug)]
+pub struct Source {
+    pub file: PathBuf,
+    /// The board in it, of a capture.
+    pub device: Option<Address>,
+    /// The time of its first frame, ns.
+    pub begin_ns: u64,
+    /// Whether its times are those of a virtual clock. If not they count from 1970-01-01, UTC.
+    pub is_virtual: bool,
+    /// Whether it is a segment of a flight recorder that a process writes at present.
+    pub is_live: bool,
+}
+
+/// What was found.
+#[derive(Debug, Default)]
+pub struct Sources {
+    /// The recordings, oldest first.
+    pub recordings: Vec<Source>,
+    /// What is no recording of a board, or cannot be read, and why.
+    pub passed_over: Vec<(PathBuf, String)>,
+}
+
+/// What a person has said about captures.
+#[derive(Clone, Copy, Debug)]
+pub struct About {
+    pub size: Option<SlotSize>,
+    pub device: Option<Address>,
+}
+
+impl Sources {
+    /// The recordings of a folder: of a flight recorder the segments, and the kept moments that are older; else all
+    /// recordings and captures in it, without the folders below.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub fn of(folder: &Path, about: About) -> io::Result<Self> {
+        match FlightContents::of(folder) {
+            Ok(flight) => Ok(Self::of_flight(&flight, about)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Self::of_files(folder, about),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// One recording.
+    pub fn of_file(file: &Path, about: About) -> Result<Self, RecordError> {
+        let mut sources = Self::default();
+        match source(file, about)? {
+            Ok(source) => sources.recordings.push(source),
+            Err(why) => sources.pass_over(file, why),
+        }
+        Ok(sources)
+    }
+
+    fn of_flight(flight: &FlightContents, about: About) -> Self {
+        let mut sources = Self::default();
+        let oldest_ns = flight.segments.iter().find_map(|segment| segment.times_ns).map_or(u64::MAX, |times| times.0);
+        // What is in the ring, too, is not counted twice.
+        let older = flight.moments.iter().filter(|kept| kept.moment.to_ns < oldest_ns);
+        for file in older.filter_map(|kept| kept.file.as_ref()) {
+            sources.add(file, about);
+        }
+        for segment in &flight.segments {
+            sources.add(&segment.file, about);
+        }
+        if let Some((last, newest)) = sources.recordings.last_mut().zip(flight.segments.last()) {
+            last.is_live = flight.writer.is_some() && last.file == newest.file;
+        }
+        sources
+    }
+
+    fn of_files(folder: &Path, about: About) -> io::Result<Self> {
+        let mut files: Vec<PathBuf> = Vec::new();
+        for entry in fs::read_dir(folder)? {
+            files.push(entry?.path());
+        }
+        files.sort();
+        let mut sources = Self::default();
+        for file in files {
+            match fs::metadata(&file) {
+                Ok(metadata) if metadata.is_file() => sources.add(&file, about),
+                Ok(metadata) if metadata.is_dir() => sources.pass_over(&file, "it is a folder; name it for its trends"),
+                // A pipe, for example, would wait for its writer.
+                Ok(_) => sources.pass_over(&file, "it is no file"),
+                Err(error) => sources.pass_over(&file, error),
+            }
+        }
+        if sources.recordings.iter().all(|source| !source.is_virtual) {
+            sources.recordings.sort_by_key(|source| source.begin_ns);
+        }
+        Ok(sources)
+    }
+
+    fn add(&mut self, file: &Path, about: About) {
+        match source(file, about) {
+            Ok(Ok(source)) => self.recordings.push(source),
+            Ok(Err(why)) => self.pass_over(file, why),
+            Err(error) => self.pass_over(file, error),
+        }
+    }
+
+    /// Notes a file that is left out, and why.
+    pub fn pass_over(&mut self, file: &Path, why: impl ToString) {
+        let why = why.to_string();
+        // Messages of a reader begin with the name of the file, which is said anyhow.
+        let name = file.display().to_string();
+        let rest = why.strip_prefix(&name).map(|rest| rest.trim_start_matches([':', ' '])).unwrap_or(&why);
+        self.passed_over.push((file.to_owned(), rest.to_owned()));
+    }
+}
+
+/// Looks at the beginning of a recording. If it has no frame that can be read, returns why.
+fn source(file: &Path, about: About) -> Result<Result<Source, String>, RecordError> {
+    let device = board(file, about.device)?;
+    let mut frames = Frames::open(file, about.size, device)?.quiet();
+    let Some(first) = frames.next().transpose()? else {
+        let why = frames.lacks().map_or_else(|| "it has no frame".to_owned(), |lacks| lacks.to_string());
+        return Ok(Err(why));
+    };
+    let is_virtual = first.meta.is_some_and(|meta| meta.clock == Clock::Virtual);
+    Ok(Ok(Source { file: file.to_owned(), device, begin_ns: first.recorded.at_ns, is_virtual, is_live: false }))
+}
+
+impl Source {
+    /// Whether a process is writing to the file at present. If the system does not say so, it counts as written.
+    pub fn is_growing(&self) -> bool {
+        // Where locks keep others from reading, a recording has none (`record=`).
+        if self.is_live || !cfg!(unix) {
+            return self.is_live;
+        }
+        let Ok(file) = File::open(&self.file) else { return false };
+        let locked = file.try_lock_shared();
+        let _ = file.unlock();
+        matches!(locked, Err(TryLockError::WouldBlock))
+    }
+}

@@ -27,11 +27,11 @@ use super::visible::visible;
 use super::{CliError, output};
 pub use folder::FolderError;
 pub use link::not_in_build;
-pub use report::ReportError;
 #[cfg(target_os = "linux")]
 use linux as system;
 #[cfg(target_os = "linux")]
 pub use linux::RuleError;
+pub use report::ReportError;
 #[cfg(windows)]
 use windows as system;
 

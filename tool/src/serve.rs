@@ -192,7 +192,10 @@ fn reload(server: &Server, secret_file: Option<&Path>) {
     let Some(file) = secret_file else { return nothing_to_reload() };
     match Secret::load(file) {
         Ok(secret) if server.set_secret(secret) => {
-            say("serve", &format_args!("the secret was read again from {}; clients that are connected stay", file.display()));
+            say(
+                "serve",
+                &format_args!("the secret was read again from {}; clients that are connected stay", file.display()),
+            );
         }
         Ok(_) => nothing_to_reload(),
         Err(error) => say("warning", &format_args!("the secret stays as it was: {error}")),
@@ -201,7 +204,10 @@ fn reload(server: &Server, secret_file: Option<&Path>) {
 
 /// Says that SIGHUP changes nothing here.
 fn nothing_to_reload() {
-    say("note", &"SIGHUP: nothing is read again, all that is set stands on the command line; for other settings start it again");
+    say(
+        "note",
+        &"SIGHUP: nothing is read again, all that is set stands on the command line; for other settings start it again",
+    );
 }
 
 /// The exit code of a server that a signal has ended: success, unless one of the `links` to the served boards has a

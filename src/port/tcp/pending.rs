@@ -132,9 +132,7 @@ impl PendingConnection {
             match self.inbox.next() {
                 Ok(Some(message)) => {
                     let hello = Introduction::of(&message);
-                    return Ok(
-                        hello.map_or_else(|(why, text)| Look::Refused(why, text), |hello| self.check(hello))
-                    );
+                    return Ok(hello.map_or_else(|(why, text)| Look::Refused(why, text), |hello| self.check(hello)));
                 }
                 Ok(None) => {}
                 Err(error) => return Ok(Look::Refused(Refusal::NoHello, error.to_string())),

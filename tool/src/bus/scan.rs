@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use ecmsk::bus::{BusError, FoundSlave, Network};
 use ecmsk::bus::port_errors::{self, PortErrors, SlaveErrors};
+use ecmsk::bus::{BusError, FoundSlave, Network};
 use ecmsk::ethercat::registers::AlStatusRegister;
 use ecmsk::ethercat::sii::MailboxProtocols;
 use serde_json::{Value, json};

@@ -64,8 +64,7 @@ pub fn pack(
     link: Option<&LinkUri>,
     system: Option<String>,
 ) -> Result<String, ReportError> {
-    let mut pack =
-        Pack { secrets: Secrets::find(link), files: Vec::new(), here: Vec::new(), missing: Vec::new() };
+    let mut pack = Pack { secrets: Secrets::find(link), files: Vec::new(), here: Vec::new(), missing: Vec::new() };
     pack.text("versions.txt", "versions, system, processor, memory, date", &versions(system));
     pack.text("doctor.txt", "what `ecmsk doctor` says", &super::text(findings, Paint(false)));
     pack.text("doctor.json", "the same for programs", &super::lines(findings));

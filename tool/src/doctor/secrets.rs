@@ -61,7 +61,9 @@ fn without_named(text: &str) -> String {
         from = at;
         let is_between = |c: char| matches!(c, ' ' | '"' | '\'' | '\t');
         let behind = text[at..].trim_start_matches(is_between);
-        let Some(value) = behind.strip_prefix(['=', ':']).map(|rest| rest.trim_start_matches(is_between)) else { continue };
+        let Some(value) = behind.strip_prefix(['=', ':']).map(|rest| rest.trim_start_matches(is_between)) else {
+            continue;
+        };
         let begin = text.len() - value.len();
         let end = value.find(|c: char| matches!(c, '&' | '"' | '\'') || c.is_whitespace()).unwrap_or(value.len());
         if end > 0 {

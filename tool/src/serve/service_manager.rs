@@ -25,6 +25,7 @@ pub struct Manager {
     watchdog: Option<Duration>,
 }
 
+#[cfg_attr(not(target_os = "linux"), allow(dead_code, reason = "there is no systemd"))]
 enum Report {
     Ready(String),
     Status(String),

@@ -91,9 +91,11 @@ fn metrics_at(text: &str) -> Result<SocketAddr, String> {
     }
     text.parse().map_err(|_| match text.parse::<IpAddr>() {
         Ok(address) => format!("the port is missing: write {}", SocketAddr::new(address, 9464)),
-        Err(_) => "a port of this machine is needed, e.g. 9464, or an address with a port, e.g. 0.0.0.0:9464 for all its \
+        Err(_) => {
+            "a port of this machine is needed, e.g. 9464, or an address with a port, e.g. 0.0.0.0:9464 for all its \
                    networks"
-            .to_owned(),
+                .to_owned()
+        }
     })
 }
 
@@ -218,9 +220,7 @@ impl Watch {
         let answering = Arc::clone(&shared);
         let stop = Arc::default();
         let start = |listener| {
-            HttpServer::start(listener, "metrics", CONNECTIONS_MAX, stop, move |stream| {
-                site::serve(stream, &answering)
-            })
+            HttpServer::start(listener, "metrics", CONNECTIONS_MAX, stop, move |stream| site::serve(stream, &answering))
         };
         let site = self.listener.take().map(start).transpose()?;
         Ok(Running { shared, site, thread })
@@ -318,12 +318,20 @@ impl Shared {
     fn trouble(&self) -> Option<String> {
         let hangs = lock(&self.looking).map(|since| since.elapsed()).filter(|elapsed| *elapsed > LOOK_MAX);
         if let Some(hangs) = hangs {
-            return Some(format!("the board does not give its counters for {:.1} s: its link hangs", hangs.as_secs_f64()));
+            return Some(format!(
+                "the board does not give its counters for {:.1} s: its link hangs",
+                hangs.as_secs_f64()
+            ));
         }
-        let troubles: Vec<String> = self.boards.iter().enumerate().filter_map(|(place, board)| {
-            let trouble = board.looked().trouble?;
-            Some(if self.boards.len() > 1 { format!("board {}: {trouble}", place + 1) } else { trouble })
-        }).collect();
+        let troubles: Vec<String> = self
+            .boards
+            .iter()
+            .enumerate()
+            .filter_map(|(place, board)| {
+                let trouble = board.looked().trouble?;
+                Some(if self.boards.len() > 1 { format!("board {}: {trouble}", place + 1) } else { trouble })
+            })
+            .collect();
         (!troubles.is_empty()).then(|| troubles.join("\n"))
     }
 }

@@ -64,7 +64,8 @@ fn a_report_has_what_a_support_asks_for_and_no_secret() {
     assert_eq!(text(&packed, "network.json").lines().count(), 3);
     assert!(text(&packed, "network.txt").contains("+- 3  io: "));
     for slave in 1..=3 {
-        let eeprom = run(["bus", "sii", "read", &slave.to_string(), "--link", "sim:?slaves=drive*2,io", "--json"]).json();
+        let eeprom =
+            run(["bus", "sii", "read", &slave.to_string(), "--link", "sim:?slaves=drive*2,io", "--json"]).json();
         let bytes = &packed[&format!("report/eeprom/slave-{slave:02}.bin")];
         let hex: String = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
         assert_eq!(eeprom["bytes"].as_str().map(|text| text.replace(' ', "").to_uppercase()), Some(hex));
@@ -108,7 +109,9 @@ fn what_cannot_be_had_is_said() {
         text(&files(&file), "CONTENTS.txt").to_owned()
     };
     let nowhere = list(&["--link", "tcp://localhost:1", "--flight", "nowhere"]);
-    for reason in ["the network: behind a board (tcp:)", "frames of nowhere: ", "there is no machine.toml in this folder"] {
+    for reason in
+        ["the network: behind a board (tcp:)", "frames of nowhere: ", "there is no machine.toml in this folder"]
+    {
         assert!(nowhere.contains(reason), "{nowhere}");
     }
     assert!(list(&["--link", "sim:?slaves=none"]).contains("the network: "));

@@ -256,7 +256,8 @@ fn a_crowd_does_not_slow_the_board() {
 /// `serve usbip` and `serve web` have the same metrics: of each board, and of a board at another server.
 #[test]
 fn other_servers_have_the_same() {
-    let two = Metrics::start("usbip", &["--link", "sim:?name=left&slaves=io", "--link", "sim:?name=right&slaves=drive"]);
+    let two =
+        Metrics::start("usbip", &["--link", "sim:?name=left&slaves=io", "--link", "sim:?name=right&slaves=drive"]);
     let now = two.values();
     for board in ["1", "2"] {
         assert_eq!(now[&format!(r#"ecmsk_board_up{{board="{board}"}}"#)], 1.0);

@@ -236,7 +236,8 @@ fn a_service_reads_its_secret_again() {
     write(&mine, old);
     let name = file.to_str().expect("UTF-8");
     let mut server = serve_without_terminal(&["tcp", "--link", "sim:?slaves=drive", "--secret-file", name]);
-    let open = || link::open(&format!("tcp://{}?role=reader&secret_file={}", server.address, mine.display()), Share::ByName);
+    let open =
+        || link::open(&format!("tcp://{}?role=reader&secret_file={}", server.address, mine.display()), Share::ByName);
     let client = open().expect("the old secret");
 
     write(&file, new);
@@ -321,7 +322,10 @@ fn the_log_has_the_time_or_is_json() {
     };
     let link = ["--link", "sim:?slaves=drive"];
     let plain = without_times(&said(&link, &[]));
-    assert!(plain.lines().all(|line| line.starts_with("serve: ")) && plain.contains("serve: stopped by SIGTERM\n"), "{plain}");
+    assert!(
+        plain.lines().all(|line| line.starts_with("serve: ")) && plain.contains("serve: stopped by SIGTERM\n"),
+        "{plain}"
+    );
     let journal = said(&link, &[("JOURNAL_STREAM", "8:1")]);
     assert!(journal.lines().all(|line| line.starts_with("serve: ")), "{journal}");
 
@@ -333,7 +337,9 @@ fn the_log_has_the_time_or_is_json() {
         assert!(line["message"].as_str().is_some_and(|message| !message.is_empty()), "{line}");
     }
     let has = |kind: &str, words: &str| {
-        lines.iter().any(|line| line["kind"] == kind && line["message"].as_str().is_some_and(|message| message.contains(words)))
+        lines
+            .iter()
+            .any(|line| line["kind"] == kind && line["message"].as_str().is_some_and(|message| message.contains(words)))
     };
     assert!(has("serve", "is a writer") && has("serve", "stopped by SIGTERM"), "{lines:?}");
 }

@@ -69,7 +69,10 @@ pub struct CallCounts {
 /// Whether the board is open.
 enum Open {
     /// It is not. `since`: an attempt to open it is under way since then; `why`: the error of the last attempt.
-    No { since: Option<Instant>, why: String },
+    No {
+        since: Option<Instant>,
+        why: String,
+    },
     Yes(Weak<WatchedLink>),
 }
 
@@ -200,9 +203,7 @@ impl BoardWatch {
         let state = lock(&self.shown).board.map_or(StateByte::NETWORK_INIT, |board| board.state);
         let trouble = match (&checked, sign) {
             (Err(error), _) => Some(format!("the board is gone: {error}")),
-            (Ok(()), Some(sign)) if stands > SILENT => {
-                Some(trouble::silence(matches!(sign, Sign::Cycles(_)), stands))
-            }
+            (Ok(()), Some(sign)) if stands > SILENT => Some(trouble::silence(matches!(sign, Sign::Cycles(_)), stands)),
             (Ok(()), _) => trouble::of_network(&stats, state),
         };
         Look { stats: Some(stats), stands, trouble }
@@ -284,4 +285,48 @@ fn count<T>(done: &Result<T, LinkError>, good: &AtomicU64, bad: &AtomicU64) {
 
 fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Who reads what a board has shown holds up no exchange with the board; the next report is shown then.
+    #[test]
+    fn a_reader_holds_up_no_exchange() {
+        let uri = LinkUri::parse("sim:?slaves=drive&clock=virtual").expect("a link");
+        let board = BoardWatch::new(&uri, true);
+        assert!(board.look().trouble.is_some_and(|why| why.contains("not open")));
+        let link = board.open().expect("a board");
+        let read = || link.read(&mut Frame::new(), Wait::For(SILENT)).expect("a report");
+        let reading = lock(&board.shown);
+        read();
+        assert!(reading.board.is_none() && board.counts().read == 1);
+        drop(reading);
+        read();
+        assert!(board.shown().board.is_some() && board.counts().read == 2);
+        let look = board.look();
+        assert!(look.trouble.is_none() && look.stands.is_zero(), "virtual time stands between two calls: {look:?}");
+        link.close();
+        assert!(board.look().trouble.is_some_and(|why| why.starts_with("the board is gone: ")));
+    }
+
+    /// A board lives as long as its sign of life changes, or if nobody would hear one.
+    #[test]
+    fn a_sign_that_stays_is_no_life() {
+        let began = Instant::now();
+        let at = |seconds| began + Duration::from_secs(seconds);
+        let mut progress = Progress { sign: None, since: began };
+        for (second, sign, stands) in [
+            (1, Some(Sign::Cycles(7)), 0),
+            (2, Some(Sign::Cycles(8)), 0),
+            (5, Some(Sign::Cycles(8)), 3),
+            (6, None, 0),
+            (9, None, 0),
+            (10, Some(Sign::Reports(8)), 0),
+            (14, Some(Sign::Reports(8)), 4),
+        ] {
+            assert_eq!(progress.stands(sign, at(second)), Duration::from_secs(stands), "{second}");
+        }
+    }
 }

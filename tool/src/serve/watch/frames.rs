@@ -164,8 +164,7 @@ impl Frames {
             let slot = frame.slot(self.size, slave);
             let kind = self.axes.kind(slave).or_else(|| self.known.get(slave - 1).copied());
             // The program may have declared its slaves before the server came.
-            let kind =
-                kind.or_else(|| CommandId::from_code(slot.id).is_for_axes().then_some(SlaveKind::Drive));
+            let kind = kind.or_else(|| CommandId::from_code(slot.id).is_for_axes().then_some(SlaveKind::Drive));
             let drive = match kind {
                 None | Some(SlaveKind::None) => continue,
                 Some(SlaveKind::Drive | SlaveKind::Step) => Some(DriveResponse::decode(&slot)),

@@ -211,19 +211,23 @@ impl Collector for Scrape {
 impl Scrape {
     fn server(&self, put: &mut Put<'_, '_>) -> fmt::Result {
         let build = vec![("version", env!("CARGO_PKG_VERSION").to_owned()), ("server", self.server.to_owned())];
-        put.family("ecmsk_build_info", "The version of ecmsk, and which server it is.", MetricType::Gauge, [(
-            build,
-            Value::Gauge(1.0),
-        )])?;
+        put.family(
+            "ecmsk_build_info",
+            "The version of ecmsk, and which server it is.",
+            MetricType::Gauge,
+            [(build, Value::Gauge(1.0))],
+        )?;
         let clients = self.clients.map(|count| (vec![("server", self.server.to_owned())], Value::Gauge(count as f64)));
         put.family("ecmsk_clients", "Clients that are connected now.", MetricType::Gauge, clients)
     }
 }
 
 fn boards(put: &mut Put<'_, '_>) -> fmt::Result {
-    put.gauge("ecmsk_board_up", "1 if the board answers and has lost no slave, as /healthz says; otherwise 0.", |board| {
-        Some(f64::from(u8::from(board.look.trouble.is_none())))
-    })?;
+    put.gauge(
+        "ecmsk_board_up",
+        "1 if the board answers and has lost no slave, as /healthz says; otherwise 0.",
+        |board| Some(f64::from(u8::from(board.look.trouble.is_none()))),
+    )?;
     let info = put.boards.iter().map(|board| (board.with("scheme", board.scheme.to_owned()), Value::Gauge(1.0)));
     let info: Vec<_> = info.collect();
     put.family("ecmsk_board_info", "The scheme of the link to the board.", MetricType::Gauge, info)?;
@@ -253,7 +257,12 @@ fn boards(put: &mut Put<'_, '_>) -> fmt::Result {
         Some(NETWORK_STATES.map(one))
     });
     let states: Vec<_> = states.flatten().collect();
-    put.family("ecmsk_network_state", "1 for the AL state of the network, 0 for the others.", MetricType::Gauge, states)?;
+    put.family(
+        "ecmsk_network_state",
+        "1 for the AL state of the network, 0 for the others.",
+        MetricType::Gauge,
+        states,
+    )?;
     put.gauge("ecmsk_network_failed", "1 if a change of state has failed or a slave is lost; otherwise 0.", |board| {
         let shown = board.shown.board.as_ref().filter(|_| board.is_shown())?;
         Some(f64::from(u8::from(shown.state.is_failed())))
@@ -282,22 +291,27 @@ fn commands(put: &mut Put<'_, '_>) -> fmt::Result {
         let counted = board.counters().map(|counters| counters.rejected);
         counted.map_or(Vec::new(), |rejected| Reason::NAMES.into_iter().zip(rejected).collect())
     })?;
-    put.counters("ecmsk_commands_dropped", "Commands and command frames that had no effect, by reason.", "reason", |board| {
-        let Some(counters) = board.counters() else {
-            // A real board shows these two alone.
-            return vec![("fifo_full", board.shown.full), ("bad_crc", board.shown.bad_crc)];
-        };
-        vec![
-            ("fifo_full", counters.full),
-            ("bad_crc", counters.crc),
-            ("incomplete", counters.incomplete),
-            ("fifo_cleared", counters.cleared),
-            ("homing", counters.ignored_homing),
-            ("not_enabled", counters.discarded_before_enabled),
-            ("slave_lost", counters.for_lost),
-            ("while_booting", counters.while_booting),
-        ]
-    })?;
+    put.counters(
+        "ecmsk_commands_dropped",
+        "Commands and command frames that had no effect, by reason.",
+        "reason",
+        |board| {
+            let Some(counters) = board.counters() else {
+                // A real board shows these two alone.
+                return vec![("fifo_full", board.shown.full), ("bad_crc", board.shown.bad_crc)];
+            };
+            vec![
+                ("fifo_full", counters.full),
+                ("bad_crc", counters.crc),
+                ("incomplete", counters.incomplete),
+                ("fifo_cleared", counters.cleared),
+                ("homing", counters.ignored_homing),
+                ("not_enabled", counters.discarded_before_enabled),
+                ("slave_lost", counters.for_lost),
+                ("while_booting", counters.while_booting),
+            ]
+        },
+    )?;
     put.counter("ecmsk_sdo_aborted", "SDO transfers that a slave has aborted or not answered.", |board| {
         Some(board.counters()?.sdo_aborted)
     })
@@ -316,9 +330,11 @@ fn wire(put: &mut Put<'_, '_>) -> fmt::Result {
     put.counter("ecmsk_inputs_held", "Cycles in OP in which a slave kept its previous inputs.", |board| {
         Some(board.counters()?.inputs_held)
     })?;
-    put.counter("ecmsk_inputs_stale", "How often the inputs of a slave became too old, so that it counts as lost.", |board| {
-        Some(board.counters()?.inputs_stale)
-    })
+    put.counter(
+        "ecmsk_inputs_stale",
+        "How often the inputs of a slave became too old, so that it counts as lost.",
+        |board| Some(board.counters()?.inputs_stale),
+    )
 }
 
 fn lateness(put: &mut Put<'_, '_>, boards: &[Seen]) -> fmt::Result {
@@ -363,7 +379,12 @@ fn slaves(put: &mut Put<'_, '_>) -> fmt::Result {
         of.flatten().collect::<Vec<_>>()
     });
     let states: Vec<_> = states.collect();
-    put.family("ecmsk_axis_state", "1 for the CiA 402 state of the axis, 0 for the others.", MetricType::Gauge, states)?;
+    put.family(
+        "ecmsk_axis_state",
+        "1 for the CiA 402 state of the axis, 0 for the others.",
+        MetricType::Gauge,
+        states,
+    )?;
     put.axes("ecmsk_axis_position_counts", "The actual position of the axis.", |axis| {
         Some(f64::from(axis.drive.position))
     })?;
@@ -376,9 +397,12 @@ fn slaves(put: &mut Put<'_, '_>) -> fmt::Result {
     put.axes("ecmsk_axis_alarm_code", "The error code (0x603F) of the axis; 0: no alarm.", |axis| {
         Some(f64::from(axis.drive.error_code))
     })?;
-    put.slaves("ecmsk_axis_alarms", "Alarms of the axis since the server was started.", MetricType::Counter, |_, slave| {
-        slave.axis.is_some().then_some(Value::Count(slave.alarms))
-    })
+    put.slaves(
+        "ecmsk_axis_alarms",
+        "Alarms of the axis since the server was started.",
+        MetricType::Counter,
+        |_, slave| slave.axis.is_some().then_some(Value::Count(slave.alarms)),
+    )
 }
 
 fn recordings(put: &mut Put<'_, '_>) -> fmt::Result {

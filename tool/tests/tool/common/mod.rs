@@ -43,7 +43,10 @@ pub fn ecmsk(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command 
 pub fn without_times(said: &str) -> String {
     let line = |line: &str| {
         let (time, rest) = line.split_once(' ').expect(line);
-        assert!(time.len() == "2026-05-04T12:30:15.250Z".len() && time.ends_with('Z') && time.starts_with("20"), "{line}");
+        assert!(
+            time.len() == "2026-05-04T12:30:15.250Z".len() && time.ends_with('Z') && time.starts_with("20"),
+            "{line}"
+        );
         format!("{rest}\n")
     };
     said.lines().map(line).collect()

@@ -2,7 +2,7 @@
 //! and reports to the service manager.
 //!
 //! - `watch.rs`: the options, and the thread that looks at the boards
-//! - `board.rs`: a link around the link of a board, and whether the board lives
+//! - `board.rs`: a link around the link of a board, and whether the board lives; `chip.rs`: the same for an ECM-XF
 //! - `frames.rs`: what the frames of a board show
 //! - `trouble.rs`: why a board is not as it has to be
 //! - `metrics.rs`: the metrics as text
@@ -11,6 +11,7 @@
 //! A scrape reads what the thread of the watch and the threads of the server have left; it never uses the board.
 
 mod board;
+mod chip;
 mod frames;
 mod metrics;
 mod site;
@@ -28,6 +29,7 @@ use std::time::{Duration, Instant};
 use ecmsk::link::uri::LinkUri;
 
 pub use board::BoardWatch;
+pub use chip::ChipWatch;
 
 use super::http_server::HttpServer;
 use super::service_manager::Manager;
@@ -112,6 +114,7 @@ pub struct Watch {
     manager: Manager,
     listener: Option<TcpListener>,
     boards: Vec<Arc<BoardWatch>>,
+    chip: Option<Arc<ChipWatch>>,
     clients: Option<Box<dyn Fn() -> usize + Send + Sync>>,
     running: Option<Running>,
 }
@@ -128,6 +131,7 @@ struct Shared {
     server: &'static str,
     is_loopback: bool,
     boards: Vec<Arc<BoardWatch>>,
+    chip: Option<Arc<ChipWatch>>,
     clients: Option<Box<dyn Fn() -> usize + Send + Sync>>,
     /// When the newest look began and has not ended.
     looking: Mutex<Option<Instant>>,
@@ -156,9 +160,17 @@ impl WatchArgs {
 }
 
 impl Watch {
-    /// The watch of a server that has no metrics: it reports to the service manager.
+    /// The watch of a server without metrics: it reports to the service manager.
     pub fn without_metrics(server: &'static str) -> Self {
-        Self { server, manager: Manager::find(), listener: None, boards: Vec::new(), clients: None, running: None }
+        Self {
+            server,
+            manager: Manager::find(),
+            listener: None,
+            boards: Vec::new(),
+            chip: None,
+            clients: None,
+            running: None,
+        }
     }
 
     /// Watches the board of a link, which the server opens by [`BoardWatch::open`].
@@ -166,6 +178,11 @@ impl Watch {
         let board = BoardWatch::new(uri, self.listener.is_some() || self.manager.watchdog().is_some());
         self.boards.push(Arc::clone(&board));
         board
+    }
+
+    /// Watches the chip that the server opens by [`ChipWatch::open`].
+    pub fn chip(&mut self) -> Arc<ChipWatch> {
+        Arc::clone(self.chip.get_or_insert_default())
     }
 
     /// Shows how many clients the server has.
@@ -202,6 +219,7 @@ impl Watch {
             server: self.server,
             is_loopback: address.is_none_or(|address| address.ip().is_loopback()),
             boards: self.boards.clone(),
+            chip: self.chip.clone(),
             clients: self.clients.take(),
             looking: Mutex::default(),
             recorded: Mutex::new(vec![BTreeMap::new(); self.boards.len()]),
@@ -308,6 +326,7 @@ impl Shared {
             server: self.server,
             clients: self.clients.as_ref().map(|count| count()),
             boards: self.boards.iter().enumerate().map(seen).collect(),
+            chip: self.chip.as_ref().map(|chip| (chip.counts(), chip.trouble().is_none())),
         };
         let new: Arc<str> = scrape.text().into();
         *text = Some((Instant::now(), Arc::clone(&new)));
@@ -323,15 +342,12 @@ impl Shared {
                 hangs.as_secs_f64()
             ));
         }
-        let troubles: Vec<String> = self
-            .boards
-            .iter()
-            .enumerate()
-            .filter_map(|(place, board)| {
-                let trouble = board.looked().trouble?;
-                Some(if self.boards.len() > 1 { format!("board {}: {trouble}", place + 1) } else { trouble })
-            })
-            .collect();
+        let of_board = |(place, board): (usize, &Arc<BoardWatch>)| {
+            let trouble = board.looked().trouble?;
+            Some(if self.boards.len() > 1 { format!("board {}: {trouble}", place + 1) } else { trouble })
+        };
+        let of_chip = self.chip.as_ref().and_then(|chip| chip.trouble());
+        let troubles: Vec<String> = self.boards.iter().enumerate().filter_map(of_board).chain(of_chip).collect();
         (!troubles.is_empty()).then(|| troubles.join("\n"))
     }
 }

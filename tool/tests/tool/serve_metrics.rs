@@ -253,7 +253,8 @@ fn a_crowd_does_not_slow_the_board() {
     board.serving.end();
 }
 
-/// `serve usbip` and `serve web` have the same metrics: of each board, and of a board at another server.
+/// `serve usbip` and `serve web` have the same metrics: of each board, and of a board at another server. `serve xf` has those of a
+/// chip.
 #[test]
 fn other_servers_have_the_same() {
     let two =
@@ -265,6 +266,11 @@ fn other_servers_have_the_same() {
     }
     assert_eq!(now[&format!(r#"ecmsk_build_info{{version="{}",server="usbip"}}"#, env!("CARGO_PKG_VERSION"))], 1.0);
     two.serving.end();
+
+    let chip = Metrics::start("xf", &["--link", "xf-sim:?slaves=drive"]);
+    assert_eq!(chip.values()[r#"ecmsk_chip_up{server="xf"}"#], 1.0);
+    assert_eq!(chip.health(), ("200".to_owned(), "ok\n".to_owned()));
+    chip.serving.end();
 
     let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
     let link = format!("tcp://{}", board.address());

@@ -15,6 +15,7 @@ use prometheus_client::metrics::gauge::ConstGauge;
 use prometheus_client::registry::Registry;
 
 use super::board::{CallCounts, Look};
+use super::chip::ChipCounts;
 use super::frames::{AxisShown, Shown, SlaveShown};
 
 /// The `Content-Type` of the text without its charset: [`prometheus_text::CONTENT_TYPE`] has that, too.
@@ -41,6 +42,8 @@ pub struct Scrape {
     pub clients: Option<usize>,
     /// The boards, in the order of the command line.
     pub boards: Vec<Seen>,
+    /// The counts of a chip, and whether it can be used; `None`: the server serves none.
+    pub chip: Option<(ChipCounts, bool)>,
 }
 
 /// What a scrape shows of a board.
@@ -199,6 +202,7 @@ impl Collector for Scrape {
     fn encode(&self, encoder: DescriptorEncoder<'_>) -> fmt::Result {
         let mut put = Put { encoder, boards: &self.boards };
         self.server(&mut put)?;
+        self.chip(&mut put)?;
         boards(&mut put)?;
         commands(&mut put)?;
         wire(&mut put)?;
@@ -219,6 +223,22 @@ impl Scrape {
         )?;
         let clients = self.clients.map(|count| (vec![("server", self.server.to_owned())], Value::Gauge(count as f64)));
         put.family("ecmsk_clients", "Clients that are connected now.", MetricType::Gauge, clients)
+    }
+
+    fn chip(&self, put: &mut Put<'_, '_>) -> fmt::Result {
+        let Some((counts, is_up)) = &self.chip else { return Ok(()) };
+        let labels = || vec![("server", self.server.to_owned())];
+        let up = Value::Gauge(f64::from(u8::from(*is_up)));
+        put.family("ecmsk_chip_up", "1 if the chip can be used; otherwise 0.", MetricType::Gauge, [(labels(), up)])?;
+        for (name, help, count) in [
+            ("ecmsk_chip_opened", "How often the chip was opened.", counts.opened),
+            ("ecmsk_chip_exchanges", "Exchanges with the chip.", counts.exchanges),
+            ("ecmsk_chip_bytes", "Bytes of these exchanges, in each direction.", counts.bytes),
+            ("ecmsk_chip_errors", "Exchanges that failed.", counts.errors),
+        ] {
+            put.family(name, help, MetricType::Counter, [(labels(), Value::Count(count))])?;
+        }
+        Ok(())
     }
 }
 

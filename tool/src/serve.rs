@@ -191,13 +191,13 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
 fn reload(server: &Server, secret_file: Option<&Path>) {
     let Some(file) = secret_file else { return nothing_to_reload() };
     match Secret::load(file) {
-        Ok(secret) if server.set_secret(secret) => {
-            say(
-                "serve",
-                &format_args!("the secret was read again from {}; clients that are connected stay", file.display()),
-            );
+        Ok(secret) => {
+            // It has one, since it was started with this file.
+            server.set_secret(secret);
+            let what =
+                format_args!("the secret was read again from {}; clients that are connected stay", file.display());
+            say("serve", &what);
         }
-        Ok(_) => nothing_to_reload(),
         Err(error) => say("warning", &format_args!("the secret stays as it was: {error}")),
     }
 }

@@ -236,8 +236,8 @@ fn a_service_reads_its_secret_again() {
     write(&mine, old);
     let name = file.to_str().expect("UTF-8");
     let mut server = serve_without_terminal(&["tcp", "--link", "sim:?slaves=drive", "--secret-file", name]);
-    let open =
-        || link::open(&format!("tcp://{}?role=reader&secret_file={}", server.address, mine.display()), Share::ByName);
+    let uri = format!("tcp://{}?role=reader&secret_file={}", server.address, mine.display());
+    let open = || link::open(&uri, Share::ByName);
     let client = open().expect("the old secret");
 
     write(&file, new);

@@ -10,8 +10,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Dir, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
-use ecmsk::sk::{Frame, MasterState, StateByte};
+use ecmsk::link::{self, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
+use ecmsk::sk::{Frame, StateByte};
 
 use super::frames::{Frames, Shown};
 use super::trouble;

@@ -139,9 +139,12 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
+/// Findings, and the link that was judged.
+type Found = (Vec<Finding>, Option<LinkUri>);
+
 /// The findings about this machine, and the link that would be used. `None` if `--write-udev-rule` was given: then the rule is
 /// written and nothing is checked.
-fn machine(args: &Args) -> Result<Option<(Vec<Finding>, Option<LinkUri>)>, CliError> {
+fn machine(args: &Args) -> Result<Option<Found>, CliError> {
     if system::is_done(&args.system)? {
         return Ok(None);
     }

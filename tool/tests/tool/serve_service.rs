@@ -123,7 +123,7 @@ fn address(line: &str) -> &str {
     line.strip_prefix("listening on ").and_then(|rest| rest.split(';').next()).expect(line)
 }
 
-/// A service is ready when its board is open and its port listens, and not before: one whose board does not open is never
+/// TOOL-201 A service is ready when its board is open and its port listens, and not before: one whose board does not open is never
 /// ready. It says when it ends.
 #[test]
 fn a_service_says_when_it_begins_and_ends() {
@@ -140,7 +140,7 @@ fn a_service_says_when_it_begins_and_ends() {
     assert_eq!(manager.next(Duration::from_millis(100)), None);
 }
 
-/// A service sends pings while the cycle of its board runs. If its board stands still the pings end, and the status says why;
+/// TOOL-201 A service sends pings while the cycle of its board runs. If its board stands still the pings end, and the status says why;
 /// they go on when it goes on.
 #[test]
 fn a_board_that_stands_still_gets_no_pings() {
@@ -178,7 +178,7 @@ fn a_board_that_stands_still_gets_no_pings() {
     end(upstream);
 }
 
-/// A server that is started, and one that is started again after it was killed, sends no frame to its board: what stood still
+/// TOOL-202 A server that is started, and one that is started again after it was killed, sends no frame to its board: what stood still
 /// stands still (docs/SAFETY.md).
 #[test]
 fn a_start_moves_nothing() {

@@ -29,6 +29,7 @@ use std::time::{Duration, Instant};
 use ecmsk::link::uri::LinkUri;
 
 pub use board::BoardWatch;
+use board::Wanted;
 pub use chip::ChipWatch;
 
 use super::http_server::HttpServer;
@@ -175,7 +176,12 @@ impl Watch {
 
     /// Watches the board of a link, which the server opens by [`BoardWatch::open`].
     pub fn board(&mut self, uri: &LinkUri) -> Arc<BoardWatch> {
-        let board = BoardWatch::new(uri, self.listener.is_some() || self.manager.watchdog().is_some());
+        let wanted = match (&self.listener, self.manager.watchdog()) {
+            (Some(_), _) => Wanted::Metrics,
+            (None, Some(_)) => Wanted::Life,
+            (None, None) => Wanted::Nothing,
+        };
+        let board = BoardWatch::new(uri, wanted);
         self.boards.push(Arc::clone(&board));
         board
     }

@@ -29,14 +29,24 @@ pub struct BoardWatch {
     /// Where the link records, with the word for each: `record` or `flight`.
     pub recordings: Vec<(&'static str, PathBuf)>,
     uri: LinkUri,
-    /// Whether anybody wants to know; otherwise the board's link is used as it is.
-    is_watched: bool,
+    wanted: Wanted,
     calls: Calls,
     open: Mutex<Open>,
     frames: Mutex<Frames>,
     shown: Mutex<Shown>,
     progress: Mutex<Progress>,
     looked: Mutex<Look>,
+}
+
+/// What is wanted of a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// Nothing: its link is used as it is.
+    Nothing,
+    /// Whether it lives.
+    Life,
+    /// That, and what its frames show.
+    Metrics,
 }
 
 /// The calls of the server, since it was started. A board that is opened again goes on counting.
@@ -110,15 +120,15 @@ struct WatchedLink {
 }
 
 impl BoardWatch {
-    /// The watch of the board of this link, which is not open yet. Unless it `is_watched`, the link is used as it is.
-    pub fn new(uri: &LinkUri, is_watched: bool) -> Arc<Self> {
+    /// The watch of the board of this link, which is not open yet.
+    pub fn new(uri: &LinkUri, wanted: Wanted) -> Arc<Self> {
         let recordings = [("record", "record"), ("flight", "flight")];
         let recordings = recordings.into_iter().filter_map(|(key, word)| Some((word, PathBuf::from(uri.value(key)?))));
         Arc::new(Self {
             scheme: uri.scheme().name(),
             recordings: recordings.collect(),
             uri: uri.clone(),
-            is_watched,
+            wanted,
             calls: Calls::default(),
             open: Mutex::new(Open::No { since: None, why: "it was not opened yet".to_owned() }),
             frames: Mutex::default(),
@@ -145,7 +155,7 @@ impl BoardWatch {
 
     /// The link around a link to the board that was opened.
     pub fn around(self: &Arc<Self>, inner: Arc<dyn Link>) -> Arc<dyn Link> {
-        if !self.is_watched {
+        if self.wanted == Wanted::Nothing {
             return inner;
         }
         let info = inner.info();
@@ -250,7 +260,9 @@ impl Layer for WatchedLink {
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let (calls, done) = (&self.board.calls, self.inner.write(frame, wait));
         count(&done, &calls.written, &calls.write_errors);
-        if let Ok(at) = done {
+        if let Ok(at) = done
+            && self.board.wanted == Wanted::Metrics
+        {
             lock(&self.board.frames).command(at.nanoseconds(), frame);
         }
         done
@@ -262,7 +274,9 @@ impl Layer for WatchedLink {
         let done = self.inner.read(out, wait);
         calls.reading.fetch_sub(1, Ordering::Relaxed);
         count(&done, &calls.read, &calls.read_errors);
-        if let Ok(meta) = done {
+        if let Ok(meta) = done
+            && self.board.wanted == Wanted::Metrics
+        {
             let mut frames = lock(&self.board.frames);
             frames.report(meta.at.nanoseconds(), out);
             if let Ok(mut shown) = self.board.shown.try_lock() {
@@ -295,7 +309,7 @@ mod tests {
     #[test]
     fn a_reader_holds_up_no_exchange() {
         let uri = LinkUri::parse("sim:?slaves=drive&clock=virtual").expect("a link");
-        let board = BoardWatch::new(&uri, true);
+        let board = BoardWatch::new(&uri, Wanted::Metrics);
         assert!(board.look().trouble.is_some_and(|why| why.contains("not open")));
         let link = board.open().expect("a board");
         let read = || link.read(&mut Frame::new(), Wait::For(SILENT)).expect("a report");

@@ -23,6 +23,22 @@ use crate::link_option::belongs_to_user;
 const FLIGHT_BYTES_MAX: u64 = 32 << 20;
 /// The most bytes of a text that is packed, such as the machine file. \[OURS]
 const TEXT_BYTES_MAX: u64 = 1 << 20;
+/// The options of the kernel that are packed, by their beginnings: those that make a cycle late or keep it in time. Others may
+/// name what is nobody's business.
+const KERNEL_OPTIONS: [&str; 12] = [
+    "isolcpus",
+    "nohz",
+    "rcu_nocb",
+    "irqaffinity",
+    "threadirqs",
+    "preempt",
+    "idle=",
+    "cpuidle",
+    "processor.max_cstate",
+    "intel_idle",
+    "intel_pstate",
+    "mitigations",
+];
 /// The list of what is in the file.
 const CONTENTS: &str = "report/CONTENTS.txt";
 
@@ -232,7 +248,6 @@ fn versions(system: Option<String>) -> String {
         ("/proc/version", &["Linux version"]),
         ("/proc/cpuinfo", &["model name", "Model"]),
         ("/proc/meminfo", &["MemTotal"]),
-        ("/proc/cmdline", &[""]),
     ] {
         let content = read(Path::new(file), TEXT_BYTES_MAX).unwrap_or_default();
         let content = String::from_utf8_lossy(&content);
@@ -242,5 +257,9 @@ fn versions(system: Option<String>) -> String {
             }
         }
     }
+    let options = read(Path::new("/proc/cmdline"), TEXT_BYTES_MAX).unwrap_or_default();
+    let options = String::from_utf8_lossy(&options);
+    let named = options.split_whitespace().filter(|word| KERNEL_OPTIONS.iter().any(|option| word.starts_with(option)));
+    let _ = writeln!(text, "/proc/cmdline, as far as it is about time: {}", named.collect::<Vec<_>>().join(" "));
     text
 }

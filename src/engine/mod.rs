@@ -22,7 +22,7 @@
 //! | `test_mode.rs`, `switch_off.rs` | test mode; switching a board off |
 //! | `counters.rs`, `event.rs`, `unexecuted.rs`, `snapshot.rs` | the state of a board that the wire does not show |
 //! | `board.rs`, `handle.rs` | the engine with its bus and its time; faults that scripts and tests cause |
-//! | `stepped.rs`, `threaded.rs`, `realtime.rs` | the runners: how time passes |
+//! | `stepped.rs`, `threaded.rs`, `realtime.rs`, `lateness.rs` | the runners: how time passes, and how late cycles are |
 //! | `handover.rs`, `reports.rs` | the queues of frames and reports between host and board |
 //!
 //! To add a command of the board: its id and arguments in `sk/command_table.rs` and `sk/command`, its effect in `commands.rs`.
@@ -43,6 +43,7 @@ mod handle;
 mod handover;
 mod homing;
 mod jobs;
+mod lateness;
 mod lost;
 mod network;
 mod outputs;
@@ -72,6 +73,7 @@ pub use firmware::Firmware;
 pub use go_home::HomingPhase;
 pub use handle::BoardHandle;
 pub use homing::HomingEnd;
+pub use lateness::{LATENESS_BOUNDS_NS, Lateness};
 pub use partial_frames::{INCOMPLETE_CYCLES, PartialFrames};
 pub use realtime::{Rate, RealTime};
 pub use reports::Report;
@@ -79,7 +81,7 @@ pub use snapshot::{Leds, Snapshot};
 pub use state_failure::{SlaveFall, StateFailure};
 pub use stepped::{Stepped, Stop};
 pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
-pub use threaded::{Lateness, Threaded};
+pub use threaded::Threaded;
 pub use unexecuted::Unexecuted;
 
 use crate::fieldbus::{Inputs, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::arrivals::{Arrival, Arrivals};
 use super::handover::Handover;
+use super::lateness::{LateCounts, Lateness};
 use super::realtime::{Clock, Rate, RealTime};
 use super::reports::Report;
 use super::stepped::Stop;
@@ -34,17 +35,6 @@ pub const LOOK_INTERVAL: Duration = Duration::from_millis(20);
 /// How many events are kept for the host's log until it fetches them by [`Threaded::take_events`].
 const EVENTS_KEPT: usize = 32;
 
-/// How late the runner's cycles began.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Lateness {
-    /// The number of cycles that the runner has run.
-    pub cycles: u64,
-    /// The longest delay of a cycle after its deadline, nanoseconds of machine time.
-    pub worst_ns: u64,
-    /// How much board time was skipped because the runner was late, nanoseconds.
-    pub skipped_ns: u64,
-}
-
 /// A copy of the board's state, updated after each cycle, for other threads.
 struct BoardView {
     counters: Counters,
@@ -58,8 +48,7 @@ struct Shared {
     handover: Handover,
     stop: AtomicBool,
     shown: Mutex<BoardView>,
-    cycles: AtomicU64,
-    worst_ns: AtomicU64,
+    late: LateCounts,
     skipped_ns: AtomicU64,
     /// When the next cycle of the board is due, board time.
     due: AtomicU64,
@@ -83,8 +72,7 @@ impl Shared {
                 events_total: board.engine().events_total(),
                 now: board.now(),
             }),
-            cycles: AtomicU64::new(0),
-            worst_ns: AtomicU64::new(0),
+            late: LateCounts::default(),
             skipped_ns: AtomicU64::new(0),
             due: AtomicU64::new(board.next_cycle()),
             late_max_ns: AtomicU64::new(late_max(board)),
@@ -254,11 +242,7 @@ impl Threaded {
 
     /// How late the runner's cycles have begun so far.
     pub fn lateness(&self) -> Lateness {
-        Lateness {
-            cycles: self.shared.cycles.load(Ordering::Relaxed),
-            worst_ns: self.shared.worst_ns.load(Ordering::Relaxed),
-            skipped_ns: self.shared.skipped_ns.load(Ordering::Relaxed),
-        }
+        self.shared.late.read(self.shared.skipped_ns.load(Ordering::Relaxed))
     }
 
     /// Ends all waiting reads and writes, stops the thread and returns the board. `None`: the interface was closed
@@ -342,9 +326,9 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         let part = board_now.min(board.next_cycle() + longest_part);
         take_frames(&mut board, part, board_now, shared, &mut frame);
         if now >= due {
-            shared.worst_ns.fetch_max(rate.real(now - due).as_nanos() as u64, Ordering::Relaxed);
+            shared.late.note(rate.real(now - due).as_nanos() as u64);
             board.advance(part, &mut |frame, at| shared.handover.publish(frame, at));
-            shared.cycles.store(board.cycles() - cycles, Ordering::Relaxed);
+            shared.late.set_cycles(board.cycles() - cycles);
             publish_view(&board, shared);
         }
         if let Some(gone) = board.cards_gone() {

@@ -142,6 +142,11 @@ pub struct LinkStats {
     /// Whether the board receives nothing from its network, so that it makes no reports: the cable to the first slave
     /// is cut, or the network card or chip is gone. Only for a board in this process.
     pub network_down: bool,
+    /// The slaves that are lost, as in [`Snapshot::lost`](crate::engine::Snapshot::lost). Only for a board in this
+    /// process; empty for any other.
+    pub lost: crate::ethercat::SlaveSet,
+    /// How late the cycles began. Only for a board in this process on the real clock; `None` for any other.
+    pub lateness: Option<crate::engine::Lateness>,
 }
 
 /// A connection to one ECM-SK board, over which frames are exchanged.

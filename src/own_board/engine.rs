@@ -322,6 +322,8 @@ impl Link for EngineLink {
             reports_dropped: board.as_ref().map_or(0, |(_, dropped)| *dropped),
             board: board.map(|(counters, _)| counters),
             state_failure: snapshot.and_then(|snapshot| snapshot.failure),
+            lost: snapshot.map(|snapshot| snapshot.lost).unwrap_or_default(),
+            lateness: self.lateness(),
             ..self.counts.stats()
         }
     }

@@ -12,7 +12,7 @@ mod error;
 mod errors;
 mod file;
 mod foe;
-mod scan;
+pub mod scan;
 mod sdo;
 mod session;
 mod sii;

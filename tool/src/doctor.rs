@@ -4,6 +4,8 @@ mod folder;
 mod link;
 #[cfg(target_os = "linux")]
 mod linux;
+mod report;
+mod secrets;
 mod versions;
 #[cfg(windows)]
 mod windows;
@@ -29,6 +31,7 @@ pub use link::not_in_build;
 use linux as system;
 #[cfg(target_os = "linux")]
 pub use linux::RuleError;
+pub use report::ReportError;
 #[cfg(windows)]
 use windows as system;
 
@@ -46,6 +49,7 @@ Examples:
   ecmsk doctor --quick --json | jq -r 'select(.state == \"wrong\") | .next'
   ecmsk doctor --link nic:eth1
   ecmsk doctor --gadget --link nic:eth0
+  ecmsk doctor --report press.tar --link nic:eth1 --flight flight
   ecmsk doctor /mnt/share/press
   sudo ecmsk doctor --write-udev-rule")]
 pub struct Args {
@@ -60,6 +64,16 @@ pub struct Args {
     /// Link to check instead of the one that would be used, see `ecmsk link help`
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, conflicts_with = "folder")]
     link: Option<LinkUri>,
+
+    /// Pack what the maker's support asks for into this file: versions, this machine, the findings, the machine file, the last
+    /// frames of a flight recorder. With --link and a network (nic:, sim:, xf-..:) also its slaves, their EEPROMs and error
+    /// counters; these slaves are in Init afterwards. Secrets are left out
+    #[arg(long, value_name = "FILE.tar", value_parser = report::file, value_hint = ValueHint::FilePath, conflicts_with_all = ["folder", "json"])]
+    report: Option<PathBuf>,
+
+    /// The folder of the flight recorder for --report [default: that of flight= in the link]
+    #[arg(long, value_name = "DIR", requires = "report", value_hint = ValueHint::DirPath)]
+    flight: Option<PathBuf>,
 
     #[command(flatten)]
     system: system::SystemArgs,
@@ -105,8 +119,8 @@ impl Paint {
 /// [`CliError`] if the folder cannot be read, if the udev rule cannot be written, or if standard output cannot be
 /// written to.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let findings = match &args.folder {
-        Some(folder) => folder::findings(folder)?,
+    let (findings, wanted) = match &args.folder {
+        Some(folder) => (folder::findings(folder)?, None),
         None => match machine(args)? {
             Some(findings) => findings,
             None => return Ok(ExitCode::SUCCESS),
@@ -117,12 +131,20 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     } else {
         output::print_coloured(&text(&findings, Paint::of_stdout()))?;
     }
+    if let Some(file) = &args.report {
+        let system = system::name(&args.system);
+        output::print(report::pack(file, args, &findings, wanted.as_ref(), system)?)?;
+    }
     let is_wrong = findings.iter().any(|finding| finding.verdict == FindingVerdict::Wrong);
     Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// The findings about this machine. `None` if `--write-udev-rule` was given: then the rule is written and nothing is checked.
-fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
+/// Findings, and the link that was judged.
+type Found = (Vec<Finding>, Option<LinkUri>);
+
+/// The findings about this machine, and the link that would be used. `None` if `--write-udev-rule` was given: then the rule is
+/// written and nothing is checked.
+fn machine(args: &Args) -> Result<Option<Found>, CliError> {
     if system::is_done(&args.system)? {
         return Ok(None);
     }
@@ -139,7 +161,7 @@ fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
         findings.push(if is_own_cycle { lateness_of_own_cycles(measured) } else { lateness(measured) });
         findings.extend(system::round_trip(&args.system, wanted.as_ref(), &findings));
     }
-    Ok(Some(findings))
+    Ok(Some((findings, wanted)))
 }
 
 /// The output for a program's folder, as text without colours and as JSON.

@@ -68,6 +68,9 @@ pub enum CliError {
     #[cfg(target_os = "linux")]
     #[error(transparent)]
     UdevRule(#[from] super::doctor::RuleError),
+    /// `ecmsk doctor` has not packed its report.
+    #[error(transparent)]
+    Report(#[from] super::doctor::ReportError),
     /// `ecmsk doctor` cannot check the folder of a program.
     #[error(transparent)]
     Folder(#[from] super::doctor::FolderError),
@@ -106,6 +109,9 @@ pub enum CliError {
     /// The board cannot be served over TCP.
     #[error(transparent)]
     Serve(#[from] ecmsk::port::tcp::ServeError),
+    /// A server cannot be watched.
+    #[error(transparent)]
+    Watch(#[from] super::serve::watch::WatchError),
     /// The web page of a board or recording cannot be served.
     #[cfg(feature = "web")]
     #[error(transparent)]

@@ -38,7 +38,7 @@ use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
 use super::recording::{self, Frames};
 use super::stderr::say;
 use super::{machine_option, output, recording_end, slot_size};
-use source::{Each, Feed};
+use source::{Around, Each, Feed};
 use watched::{View, Watched};
 
 /// Show a board and all its slaves live: states, positions, inputs, alarms, FIFO and counters
@@ -260,10 +260,10 @@ fn feed(args: &Args, machine: Option<&Arc<MachineFile>>) -> Result<Feed, Monitor
         return Feed::recording(file.clone(), args.size(), recorded(args, file, machine));
     }
     let chosen = ChosenLink::find_with(args.link.as_ref(), machine.map(Arc::as_ref))?;
-    board(&chosen, args.slaves.as_ref(), args.size(), machine, Box::new(|_, _, _| {}))
+    board(&chosen, args.slaves.as_ref(), args.size(), machine, Box::new(|link| link), Box::new(|_, _, _| {}))
 }
 
-/// Watches a board. `each` is called with each report.
+/// Watches a board. `around` may wrap its link; `each` is called with each report.
 ///
 /// # Errors
 /// [`MonitorError`] if the link does not open, if the board sends no report, or if no thread can be started.
@@ -272,6 +272,7 @@ pub fn board(
     slaves: Option<&KindList>,
     size: Option<SlotSize>,
     machine: Option<&Arc<MachineFile>>,
+    around: Around,
     each: Each,
 ) -> Result<Feed, MonitorError> {
     let uri = as_reader(&chosen.uri);
@@ -284,7 +285,7 @@ pub fn board(
         }
         watched
     };
-    Feed::board(&uri, size, each, watched).map_err(|error| match &error {
+    Feed::board(&uri, size, around, each, watched).map_err(|error| match &error {
         MonitorError::Board(EcmError::Link(link)) => chosen.if_unnamed(link).map_or(error, MonitorError::from),
         _ => error,
     })

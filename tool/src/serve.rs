@@ -4,30 +4,33 @@
 mod ethercat;
 #[cfg(target_os = "linux")]
 mod gadget;
-#[cfg(target_os = "linux")]
+#[cfg_attr(not(feature = "web"), allow(dead_code, reason = "the page needs more of it"))]
+mod http;
+mod http_server;
 mod service_manager;
 mod usbip;
+pub mod watch;
 #[cfg(feature = "web")]
 pub mod web;
 mod xf;
 
 use std::io;
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::{Subcommand, ValueEnum, ValueHint};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, KnownNetwork, LinkError, LinkInfo, Share, tcp::Secret};
-use ecmsk::notes::FLUSH_LIMIT;
+use ecmsk::link::{KnownNetwork, LinkInfo, tcp::Secret};
 use ecmsk::port::tcp::{DEFAULT_PORT, OnVanish, ServeError, ServeOptions, Server};
 
 use super::board::{BoardError, slaves_words, units_words};
 use super::flight_option::FlightArgs;
 use super::link_option::ChosenLink;
 use super::stderr::say;
-use super::{CliError, control_option, machine_option, output, recording_end, signals, streams};
+use super::{CliError, control_option, machine_option, recording_end, signals, streams};
+use watch::WatchArgs;
 
 /// Serve a board, a chip ECM-XF or slaves to other processes and machines
 #[derive(clap::Args)]
@@ -54,7 +57,8 @@ enum Port {
 ///
 /// Every client gets every report; one of them, the writer, sends commands. Standard output gives the address and what
 /// is served, standard error each client that comes or goes. Ctrl-C and SIGTERM inform the clients, bring axes to a
-/// standstill if there is a writer, and end the server.
+/// standstill if there is a writer, and end the server. SIGHUP to a server without a terminal reads the file of
+/// --secret-file again, and the board stays open.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -98,6 +102,9 @@ struct Tcp {
 
     #[command(flatten)]
     flight: FlightArgs,
+
+    #[command(flatten)]
+    watch: WatchArgs,
 
     /// Largest number of clients at the same time; while there is no writer, the last place is kept for one
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1000))]
@@ -158,9 +165,10 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     if !chosen.is_named() {
         return Err(CliError::NothingToServe);
     }
+    let mut watch = args.watch.begin("tcp")?;
     let controlled = control_option::controlled(chosen.uri, args.control.as_deref())?;
     let recorded = args.flight.added_to(&controlled)?;
-    let uri = recorded.to_string();
+    let board_watch = watch.board(&recorded);
     let options = ServeOptions {
         listen: args.listen,
         secret: Secret::find(args.secret_file.as_deref()).map_err(ServeError::from)?,
@@ -175,14 +183,40 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
         ..ServeOptions::default()
     };
     let is_secret = options.secret.is_some();
-    let server = Server::start(move || open(&uri), options)?;
+    let server = Server::start(move || board_watch.open(), options)?;
+    watch.count_clients(server.client_count());
     let protection = if is_secret { ", for clients with the secret" } else { "" };
-    announce(format!("listening on {}{protection}; serving {}\n", server.address(), board(server.info())))?;
-    let signal = end_request.wait();
+    watch.ready(format!("listening on {}{protection}; serving {}\n", server.address(), board(server.info())))?;
+    let signal = end_request.wait(|| reload(&server, args.secret_file.as_deref()));
     server.flush();
     say("serve", &format_args!("stopped by {signal}"));
+    watch.stopping();
     server.stop();
+    watch.end();
     Ok(ended([&recorded]))
+}
+
+/// Reads the secret again. If it cannot be read the old one stays.
+fn reload(server: &Server, secret_file: Option<&Path>) {
+    let Some(file) = secret_file else { return nothing_to_reload() };
+    match Secret::load(file) {
+        Ok(secret) => {
+            // It has one, since it was started with this file.
+            server.set_secret(secret);
+            let what =
+                format_args!("the secret was read again from {}; clients that are connected stay", file.display());
+            say("serve", &what);
+        }
+        Err(error) => say("warning", &format_args!("the secret stays as it was: {error}")),
+    }
+}
+
+/// Says that SIGHUP changes nothing here.
+fn nothing_to_reload() {
+    say(
+        "note",
+        &"SIGHUP: nothing is read again, all that is set stands on the command line; for other settings start it again",
+    );
 }
 
 /// The exit code of a server that a signal has ended: success, unless one of the `links` to the served boards has a
@@ -208,26 +242,6 @@ fn served(link: Option<&LinkUri>) -> Result<LinkUri, CliError> {
 
 fn no_thread(error: io::Error) -> ServeError {
     ServeError::System { what: "start a thread for output", message: error.to_string() }
-}
-
-/// Prints the address and the served links, and reports them to systemd if it has started the server. If nobody reads
-/// standard output, the server waits at most [`FLUSH_LIMIT`]; the text stays in the queue of the stream.
-///
-/// # Errors
-/// Standard output cannot be written to.
-fn announce(text: String) -> Result<(), CliError> {
-    output::tell(text.clone())?;
-    #[cfg(target_os = "linux")]
-    service_manager::ready(&text);
-    if !streams::flush_output(FLUSH_LIMIT)? {
-        say("note", &"standard output takes nothing, what is served stands there when it is read");
-    }
-    Ok(())
-}
-
-/// Opens the board. A simulated board stays in this process, so opening it again finds the same one.
-fn open(uri: &str) -> Result<Arc<dyn link::Link>, LinkError> {
-    link::open(uri, Share::ByUri)
 }
 
 fn board(info: &LinkInfo) -> String {

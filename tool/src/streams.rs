@@ -12,6 +12,8 @@ use std::time::{Duration, Instant};
 
 use ecmsk::notes::{FLUSH_LIMIT, Note, NoteThread, Notes};
 
+use super::stderr::said;
+
 /// Longest time that a line waits for earlier lines of the other stream. \[OURS]
 const ORDER_WAIT_MAX: Duration = Duration::from_millis(50);
 /// The longest time that the tool, after a signal, waits at its end for queued lines to be written, and the longest wait of
@@ -187,7 +189,8 @@ impl Shared {
             Note::Dropped(count) => {
                 self.done[own].fetch_add(count, Ordering::Release);
                 let of = if stream == Stream::Output { " of standard output" } else { "" };
-                let line = format!("note: {count} lines{of} were dropped, those before were not read in time\n");
+                let dropped = format!("{count} lines{of} were dropped, those before were not read in time");
+                let line = said("note", &dropped) + "\n";
                 match stream {
                     Stream::Output => self.queue_bytes(Stream::Error, line.into_bytes()),
                     Stream::Error => self.put(stream, line.as_bytes()),

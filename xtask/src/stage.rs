@@ -151,17 +151,19 @@ pub fn install_into(project: &Project, built: &Path, tool: Option<&Path>, prefix
         }
     }
 
-    let plugins = prefix.join("share/ecmsk/wireshark");
-    fs::create_dir_all(&plugins).map_err(Error::file("make", &plugins))?;
-    copy(&project.root.join("share/wireshark").join(PLUGIN), &plugins.join(PLUGIN))?;
+    for (folder, file) in FOR_OTHERS {
+        let to = prefix.join("share/ecmsk").join(folder);
+        fs::create_dir_all(&to).map_err(Error::file("make", &to))?;
+        copy(&project.root.join("share").join(folder).join(file), &to.join(file))?;
+    }
 
     let file = pkgconfig.join("nextwusblib.pc");
     fs::write(&file, pkgconfig_file()).map_err(Error::file("write", &file))?;
     share(tool.unwrap_or(&bin.join("ecmsk")), &prefix.join("share"))
 }
 
-/// The file name of the plugin for Wireshark, below `share`.
-const PLUGIN: &str = "ecmsk.lua";
+/// Files below `share` for other programs, each with its folder: the plugin of Wireshark, the dashboard of Grafana.
+const FOR_OTHERS: [(&str, &str); 2] = [("wireshark", "ecmsk.lua"), ("grafana", "ecmsk.json")];
 
 /// The folders in `share` with headers that stand in for those of Windows: with them console programs of Visual Studio
 /// compile on Linux. `Windows.h` has a folder of its own, because some file systems do not distinguish it from `windows.h`.

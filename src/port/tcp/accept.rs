@@ -182,17 +182,20 @@ fn accept_pending(listener: &TcpListener, pool: &mut PendingPool, shared: &Share
             return true;
         }
         match listener.accept() {
-            Ok((socket, from)) => match PendingConnection::greet(socket, from, now, shared.tls.as_ref()) {
-                Ok(pending) => {
-                    if let Some(evicted) = pool.add(pending, now) {
-                        log_ended(evicted.from, "it had not said what it wants, and made room for others", shared);
+            Ok((socket, from)) => {
+                let secured = shared.tls.as_ref().zip(shared.hub.secret());
+                match PendingConnection::greet(socket, from, now, secured) {
+                    Ok(pending) => {
+                        if let Some(evicted) = pool.add(pending, now) {
+                            log_ended(evicted.from, "it had not said what it wants, and made room for others", shared);
+                        }
                     }
+                    Err(error) => shared.log_limited(
+                        &format!("a connection from {} is lost: {error}", from.ip()),
+                        &format!("a connection from {from} is lost: {error}"),
+                    ),
                 }
-                Err(error) => shared.log_limited(
-                    &format!("a connection from {} is lost: {error}", from.ip()),
-                    &format!("a connection from {from} is lost: {error}"),
-                ),
-            },
+            }
             Err(error) if error.kind() == ErrorKind::WouldBlock => return true,
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             Err(error) => {
@@ -219,7 +222,7 @@ fn start_client(
     let Introduction { role, keepalive, name, .. } = hello;
     let from = pending.from;
     let kind = format!("{} at {} is a {}", program(&name), from.ip(), role_name(role));
-    let proof = pending.proof(&shared.hub.options);
+    let proof = pending.proof();
     let (mut channel, inbox) = pending.into_parts();
     if let Err(error) = channel.make_wakeable() {
         shared.log_limited(&kind, &format!("{name} at {from} is lost: {error}"));

@@ -1,7 +1,7 @@
 //! The state that the threads of a server share: the board, its clients, and which of them is the writer.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex};
@@ -18,7 +18,7 @@ use crate::sk::{Frame, SlotSize};
 use crate::span::Seconds;
 use crate::summary::{Alarm, FrameEvent, FrameWatch};
 use crate::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
-use crate::tcp::{Channel, PROOF_LEN};
+use crate::tcp::{Channel, PROOF_LEN, Secret};
 
 /// How many clients that ask for a stop are served at once, beside the other clients. \[OURS]
 const STOPPERS_MAX: usize = 4;
@@ -189,6 +189,10 @@ pub(super) struct Hub {
     pub(super) options: ServeOptions,
     /// The log. No thread that serves the board or a client calls [`ServeOptions::tell`] itself.
     pub(super) notes: Notes<String>,
+    /// The secret for new connections: that of the options, or one that has replaced it.
+    secret: Mutex<Option<Secret>>,
+    /// The number of clients, for a look that takes no lock.
+    client_count: Arc<AtomicUsize>,
     state: Mutex<State>,
     changed: Condvar,
 }
@@ -221,7 +225,34 @@ impl Hub {
             is_stopping: false,
             is_over: false,
         };
-        Self { options, notes: Notes::default(), state: Mutex::new(state), changed: Condvar::new() }
+        Self {
+            secret: Mutex::new(options.secret.clone()),
+            options,
+            notes: Notes::default(),
+            client_count: Arc::default(),
+            state: Mutex::new(state),
+            changed: Condvar::new(),
+        }
+    }
+
+    /// The secret that a new connection has to know; `None`: none.
+    pub(super) fn secret(&self) -> Option<Secret> {
+        self.secret.lock().clone()
+    }
+
+    /// Replaces the secret for new connections, if the server has one. Returns whether it has.
+    pub(super) fn set_secret(&self, new: Secret) -> bool {
+        let mut secret = self.secret.lock();
+        let has_one = secret.is_some();
+        if has_one {
+            *secret = Some(new);
+        }
+        has_one
+    }
+
+    /// The number of clients, which is kept up to date.
+    pub(super) fn client_count(&self) -> Arc<AtomicUsize> {
+        Arc::clone(&self.client_count)
     }
 
     /// Logs a line; never waits.
@@ -332,6 +363,7 @@ impl Hub {
             counts_per_unit: &network.counts_per_unit,
         }));
         state.clients.push(Arc::clone(&client));
+        self.client_count.store(state.clients.len(), Ordering::Relaxed);
         Ok((client, board))
     }
 
@@ -342,6 +374,7 @@ impl Hub {
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
         let mut state = self.state.lock();
         state.clients.retain(|other| !Arc::ptr_eq(other, client));
+        self.client_count.store(state.clients.len(), Ordering::Relaxed);
         if client.role != Role::Writer {
             return None;
         }

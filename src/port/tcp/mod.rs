@@ -54,6 +54,7 @@ mod vanish;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -201,6 +202,20 @@ impl Server {
     /// The properties of the served link, as of its first opening.
     pub const fn info(&self) -> &LinkInfo {
         &self.info
+    }
+
+    /// Replaces the secret that clients have to know. Connections from now on need the new one; clients that are
+    /// connected stay. Returns false, and changes nothing, if the server was started without a secret: then its
+    /// clients have connections without encryption.
+    pub fn set_secret(&self, secret: Secret) -> bool {
+        self.hub.set_secret(secret)
+    }
+
+    /// A function that returns the number of clients that are connected now. It takes no lock, and works as long as the
+    /// server runs.
+    pub fn client_count(&self) -> impl Fn() -> usize + Send + Sync + use<> {
+        let count = self.hub.client_count();
+        move || count.load(Ordering::Relaxed)
     }
 
     /// Waits until [`ServeOptions::tell`] was called for all lines so far, at most 1 s.

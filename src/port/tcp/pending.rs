@@ -12,7 +12,7 @@ use super::ServeOptions;
 use super::session::Introduction;
 use crate::span::Span;
 use crate::tcp::wire::{Greeting, Message, Refusal};
-use crate::tcp::{Came, Channel, Inbox, Material, Out, PROOF_LEN, ServerTls, Side};
+use crate::tcp::{Came, Channel, Inbox, Material, Out, PROOF_LEN, Secret, ServerTls, Side};
 
 /// How long a refused connection may take to receive the reason of the refusal. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
@@ -30,6 +30,8 @@ pub(super) struct PendingConnection {
     /// The TLS session until its handshake is complete. `None`: the server uses no TLS, or the handshake is complete.
     handshake: Option<Box<Connection>>,
     material: Option<Material>,
+    /// The secret that the client has to know: the one of the server when the connection came. `None`: none.
+    secret: Option<Secret>,
     /// For a refused connection: how long it may still take to receive the reason. `None`: the connection was not
     /// refused.
     refused_until: Option<Instant>,
@@ -49,7 +51,8 @@ pub(super) enum Look {
 }
 
 impl PendingConnection {
-    /// Sends the greeting to a new connection, and prepares the TLS handshake if `tls` is set.
+    /// Sends the greeting to a new connection. With `secured` it prepares the TLS handshake, and the client has to know
+    /// that secret.
     ///
     /// # Errors
     /// The socket cannot be set up, the greeting cannot be sent, or the TLS session cannot be made.
@@ -57,24 +60,27 @@ impl PendingConnection {
         socket: TcpStream,
         from: SocketAddr,
         now: Instant,
-        tls: Option<&ServerTls>,
+        secured: Option<(&ServerTls, Secret)>,
     ) -> io::Result<Box<Self>> {
         let channel = Channel::without_waker(socket)?;
         let mut out = Out::default();
-        channel.stage_plain(&Greeting { tls: tls.is_some(), has_room: true }.encode(), &mut out);
+        channel.stage_plain(&Greeting { tls: secured.is_some(), has_room: true }.encode(), &mut out);
         // No wait is needed, since the send buffer of a new connection has room for the greeting.
         channel.push(&mut out)?;
+        let (tls, secret) = secured.unzip();
         let handshake = tls.map(ServerTls::accept).transpose()?.map(Box::new);
         let (inbox, material) = (Inbox::default(), None);
         let has_sent = false;
-        Ok(Box::new(Self { from, came: now, has_sent, channel, inbox, out, handshake, material, refused_until: None }))
+        let (came, refused_until) = (now, None);
+        Ok(Box::new(Self { from, came, has_sent, channel, inbox, out, handshake, material, secret, refused_until }))
     }
 
     /// Makes a connection pending again after a valid Hello that the hub has refused (no board, no free place, or a
     /// second writer): it is kept until the client has received the reason.
     pub(super) fn from_client(channel: Channel, inbox: Inbox, from: SocketAddr, came: Instant) -> Box<Self> {
         let (has_sent, out, handshake, material, refused_until) = (true, Out::default(), None, None, None);
-        Box::new(Self { from, came, has_sent, channel, inbox, out, handshake, material, refused_until })
+        let secret = None;
+        Box::new(Self { from, came, has_sent, channel, inbox, out, handshake, material, secret, refused_until })
     }
 
     /// The connection, and the bytes that have arrived after the Hello.
@@ -102,7 +108,7 @@ impl PendingConnection {
         if self.is_refused() {
             return self.drain(now);
         }
-        match self.receive(options) {
+        match self.receive() {
             Ok(Look::Waits) if now >= self.deadline(options) => {
                 Look::Ended(Some(format!("it said nothing for {}", Span(options.hello_limit))))
             }
@@ -114,7 +120,7 @@ impl PendingConnection {
         }
     }
 
-    fn receive(&mut self, options: &ServeOptions) -> io::Result<Look> {
+    fn receive(&mut self) -> io::Result<Look> {
         if let Some(mut session) = self.handshake.take() {
             if !self.channel.shake_hands(&mut session, &mut self.out)? {
                 self.handshake = Some(session);
@@ -126,9 +132,7 @@ impl PendingConnection {
             match self.inbox.next() {
                 Ok(Some(message)) => {
                     let hello = Introduction::of(&message);
-                    return Ok(
-                        hello.map_or_else(|(why, text)| Look::Refused(why, text), |hello| self.check(hello, options))
-                    );
+                    return Ok(hello.map_or_else(|(why, text)| Look::Refused(why, text), |hello| self.check(hello)));
                 }
                 Ok(None) => {}
                 Err(error) => return Ok(Look::Refused(Refusal::NoHello, error.to_string())),
@@ -142,16 +146,16 @@ impl PendingConnection {
     }
 
     /// Checks the client's proof that it knows the secret, if the server has one. A wrong proof is refused.
-    fn check(&self, hello: Introduction, options: &ServeOptions) -> Look {
-        let key = options.secret.as_ref().zip(self.material.as_ref());
+    fn check(&self, hello: Introduction) -> Look {
+        let key = self.secret.as_ref().zip(self.material.as_ref());
         let known = key.is_none_or(|(secret, material)| secret.is_proof(Side::Client, material, &hello.proof));
         if known { Look::Introduced(hello) } else { Look::Refused(Refusal::WrongSecret, String::new()) }
     }
 
     /// The proof for the Welcome that this server knows the secret, calculated from the secret and the key material of
     /// the TLS session; zeros without a secret.
-    pub(super) fn proof(&self, options: &ServeOptions) -> [u8; PROOF_LEN] {
-        let key = options.secret.as_ref().zip(self.material.as_ref());
+    pub(super) fn proof(&self) -> [u8; PROOF_LEN] {
+        let key = self.secret.as_ref().zip(self.material.as_ref());
         key.map_or([0; PROOF_LEN], |(secret, material)| secret.prove(Side::Server, material))
     }
 

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use ecmsk::bus::FoundSlave;
 use ecmsk::bus::port_errors::{self, PortErrors, SlaveErrors};
+use ecmsk::bus::{BusError, FoundSlave, Network};
 use ecmsk::ethercat::registers::AlStatusRegister;
 use ecmsk::ethercat::sii::MailboxProtocols;
 use serde_json::{Value, json};
@@ -38,17 +38,31 @@ pub fn run(args: &Args) -> Result<(), BusVerbError> {
 /// [`BusVerbError`] if the counters cannot be read, or standard output cannot be written to.
 pub fn show(session: Session) -> Result<(), BusVerbError> {
     let Session { mut network, slaves, reporter } = session;
-    let errors = if slaves.iter().all(|slave| slave.port_types == 0) {
+    if !are_ports_known(&slaves) {
         reporter.note("the ports of the slaves are not known: the chip sends no datagrams for others");
-        slaves.iter().map(|slave| SlaveErrors { slave: slave.slave, ..SlaveErrors::default() }).collect()
-    } else {
-        port_errors::read(&mut *network, &slaves)?
-    };
-    let in_ring = network.ring().and_then(|_| slaves.last()).map(|last| last.slave);
-    let tree = text(&slaves, &errors, in_ring);
-    let lines: Vec<Value> = slaves.iter().zip(&errors).map(|(slave, errors)| line(&slaves, slave, errors)).collect();
+    }
+    let (tree, lines) = shown(&mut *network, &slaves)?;
     reporter.results(tree.trim_end(), &lines)?;
     Ok(())
+}
+
+fn are_ports_known(slaves: &[FoundSlave]) -> bool {
+    slaves.iter().any(|slave| slave.port_types != 0)
+}
+
+/// The slaves that a scan has found, with the error counters of their ports: as a tree, and as JSON.
+///
+/// # Errors
+/// The counters cannot be read.
+pub fn shown(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<(String, Vec<Value>), BusError> {
+    let errors = if are_ports_known(slaves) {
+        port_errors::read(network, slaves)?
+    } else {
+        slaves.iter().map(|slave| SlaveErrors { slave: slave.slave, ..SlaveErrors::default() }).collect()
+    };
+    let in_ring = network.ring().and_then(|_| slaves.last()).map(|last| last.slave);
+    let lines = slaves.iter().zip(&errors).map(|(slave, errors)| line(slaves, slave, errors)).collect();
+    Ok((text(slaves, &errors, in_ring), lines))
 }
 
 /// The slaves as a tree in text form, as `bus scan` prints it. `in_ring` is the slave whose cable leads to the second

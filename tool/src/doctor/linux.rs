@@ -19,7 +19,7 @@ pub use rule::RuleError;
 pub struct SystemArgs {
     /// Write the udev rule that lets users open boards to /etc/udev/rules.d, show it, and say how to activate it;
     /// without the right to write there, print the lines to type
-    #[arg(long, conflicts_with_all = ["quick", "json", "folder"])]
+    #[arg(long, conflicts_with_all = ["quick", "json", "folder", "report"])]
     write_udev_rule: bool,
 
     /// Check as well whether this machine can be the board at a USB device port (`ecmsk serve gadget`): the device

@@ -22,6 +22,9 @@ const READ_WAIT_MAX: Duration = Duration::from_millis(200);
 /// slots. It must not block, since it delays the reading of reports.
 pub type Each = Box<dyn FnMut(i64, &Frame, SlotSize) + Send>;
 
+/// A function that may wrap the link of the board.
+pub type Around = Box<dyn FnOnce(Arc<dyn Link>) -> Arc<dyn Link>>;
+
 /// A board or a recording that a thread reads, and the state that the thread has collected.
 pub struct Feed {
     watched: Arc<Mutex<Watched>>,
@@ -37,10 +40,11 @@ impl Feed {
     pub fn board(
         uri: &LinkUri,
         slot: Option<SlotSize>,
+        around: Around,
         mut each: Each,
         watched: impl FnOnce(Option<KnownNetwork>) -> Watched,
     ) -> Result<Self, MonitorError> {
-        let link = link::open(&uri.to_string(), Share::ByName)?;
+        let link = around(link::open(&uri.to_string(), Share::ByName)?);
         let mut watched = watched(link.network());
         let options = Options { slot, close: Close::Leave, ..Options::default() };
         let ecm = Ecm::over(Arc::clone(&link), options)?;

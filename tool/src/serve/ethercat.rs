@@ -9,6 +9,7 @@ use ecmsk::engine::RealTime;
 use ecmsk::link::slaves::{self, SlaveSpec};
 use ecmsk::port::ethercat::{Options, ServeError, Server};
 
+use super::watch::{LogArgs, Watch};
 use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
@@ -62,6 +63,9 @@ pub struct Args {
     /// Use the interface even if it is this machine's default route, whose network connection is then lost
     #[arg(long)]
     force: bool,
+
+    #[command(flatten)]
+    log: LogArgs,
 }
 
 /// A list of slaves, with the text from which it was parsed.
@@ -83,6 +87,8 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let system = |what| move |source| ServeError::System { what, source };
     let end_request = signals::EndRequest::watch().map_err(system("catch signals"))?;
     streams::queue().map_err(system("start the thread of standard error"))?;
+    args.log.begin();
+    let mut watch = Watch::without_metrics("ethercat");
     let SlaveList { words, slaves } = args.slaves.clone();
     let ender = end_request.ender();
     let options = Options {
@@ -99,12 +105,14 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     };
     let server = Server::start(options)?;
     let second = args.second.as_ref().map(|second| format!(" and {second}")).unwrap_or_default();
-    super::announce(format!("answering EtherCAT on {}{second}; serving {words}\n", args.on))?;
-    let signal = end_request.wait_unless_ended();
+    watch.ready(format!("answering EtherCAT on {}{second}; serving {words}\n", args.on))?;
+    let signal = end_request.wait_unless_ended(super::nothing_to_reload);
     server.flush();
     if let Some(signal) = signal {
         say("serve", &format_args!("stopped by {signal}"));
     }
+    watch.stopping();
     server.stop()?;
+    watch.end();
     Ok(ExitCode::SUCCESS)
 }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use ecmsk::engine::RealTime;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Share};
 use ecmsk::port::gadget::{Identity, Options, ServeError, Server};
 
 use super::Vanish;
 use super::usbip::{given_link, id};
+use super::watch::WatchArgs;
 use crate::flight_option::FlightArgs;
 use crate::stderr::say;
 use crate::{CliError, control_option, signals, streams};
@@ -38,6 +38,9 @@ pub struct Args {
 
     #[command(flatten)]
     flight: FlightArgs,
+
+    #[command(flatten)]
+    watch: WatchArgs,
 
     /// USB device controller, as /sys/class/udc lists them [default: the only one]
     #[arg(long, value_name = "NAME")]
@@ -88,6 +91,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before anything can move, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(system("catch signals"))?;
     streams::queue().map_err(system("start the thread of standard error"))?;
+    let mut watch = args.watch.begin("gadget")?;
     let served = super::served(args.link.as_ref())?;
     let served = given_link(&served.to_string()).unwrap_or(served);
     let served = control_option::controlled(served, args.control.as_deref())?;
@@ -101,16 +105,17 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         failed: Arc::new(end_request.ender()),
         ..Options::default()
     };
-    let uri = served.to_string();
-    // A simulated board stays in this process, so opening it again finds the same one.
-    let server = Server::start(Box::new(move || link::open(&uri, Share::ByUri)), options)?;
-    super::announce(format!("at the device port of {}; serving {served}\n", server.controller()))?;
-    let signal = end_request.wait_unless_ended();
+    let board = watch.board(&served);
+    let server = Server::start(Box::new(move || board.open()), options)?;
+    watch.ready(format!("at the device port of {}; serving {served}\n", server.controller()))?;
+    let signal = end_request.wait_unless_ended(super::nothing_to_reload);
     server.flush();
     if let Some(signal) = signal {
         say("serve", &format_args!("stopped by {signal}"));
     }
+    watch.stopping();
     server.stop()?;
+    watch.end();
     Ok(super::ended([&served]))
 }
 

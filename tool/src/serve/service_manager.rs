@@ -1,30 +1,133 @@
-//! Reports to systemd that a server serves, by the protocol of sd_notify(3), so that units of `Type=notify` know when the board
-//! is present.
+//! Reports to systemd what a server does, by the protocol of sd_notify(3): that it serves, that it lives, what is wrong, and
+//! that it ends. So units of `Type=notify` know when the board is present, and units with `WatchdogSec=` when its cycle
+//! stands still.
+//!
+//! A thread of its own sends the reports, so that the server waits for a service manager that does not read at its end only,
+//! and briefly.
 
+use std::io;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
-
-use sd_notify::NotifyState;
+use std::time::Duration;
 
 use crate::stderr::say;
 
-/// Reports that the server is ready, and what it serves. Does nothing unless systemd has set `NOTIFY_SOCKET`.
-///
-/// A thread of its own waits for the service manager, so that the server reacts to signals while nobody reads that socket.
-pub fn ready(status: &str) {
-    if std::env::var_os("NOTIFY_SOCKET").is_none() {
-        return;
-    }
-    let status = status.trim_end().to_owned();
-    let report = move || {
-        if let Err(error) = sd_notify::notify(&[NotifyState::Ready, NotifyState::Status(&status)]) {
-            warn(&error);
+/// The most reports that wait; further pings are left out. \[OURS]
+const WAITING_MAX: usize = 16;
+/// How long the end of a server waits until the service manager has taken the report of it. \[OURS]
+const END_WAIT_MAX: Duration = Duration::from_millis(200);
+
+/// The service manager that has started the server, if one has.
+#[derive(Clone)]
+pub struct Manager {
+    reports: Option<SyncSender<Report>>,
+    /// How often the service manager wants a ping at least; `None`: it wants none.
+    watchdog: Option<Duration>,
+}
+
+#[cfg_attr(not(target_os = "linux"), allow(dead_code, reason = "there is no systemd"))]
+enum Report {
+    Ready(String),
+    Status(String),
+    Ping,
+    /// The server ends. The sender is told when this was sent.
+    Stopping(SyncSender<()>),
+}
+
+impl Manager {
+    /// The service manager that the environment names (`NOTIFY_SOCKET`, `WATCHDOG_USEC`).
+    pub fn find() -> Self {
+        let none = Self { reports: None, watchdog: None };
+        if !cfg!(target_os = "linux") || std::env::var_os("NOTIFY_SOCKET").is_none() {
+            return none;
         }
-    };
-    if let Err(error) = thread::Builder::new().name("ready".into()).spawn(report) {
-        warn(&error);
+        let (sender, reports) = sync_channel(WAITING_MAX);
+        match thread::Builder::new().name("notify".into()).spawn(move || pass_on(&reports)) {
+            Ok(_) => Self { reports: Some(sender), watchdog: watchdog() },
+            Err(error) => {
+                say("warning", &format_args!("systemd is told nothing, there is no thread for it: {error}"));
+                none
+            }
+        }
+    }
+
+    /// In what time the service manager wants a ping; `None`: it wants none.
+    pub const fn watchdog(&self) -> Option<Duration> {
+        self.watchdog
+    }
+
+    /// The server is ready, and what it serves.
+    pub fn ready(&self, status: &str) {
+        self.report(Report::Ready(status.trim_end().to_owned()));
+    }
+
+    /// What the server does, or what is wrong, in words.
+    pub fn status(&self, status: &str) {
+        self.report(Report::Status(status.trim_end().to_owned()));
+    }
+
+    /// The server lives.
+    pub fn ping(&self) {
+        self.report(Report::Ping);
+    }
+
+    /// The server ends. Waits until that was sent, at most [`END_WAIT_MAX`].
+    pub fn stopping(&self) {
+        let (sent, is_sent) = sync_channel(1);
+        self.report(Report::Stopping(sent));
+        // It fails at once if there is no service manager, or no room for the report.
+        let _ = is_sent.recv_timeout(END_WAIT_MAX);
+    }
+
+    fn report(&self, report: Report) {
+        if let Some(reports) = &self.reports {
+            // It fails if the service manager does not read. The reports before this one are waiting then.
+            let _ = reports.try_send(report);
+        }
     }
 }
 
-fn warn(error: &std::io::Error) {
-    say("warning", &format_args!("systemd does not know that the server is ready ({error}); look at NOTIFY_SOCKET"));
+fn pass_on(reports: &Receiver<Report>) {
+    let mut has_failed = false;
+    for report in reports {
+        if let Err(error) = send(&report)
+            && !std::mem::replace(&mut has_failed, true)
+        {
+            let what = match report {
+                Report::Ready(_) => "systemd does not know that the server is ready",
+                _ => "systemd takes no reports of the server",
+            };
+            say("warning", &format_args!("{what} ({error}); look at NOTIFY_SOCKET"));
+        }
+        if let Report::Stopping(sent) = report {
+            let _ = sent.try_send(());
+        }
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn send(report: &Report) -> io::Result<()> {
+    use sd_notify::{NotifyState, notify};
+
+    match report {
+        Report::Ready(status) => notify(&[NotifyState::Ready, NotifyState::Status(status)]),
+        Report::Status(status) => notify(&[NotifyState::Status(&status.replace('\n', "; "))]),
+        Report::Ping => notify(&[NotifyState::Watchdog]),
+        Report::Stopping(_) => notify(&[NotifyState::Stopping]),
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn send(_: &Report) -> io::Result<()> {
+    Ok(())
+}
+
+#[cfg(target_os = "linux")]
+fn watchdog() -> Option<Duration> {
+    sd_notify::watchdog_enabled().filter(|limit| !limit.is_zero())
+}
+
+#[cfg(not(target_os = "linux"))]
+const fn watchdog() -> Option<Duration> {
+    None
 }

@@ -7,9 +7,9 @@ use std::sync::Arc;
 
 use clap::ArgAction;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
 
+use super::watch::{BoardWatch, WatchArgs};
 use crate::control_option::ControlOptionError;
 use crate::flight_option::FlightArgs;
 use crate::stderr::say;
@@ -42,6 +42,9 @@ pub struct Args {
 
     #[command(flatten)]
     flight: FlightArgs,
+
+    #[command(flatten)]
+    watch: WatchArgs,
 
     /// Address to listen on
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)), value_parser = super::listen_at::<{ wire::PORT }>)]
@@ -91,9 +94,10 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before a board is attached, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
     streams::queue().map_err(ServeError::Thread)?;
+    let mut watch = args.watch.begin("usbip")?;
     let links = controlled(links(args)?, &args.control)?;
     let links = args.flight.added_to_all(&links)?;
-    let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
+    let boards = links.iter().enumerate().map(|(index, link)| board(args, index, watch.board(link))).collect();
     let options = Options {
         listen: args.listen,
         insecure_anyone: args.insecure_anyone,
@@ -109,11 +113,13 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     for (bus_id, link) in server.bus_ids().zip(&links) {
         text.push_str(&format!("{bus_id} {link}\n"));
     }
-    super::announce(text)?;
-    let signal = end_request.wait();
+    watch.ready(text)?;
+    let signal = end_request.wait(super::nothing_to_reload);
     server.flush();
     say("serve", &format_args!("stopped by {signal}"));
+    watch.stopping();
     server.stop();
+    watch.end();
     Ok(super::ended(&links))
 }
 
@@ -135,7 +141,7 @@ fn controlled(links: Vec<LinkUri>, names: &[String]) -> Result<Vec<LinkUri>, Con
     links.into_iter().enumerate().map(one).collect()
 }
 
-fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {
+fn board(args: &Args, index: usize, watched: Arc<BoardWatch>) -> BoardSpec {
     let identity = Identity {
         vendor: args.vendor,
         product: args.product,
@@ -146,9 +152,7 @@ fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {
         serial: args.serial.get(index).cloned().unwrap_or_default(),
         ..Identity::default()
     };
-    let uri = link.to_string();
-    // A simulated board stays in this process, so attaching it again finds the same one.
-    BoardSpec { identity, opener: Box::new(move || link::open(&uri, Share::ByUri)) }
+    BoardSpec { identity, opener: Box::new(move || watched.open()) }
 }
 
 /// Parses a link and adds `queue=1` if it has no `queue=`: only the newest report is buffered, because the remote host has a

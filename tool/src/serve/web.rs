@@ -5,12 +5,10 @@
 //!
 //! - `web.rs`: the verb
 //! - `hub.rs`: makes messages of reports, and puts them into the queue of each page
-//! - `site.rs`: the server, its connections, and who may have the page
-//! - `http.rs`: the head of a request, and answers
+//! - `site.rs`: who may have the page, and what a request gets
 //! - `client.rs`: a page's WebSocket
 
 mod client;
-mod http;
 mod hub;
 mod site;
 
@@ -25,6 +23,7 @@ use ecmsk::ecm::Scales;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::SlotSize;
 
+use super::watch::{Watch, WatchArgs};
 use crate::flight_option::FlightArgs;
 use crate::kind_list::KindList;
 use crate::link_option::ChosenLink;
@@ -60,6 +59,9 @@ pub struct Args {
 
     #[command(flatten)]
     flight: FlightArgs,
+
+    #[command(flatten)]
+    watch: WatchArgs,
 
     /// Address to listen on, one of this machine's own
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], DEFAULT_PORT)), value_parser = listen_here)]
@@ -108,20 +110,27 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let failed = |what| move |error: io::Error| WebError::System { what, message: error.to_string() };
     let end_request = signals::EndRequest::watch().map_err(failed("catch signals"))?;
     streams::queue().map_err(failed("start a thread for output"))?;
-    let board = if args.file.is_none() { Some(board(args)?) } else { None };
+    let mut watch = args.watch.begin("web")?;
+    let board = if args.file.is_none() { Some(board(args, &mut watch)?) } else { None };
     let (content, what) = match (&args.file, &board) {
         (Some(file), _) => (recording(args, file)?, file.display().to_string()),
         (None, Some((hub, uri))) => (Content::Board(Arc::clone(hub)), uri.to_string()),
         (None, None) => return Err(CliError::NothingToServe),
     };
     let site = Site::start(args.listen, content)?;
-    super::announce(format!("listening on {}; showing {what}\n", site.url()))?;
-    let signal = end_request.wait();
+    if let Some((hub, _)) = &board {
+        let hub = Arc::clone(hub);
+        watch.count_clients(move || hub.page_count());
+    }
+    watch.ready(format!("listening on {}; showing {what}\n", site.url()))?;
+    let signal = end_request.wait(super::nothing_to_reload);
     say("serve", &format_args!("stopped by {signal}"));
+    watch.stopping();
     site.stop();
     if let Some((hub, _)) = &board {
         hub.stop();
     }
+    watch.end();
     Ok(super::ended(board.iter().map(|(_, uri)| uri)))
 }
 
@@ -130,7 +139,7 @@ fn recording(args: &Args, file: &Path) -> Result<Content, CliError> {
     Ok(Content::Recording(plot::html::of_recording(&plot, || Ok(()), None)?))
 }
 
-fn board(args: &Args) -> Result<(Arc<Hub>, LinkUri), CliError> {
+fn board(args: &Args, watch: &mut Watch) -> Result<(Arc<Hub>, LinkUri), CliError> {
     let machine = machine_option::load(args.machine.as_deref())?.map(Arc::new);
     let mut chosen = ChosenLink::find_with(args.link.as_ref(), machine.as_deref()).map_err(MonitorError::from)?;
     // The user has to name the board, as for every server, so that a forgotten option does not show a real board.
@@ -146,7 +155,8 @@ fn board(args: &Args) -> Result<(Arc<Hub>, LinkUri), CliError> {
         scales: args.counts_per_unit.clone(),
         slot_size: args.slot_size,
     };
-    Ok((Hub::start(&chosen, subject)?, uri))
+    let board = watch.board(&chosen.uri);
+    Ok((Hub::start(&chosen, subject, board)?, uri))
 }
 
 /// The link with the key `queue=1000`: the queue holds a second of reports at 1 kHz while this process does not read, so

@@ -4,10 +4,11 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::ValueEnum;
-use ecmsk::link::chip::{self, ChipInfo};
+use ecmsk::link::chip::ChipInfo;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::port::xf::{Listen, OnVanish, Options, ServeError, Server};
 
+use super::watch::WatchArgs;
 use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
@@ -39,6 +40,9 @@ pub struct Args {
     /// What happens when the host disconnects without closing the chip
     #[arg(long, value_enum, default_value_t = Vanish::SafeOp)]
     on_vanish: Vanish,
+
+    #[command(flatten)]
+    watch: WatchArgs,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -54,6 +58,8 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before anything can move, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     streams::queue().map_err(|source| ServeError::System { what: "start the thread of standard error", source })?;
+    let mut watch = args.watch.begin("xf")?;
+    let chip = watch.chip();
     let recorded = super::served(args.link.as_ref())?;
     let uri = recorded.to_string();
     let options = Options {
@@ -72,12 +78,14 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     {
         say("note", &format_args!("anybody who reaches {address} can use the chip: nobody is asked for a password"));
     }
-    let server = Server::start(move || chip::open(&uri), options)?;
-    super::announce(format!("listening on {}; serving {}\n", server.listen(), described(server.info())))?;
-    let signal = end_request.wait();
+    let server = Server::start(move || chip.open(&uri), options)?;
+    watch.ready(format!("listening on {}; serving {}\n", server.listen(), described(server.info())))?;
+    let signal = end_request.wait(super::nothing_to_reload);
     server.flush();
     say("serve", &format_args!("stopped by {signal}"));
+    watch.stopping();
     server.stop();
+    watch.end();
     Ok(super::ended([&recorded]))
 }
 

@@ -75,7 +75,12 @@ pub fn raise_interrupt() {
 }
 
 /// Waits for the signal that ends a server, for verbs that do nothing else meanwhile.
-pub struct EndRequest(Signals);
+pub struct EndRequest {
+    signals: Signals,
+    /// Whether SIGHUP means to read the configuration again, as for services. A process with a terminal gets it when the
+    /// terminal is closed, and ends. \[OURS]
+    hang_up_reloads: bool,
+}
 
 impl EndRequest {
     /// Watches for SIGINT, SIGTERM, SIGHUP and SIGQUIT from now on.
@@ -83,29 +88,36 @@ impl EndRequest {
     /// # Errors
     /// Errors of the operating system.
     pub fn watch() -> io::Result<Self> {
-        Signals::new(asking()).map(Self)
+        // Opening it fails if the process has no terminal.
+        let hang_up_reloads = std::fs::File::open("/dev/tty").is_err();
+        Ok(Self { signals: Signals::new(asking())?, hang_up_reloads })
     }
 
-    /// Waits for the first signal; returns its name.
-    pub fn wait(self) -> &'static str {
-        self.wait_unless_ended().unwrap_or("SIGINT")
+    /// Waits for the first signal that ends the server; returns its name. `reload` is called for each SIGHUP that asks for
+    /// the configuration to be read again.
+    pub fn wait(self, reload: impl FnMut()) -> &'static str {
+        self.wait_unless_ended(reload).unwrap_or("SIGINT")
     }
 
     /// A function that another thread calls to end [`Self::wait_unless_ended`] without a signal.
     #[cfg(target_os = "linux")]
     pub fn ender(&self) -> impl Fn() + Send + Sync + 'static {
-        let handle = self.0.handle();
+        let handle = self.signals.handle();
         move || handle.close()
     }
 
-    /// Waits for the first signal; returns its name. `None` if [`Self::ender`] was called before a signal arrived.
-    pub fn wait_unless_ended(mut self) -> Option<&'static str> {
-        self.0.forever().next().map(|signal| match signal {
-            SIGTERM => "SIGTERM",
-            SIGHUP => "SIGHUP",
-            SIGQUIT => "SIGQUIT",
-            _ => "SIGINT",
-        })
+    /// As [`Self::wait`]. `None` if [`Self::ender`] was called before a signal arrived.
+    pub fn wait_unless_ended(mut self, mut reload: impl FnMut()) -> Option<&'static str> {
+        for signal in self.signals.forever() {
+            match signal {
+                SIGHUP if self.hang_up_reloads => reload(),
+                SIGTERM => return Some("SIGTERM"),
+                SIGHUP => return Some("SIGHUP"),
+                SIGQUIT => return Some("SIGQUIT"),
+                _ => return Some("SIGINT"),
+            }
+        }
+        None
     }
 }
 

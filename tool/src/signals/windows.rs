@@ -75,8 +75,8 @@ impl EndRequest {
         Ok(Self(receiver))
     }
 
-    /// Waits for the first event; returns its name.
-    pub fn wait(self) -> &'static str {
+    /// Waits for the first event; returns its name. Windows has no event that asks for the configuration to be read again.
+    pub fn wait(self, _: impl FnMut()) -> &'static str {
         // Receiving cannot fail, because the sender exists as long as the process.
         if self.0.recv() == Ok(INTERRUPT) { "Ctrl-C" } else { ENDS }
     }

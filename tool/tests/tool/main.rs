@@ -22,11 +22,11 @@
 //! - `monitor*.rs`: `ecmsk monitor`; `jog.rs`, `stop_verb.rs`: `ecmsk jog`, `ecmsk stop`
 //! - `machine_file.rs`: the machine file, and `ecmsk machine`
 //! - `slave.rs`: `ecmsk slave`
-//! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`, `service_on_tcp.rs`, `tcp_*.rs`:
-//!   `ecmsk serve`
+//! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_metrics.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`,
+//!   `service_on_tcp.rs`, `tcp_*.rs`: `ecmsk serve`
 //! - `serve_web.rs`, `serve_web_browser.rs`: `ecmsk serve web`, and the page in a browser
-//! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `doctor_gadget.rs`, `machine.rs`, `man.rs`: `ecmsk list`,
-//!   `doctor`, `man`
+//! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `doctor_gadget.rs`, `doctor_report.rs`, `machine.rs`,
+//!   `man.rs`: `ecmsk list`, `doctor`, `man`
 //! - `bus.rs`: `ecmsk bus`
 //! - `xf.rs`, `behind_chip.rs`: `ecmsk xf`; the verbs of a board with its slaves behind an ECM-XF
 //! - `wireshark.rs`, `wireshark_chip.rs`: `ecmsk wireshark`: its plugin shows what `dump` shows
@@ -48,6 +48,7 @@ mod details;
 mod doctor;
 mod doctor_folder;
 mod doctor_gadget;
+mod doctor_report;
 mod dump_hex;
 mod dump_packets;
 mod dump_recording;
@@ -93,6 +94,8 @@ mod recordings_page;
 mod scripts;
 mod serve_ethercat;
 mod serve_gadget;
+#[cfg(all(unix, feature = "web"))]
+mod serve_metrics;
 mod serve_service;
 mod serve_usbip;
 #[cfg(all(unix, feature = "web"))]

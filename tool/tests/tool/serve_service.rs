@@ -1,15 +1,20 @@
-//! Servers as services of systemd: they report when they are ready (sd_notify), and a service manager that does not read
-//! holds nothing up.
+//! Servers as services: they report to systemd when they are ready, live and end (sd_notify), and a service manager that does
+//! not read holds nothing up. Their log, and what they read again on SIGHUP.
 #![cfg(target_os = "linux")]
 
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, ErrorKind, Read as _};
+use std::net::TcpStream;
+use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixDatagram;
+use std::os::unix::process::CommandExt as _;
 use std::path::Path;
 use std::process::{Child, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use crate::common::ecmsk;
+use crate::common::{ecmsk, json_lines, without_times};
+use ecmsk::link::{self, Share};
 use rustix::process::{Pid, Signal, kill_process};
+use support::tcp::{connect, until, uri};
 
 /// `ecmsk serve tcp` that reports to `socket` as its service manager, and the first line of its output.
 fn serve(socket: &Path) -> (Child, String) {
@@ -59,4 +64,282 @@ fn a_service_manager_that_does_not_read_holds_nothing_up() {
     let (child, _) = serve(&folder.path().join("nobody"));
     let said = end(child);
     assert!(said.contains("warning: systemd does not know that the server is ready"), "{said}");
+}
+
+/// A service manager, as systemd is one, and what it has been told.
+struct Manager {
+    socket: UnixDatagram,
+    _folder: tempfile::TempDir,
+    path: String,
+}
+
+impl Manager {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("notify");
+        let socket = UnixDatagram::bind(&path).expect("a socket");
+        Self { socket, path: path.display().to_string(), _folder: folder }
+    }
+
+    /// The next report that comes within this time; `None`: none comes.
+    fn next(&self, limit: Duration) -> Option<String> {
+        self.socket.set_read_timeout(Some(limit)).expect("a time");
+        let mut message = [0; 1000];
+        match self.socket.recv(&mut message) {
+            Ok(len) => Some(String::from_utf8_lossy(&message[..len]).into_owned()),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => None,
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    /// Waits for a report with these words.
+    #[track_caller]
+    fn wait_for(&self, words: &str) -> String {
+        let began = Instant::now();
+        while began.elapsed() < support::tcp::LIMIT {
+            if let Some(report) = self.next(Duration::from_secs(1)).filter(|report| report.contains(words)) {
+                return report;
+            }
+        }
+        panic!("no report with `{words}`");
+    }
+
+    /// Starts `ecmsk serve tcp` as this manager's service, with this time for its pings, and returns it with its first line.
+    fn serve(&self, link: &str, watchdog: Option<Duration>) -> (Child, String) {
+        let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", link]);
+        command.env("NOTIFY_SOCKET", &self.path).env_remove("ECMSK_TCP_SECRET").env_remove("WATCHDOG_PID");
+        if let Some(limit) = watchdog {
+            command.env("WATCHDOG_USEC", limit.as_micros().to_string());
+        }
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
+        let mut line = String::new();
+        BufReader::new(child.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("text");
+        (child, line)
+    }
+}
+
+/// The address in the first line of a server.
+fn address(line: &str) -> &str {
+    line.strip_prefix("listening on ").and_then(|rest| rest.split(';').next()).expect(line)
+}
+
+/// TOOL-201 A service is ready when its board is open and its port listens, and not before: one whose board does not open is never
+/// ready. It says when it ends.
+#[test]
+fn a_service_says_when_it_begins_and_ends() {
+    let manager = Manager::new();
+    let (child, line) = manager.serve("sim:?slaves=drive", None);
+    assert_eq!(manager.next(support::tcp::LIMIT).as_deref(), Some(&*format!("READY=1\nSTATUS={line}")));
+    TcpStream::connect(address(&line)).expect("it listens");
+    assert_eq!(manager.next(Duration::from_millis(600)), None, "without a watchdog it says no more");
+    end(child);
+    assert_eq!(manager.next(Duration::from_secs(1)).as_deref(), Some("STOPPING=1\n"));
+
+    let (mut child, line) = manager.serve("tcp://127.0.0.1:1", None);
+    assert_eq!((child.wait().expect("it ends").code(), &*line), (Some(1), ""));
+    assert_eq!(manager.next(Duration::from_millis(100)), None);
+}
+
+/// TOOL-201 A service sends pings while the cycle of its board runs. If its board stands still the pings end, and the status says why;
+/// they go on when it goes on.
+#[test]
+fn a_board_that_stands_still_gets_no_pings() {
+    const WATCHDOG: Duration = Duration::from_secs(3);
+    let manager = Manager::new();
+    let (own, _) = manager.serve("sim:?slaves=drive", Some(WATCHDOG));
+    for _ in 0..3 {
+        manager.wait_for("WATCHDOG=1");
+    }
+    end(own);
+    manager.wait_for("STOPPING=1");
+
+    // A board at another server, which stands still as a whole. With this keep-alive time the link does not end for it.
+    let (upstream, line) = Manager::new().serve("sim:?slaves=drive", None);
+    let link = format!("tcp://{}?keepalive_ms=3600000", address(&line));
+    let (child, _) = manager.serve(&link, Some(WATCHDOG));
+    for _ in 0..3 {
+        manager.wait_for("WATCHDOG=1");
+    }
+    let signal = |signal| kill_process(Pid::from_child(&upstream), signal).expect("it runs");
+    signal(Signal::STOP);
+    // Pings that were due before are still there, and reports that were under way. systemd would end the service after this
+    // silence.
+    let began = Instant::now();
+    let mut silent_since = Instant::now();
+    while silent_since.elapsed() < WATCHDOG {
+        assert!(began.elapsed() < support::tcp::LIMIT, "the pings go on");
+        if manager.next(Duration::from_millis(500)).is_some_and(|report| report.contains("WATCHDOG=1")) {
+            silent_since = Instant::now();
+        }
+    }
+    signal(Signal::CONT);
+    manager.wait_for("WATCHDOG=1");
+    end(child);
+    end(upstream);
+}
+
+/// TOOL-202 A server that is started, and one that is started again after it was killed, sends no frame to its board: what stood still
+/// stands still (docs/SAFETY.md).
+#[test]
+fn a_start_moves_nothing() {
+    let (server, _told) = support::tcp::serve("sim:?slaves=drive*2");
+    let upstream = uri(&server, "");
+    let writer = ecmsk::Ecm::open(&upstream).expect("a board");
+    writer.configure(&ecmsk::ecm::Config::drives(2)).expect("drives");
+    writer.set_state(ecmsk::sk::MasterState::Op).expect("OP");
+    writer.servo_on(&[1, 2]).expect("they switch on");
+    writer.close(ecmsk::ecm::Close::Leave).expect("it closes");
+    let reader = connect(&server, "role=reader");
+    let frames = || reader.stats().board.expect("a simulated board has counters").frames;
+    let manager = Manager::new();
+    for _ in 0..2 {
+        // The upstream server may have stopped the axes of the writer that was killed, which takes some frames.
+        let before = until("rest", || {
+            let before = frames();
+            std::thread::sleep(Duration::from_millis(300));
+            (frames() == before).then_some(before)
+        });
+        let (mut child, _) = until("place for a writer", || {
+            let (mut child, line) = manager.serve(&upstream, None);
+            if line.is_empty() {
+                child.wait().expect("it ends");
+                return None;
+            }
+            Some((child, line))
+        });
+        manager.wait_for("READY=1");
+        let mut report = ecmsk::sk::Frame::new();
+        for _ in 0..50 {
+            reader.read(&mut report, link::Wait::For(support::tcp::LIMIT)).expect("a report");
+        }
+        let drive = ecmsk::sk::DriveResponse::decode(&report.slot(support::tcp::SIZE, 1));
+        assert!(drive.statusword.is_enabled() && drive.position == 0, "{drive:?}");
+        assert_eq!(frames(), before, "the start has sent a frame");
+        child.kill().expect("it runs");
+        child.wait().expect("it ends");
+    }
+}
+
+/// Without a terminal SIGHUP has the server read its secret again, while board and clients stay. A file that is no secret
+/// changes nothing. Other servers say that there is nothing to read.
+#[test]
+fn a_service_reads_its_secret_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("secret");
+    let write = |path: &Path, text: &str| {
+        std::fs::write(path, text).expect("a file");
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600)).expect("it may");
+    };
+    let (old, new) = ("0123456789abcdefghijklmnopqrstuvwxyz", "zyxwvutsrqponmlkjihgfedcba9876543210");
+    write(&file, old);
+    let mine = folder.path().join("mine");
+    write(&mine, old);
+    let name = file.to_str().expect("UTF-8");
+    let mut server = serve_without_terminal(&["tcp", "--link", "sim:?slaves=drive", "--secret-file", name]);
+    let uri = format!("tcp://{}?role=reader&secret_file={}", server.address, mine.display());
+    let open = || link::open(&uri, Share::ByName);
+    let client = open().expect("the old secret");
+
+    write(&file, new);
+    server.signal(Signal::HUP);
+    server.wait_for("the secret was read again");
+    let refused = until("an answer", || open().err());
+    assert!(refused.to_string().contains("secret"), "{refused}");
+    write(&mine, new);
+    open().expect("the new secret").close();
+    client.read(&mut ecmsk::sk::Frame::new(), link::Wait::For(support::tcp::LIMIT)).expect("the old client stays");
+
+    write(&file, "short");
+    server.signal(Signal::HUP);
+    server.wait_for("the secret stays as it was");
+    open().expect("the new secret is still the one").close();
+    server.end();
+
+    let mut server = serve_without_terminal(&["usbip", "--link", "sim:?slaves=drive"]);
+    server.signal(Signal::HUP);
+    server.wait_for("nothing is read again");
+    server.end();
+}
+
+/// A server that has no terminal, as a service.
+struct Service {
+    child: Child,
+    address: String,
+    said: BufReader<std::process::ChildStderr>,
+}
+
+fn serve_without_terminal(arguments: &[&str]) -> Service {
+    let mut command = ecmsk([&["serve"], arguments, &["--listen", "127.0.0.1:0"]].concat());
+    command.env_remove("ECMSK_TCP_SECRET").stdout(Stdio::piped()).stderr(Stdio::piped());
+    // SAFETY: the call between fork and exec is one system call.
+    unsafe {
+        command.pre_exec(|| rustix::process::setsid().map(drop).map_err(Into::into));
+    }
+    let mut child = command.spawn().expect("the tool starts");
+    let mut line = String::new();
+    BufReader::new(child.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says where it listens");
+    let address = line.strip_prefix("listening on ").and_then(|rest| rest.split([',', ';', '\n']).next()).expect(&line);
+    let address = address.to_owned();
+    let said = BufReader::new(child.stderr.take().expect("a pipe"));
+    Service { child, address, said }
+}
+
+impl Service {
+    fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
+    }
+
+    fn wait_for(&mut self, words: &str) {
+        let mut line = String::new();
+        while !line.contains(words) {
+            line.clear();
+            assert!(self.said.read_line(&mut line).expect("text") > 0, "no line with `{words}`");
+        }
+    }
+
+    fn end(mut self) {
+        self.signal(Signal::TERM);
+        assert_eq!(self.child.wait().expect("it ends").code(), Some(0));
+    }
+}
+
+/// The log of a server has the time; in systemd's journal, which has its own, it has not. With `--log-format json` each line is an
+/// object with time, level and message, records of ECMSK_LOG too.
+#[test]
+fn the_log_has_the_time_or_is_json() {
+    let said = |arguments: &[&str], variables: &[(&str, &str)]| {
+        let mut command = ecmsk([&["serve", "tcp", "--listen", "127.0.0.1:0"], arguments].concat());
+        command.env_remove("ECMSK_TCP_SECRET").envs(variables.iter().copied());
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
+        let mut line = String::new();
+        BufReader::new(child.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says where it listens");
+        link::open(&format!("tcp://{}", address(&line)), Share::ByName).expect("a board").close();
+        kill_process(Pid::from_child(&child), Signal::TERM).expect("it runs");
+        let mut said = String::new();
+        child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
+        assert_eq!(child.wait().expect("it ends").code(), Some(0), "{said}");
+        said
+    };
+    let link = ["--link", "sim:?slaves=drive"];
+    let plain = without_times(&said(&link, &[]));
+    assert!(
+        plain.lines().all(|line| line.starts_with("serve: ")) && plain.contains("serve: stopped by SIGTERM\n"),
+        "{plain}"
+    );
+    let journal = said(&link, &[("JOURNAL_STREAM", "8:1")]);
+    assert!(journal.lines().all(|line| line.starts_with("serve: ")), "{journal}");
+
+    let arguments = [&link[..], &["--log-format", "json"]].concat();
+    let lines = json_lines(&said(&arguments, &[("ECMSK_LOG", "trace")]));
+    for line in &lines {
+        let time = line["time"].as_str().expect("a time");
+        assert!(time.starts_with("20") && time.ends_with('Z') && line["level"].is_string(), "{line}");
+        assert!(line["message"].as_str().is_some_and(|message| !message.is_empty()), "{line}");
+    }
+    let has = |kind: &str, words: &str| {
+        lines
+            .iter()
+            .any(|line| line["kind"] == kind && line["message"].as_str().is_some_and(|message| message.contains(words)))
+    };
+    assert!(has("serve", "is a writer") && has("serve", "stopped by SIGTERM"), "{lines:?}");
 }

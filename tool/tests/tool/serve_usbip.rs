@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::net::SocketAddr;
 use std::process::{Child, ChildStdout, Stdio};
 
-use crate::common::{Ran, ecmsk};
+use crate::common::{Ran, ecmsk, without_times};
 use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
 use rustix::process::{Pid, Signal, kill_process};
@@ -63,7 +63,7 @@ fn serve_usbip_says_what_it_serves_and_who_attaches() {
         let given = client.give(&[0; 512]);
         assert_eq!(client.reply(), Reply::done(given, 512));
         let host = client.stream.local_addr().expect("it is connected");
-        let said = serving.end_by(signal);
+        let said = without_times(&serving.end_by(signal));
         let expected = format!(
             "serve: 1-1: attached by {host}\nserve: stopped by {name}\nserve: 1-1: the server stops; 1 frames out, 0 \
              reports in\n"
@@ -131,6 +131,7 @@ fn listening_to_others_is_warned_of() {
         .expect("the tool starts");
     let mut line = String::new();
     BufReader::new(child.stderr.take().expect("a pipe")).read_line(&mut line).expect("a line");
+    let line = without_times(&line);
     assert!(line.starts_with("note: ") && line.contains("no password"), "{line}");
     child.kill().expect("it runs");
     child.wait().expect("it ends");

@@ -4,7 +4,7 @@
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Child, Command, Stdio};
 
-use crate::common::{Ran, ecmsk};
+use crate::common::{Ran, ecmsk, without_times};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Slave};
 use ecmsk::link::{self, LinkError, Share, Wait};
 use ecmsk::sk::{Frame, MasterState};
@@ -63,6 +63,7 @@ fn the_tool_serves_until_it_is_stopped() {
         let mut serving = Serving::start("");
         let link = link::open(&serving.uri(), Share::ByName).unwrap();
         let came = serving.wait("is a writer");
+        let came = without_times(&came);
         assert!(came.starts_with("serve: ") && came.contains(&format!("PID {}", std::process::id())), "{came}");
         link.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
         kill_process(Pid::from_child(&serving.child), signal).unwrap();

@@ -25,6 +25,7 @@ use crate::kind_list::KindList;
 use crate::link_option::{ChosenLink, as_reader};
 use crate::monitor::source::Feed;
 use crate::monitor::{self, json as view_json};
+use crate::serve::watch::BoardWatch;
 use crate::web::channels::Channels;
 use crate::web::events::Events;
 use crate::web::hello::{FORMAT, Hello, Names, Words, slaves};
@@ -96,7 +97,7 @@ impl Hub {
     ///
     /// # Errors
     /// [`CliError`] if the board cannot be opened or read, or if no thread can be started.
-    pub fn start(chosen: &ChosenLink, subject: Subject) -> Result<Arc<Self>, CliError> {
+    pub fn start(chosen: &ChosenLink, subject: Subject, watch: Arc<BoardWatch>) -> Result<Arc<Self>, CliError> {
         let inbox = Arc::new(Mutex::new(Inbox::default()));
         let filled = Arc::clone(&inbox);
         let each = Box::new(move |at_ns: i64, frame: &Frame, size: SlotSize| {
@@ -108,7 +109,9 @@ impl Hub {
                 inbox.left_out += 1;
             }
         });
-        let feed = monitor::board(chosen, subject.slaves.as_ref(), subject.slot_size, subject.machine.as_ref(), each)?;
+        let (slaves, size, machine) = (subject.slaves.as_ref(), subject.slot_size, subject.machine.as_ref());
+        let around = Box::new(move |link| watch.around(link));
+        let feed = monitor::board(chosen, slaves, size, machine, around, each)?;
         let hub = Arc::new(Self {
             name: subject.uri.to_string(),
             pages: Mutex::default(),
@@ -140,6 +143,11 @@ impl Hub {
     /// The link of the board.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The number of pages that are connected, or were when the board's newest points were sent.
+    pub fn page_count(&self) -> usize {
+        lock(&self.pages).len()
     }
 
     /// Adds a page and returns its queue; `None` if [`PAGES_MAX`] pages are connected.

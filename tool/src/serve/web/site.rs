@@ -4,22 +4,19 @@
 use std::io;
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::sync::atomic::AtomicBool;
 
 use data_encoding::HEXLOWER;
 
 use super::WebError;
 use super::client;
-use super::http::{self, Refusal, Request};
 use super::hub::Hub;
+use crate::serve::http::{self, Refusal, Request};
+use crate::serve::http_server::HttpServer;
 use crate::web::assembly::{Page, page};
 
 /// The most connections at a time; each has a thread. \[OURS]
 const CONNECTIONS_MAX: usize = 64;
-/// The time before the next connection is accepted after an error, such as too many open files. \[OURS]
-const AFTER_ERROR: Duration = Duration::from_millis(100);
 
 /// What the page of the server shows.
 pub enum Content {
@@ -31,16 +28,14 @@ pub enum Content {
 
 /// The running HTTP server of `ecmsk serve web`.
 pub struct Site {
-    address: SocketAddr,
-    shared: Arc<Shared>,
-    thread: JoinHandle<()>,
+    server: HttpServer,
+    token: String,
 }
 
 struct Shared {
     token: String,
     content: Content,
     stop: Arc<AtomicBool>,
-    connections: AtomicUsize,
 }
 
 impl Site {
@@ -50,63 +45,24 @@ impl Site {
     /// [`WebError`] if the address cannot be listened on, or if the system gives no random token or no thread.
     pub fn start(listen: SocketAddr, content: Content) -> Result<Self, WebError> {
         let listener = TcpListener::bind(listen).map_err(|source| WebError::Listen { address: listen, source })?;
-        let address = listener.local_addr().map_err(|source| WebError::Listen { address: listen, source })?;
         let mut random = [0; 16];
         let system = |what, message: String| WebError::System { what, message };
         getrandom::fill(&mut random).map_err(|error| system("make a token", error.to_string()))?;
-        let shared = Arc::new(Shared {
-            token: HEXLOWER.encode(&random),
-            content,
-            stop: Arc::default(),
-            connections: AtomicUsize::new(0),
-        });
-        let serving = Arc::clone(&shared);
-        let thread = thread::Builder::new().name("web".into()).spawn(move || accept(&listener, &serving));
-        let thread = thread.map_err(|error| system("start a thread", error.to_string()))?;
-        Ok(Self { address, shared, thread })
+        let token = HEXLOWER.encode(&random);
+        let shared = Shared { token: token.clone(), content, stop: Arc::default() };
+        let stop = Arc::clone(&shared.stop);
+        let server = HttpServer::start(listener, "web", CONNECTIONS_MAX, stop, move |stream| shared.serve(stream));
+        Ok(Self { server: server.map_err(|error| system("start a thread", error.to_string()))?, token })
     }
 
     /// The address of the page.
     pub fn url(&self) -> String {
-        format!("http://{}/?token={}", self.address, self.shared.token)
+        format!("http://{}/?token={}", self.server.address(), self.token)
     }
 
     /// Ends the server. Pages that are connected see their connections end.
     pub fn stop(self) {
-        self.shared.stop.store(true, Ordering::Relaxed);
-        // The thread waits in `accept` and sees the request to stop after the next connection, so this one wakes it. If the
-        // connection fails, the thread runs until the process ends.
-        if TcpStream::connect_timeout(&self.address, AFTER_ERROR).is_ok() {
-            // A panic of the thread was printed already.
-            let _ = self.thread.join();
-        }
-    }
-}
-
-fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
-    for stream in listener.incoming() {
-        if shared.stop.load(Ordering::Relaxed) {
-            return;
-        }
-        let Ok(stream) = stream else {
-            thread::sleep(AFTER_ERROR);
-            continue;
-        };
-        if shared.connections.fetch_add(1, Ordering::Relaxed) >= CONNECTIONS_MAX {
-            // A client that finds too many connections gets no thread and no answer, because sending an answer could block
-            // this loop.
-            shared.connections.fetch_sub(1, Ordering::Relaxed);
-            continue;
-        }
-        let serving = Arc::clone(shared);
-        let spawned = thread::Builder::new().name("web client".into()).spawn(move || {
-            // An error of a connection is ignored here: it ends this connection only, and there is nobody to tell.
-            let _ = serving.serve(stream);
-            serving.connections.fetch_sub(1, Ordering::Relaxed);
-        });
-        if spawned.is_err() {
-            shared.connections.fetch_sub(1, Ordering::Relaxed);
-        }
+        self.server.stop();
     }
 }
 

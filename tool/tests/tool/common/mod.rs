@@ -32,10 +32,24 @@ use std::process::{Command, Output, Stdio};
 pub fn ecmsk(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_ecmsk"));
     command.args(arguments).stdin(Stdio::null());
-    for variable in ["ECMSK_LINK", "ECMSK_LOG", "LD_LIBRARY_PATH", "CLICOLOR_FORCE"] {
+    for variable in ["ECMSK_LINK", "ECMSK_LOG", "JOURNAL_STREAM", "LD_LIBRARY_PATH", "CLICOLOR_FORCE"] {
         command.env_remove(variable);
     }
     command
+}
+
+/// The lines of a server's log without their times.
+#[track_caller]
+pub fn without_times(said: &str) -> String {
+    let line = |line: &str| {
+        let (time, rest) = line.split_once(' ').expect(line);
+        assert!(
+            time.len() == "2026-05-04T12:30:15.250Z".len() && time.ends_with('Z') && time.starts_with("20"),
+            "{line}"
+        );
+        format!("{rest}\n")
+    };
+    said.lines().map(line).collect()
 }
 
 /// The command with the default actions of signals, as a shell at a terminal starts it. The tests themselves may run with some

@@ -72,7 +72,7 @@ pub fn channel(hello: &Value, slave: u64, quantity: &str) -> usize {
 /// A running `ecmsk serve`, of a page or of a board.
 pub struct Serving {
     child: Child,
-    _out: BufReader<ChildStdout>,
+    out: BufReader<ChildStdout>,
     /// The first line of the server's output, without `listening on `.
     pub first_line: String,
 }
@@ -80,6 +80,7 @@ pub struct Serving {
 impl Serving {
     pub fn start(port: &str, arguments: &[&str]) -> Self {
         let mut command = ecmsk([&["serve", port, "--listen", "127.0.0.1:0"], arguments].concat());
+        command.env_remove("ECMSK_TCP_SECRET");
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
         let mut out = BufReader::new(child.stdout.take().expect("a pipe"));
         let mut line = String::new();
@@ -89,7 +90,14 @@ impl Serving {
             child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
             panic!("{line}{said}");
         };
-        Self { child, _out: out, first_line: first_line.to_owned() }
+        Self { child, out, first_line: first_line.to_owned() }
+    }
+
+    /// The next line of the server's output.
+    pub fn next_line(&mut self) -> String {
+        let mut line = String::new();
+        self.out.read_line(&mut line).expect("text");
+        line
     }
 
     /// The address of the page, or that of the served board.
@@ -114,12 +122,7 @@ impl Serving {
 
     /// Sends an HTTP request with these lines to the server of the page; returns the head and the body of the answer.
     pub fn ask(&self, lines: &[&str]) -> (String, String) {
-        let mut stream = TcpStream::connect(self.host_and_token().0).expect("it listens");
-        stream.write_all((lines.join("\r\n") + "\r\n\r\n").as_bytes()).expect("it reads");
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).expect("text");
-        let (head, body) = answer.split_once("\r\n\r\n").expect("a head");
-        (head.to_owned(), body.to_owned())
+        ask(self.host_and_token().0, lines)
     }
 
     /// Opens a WebSocket as the page does; `None` if the server refuses it.
@@ -130,6 +133,16 @@ impl Serving {
         let stream = TcpStream::connect(host).expect("it listens");
         Some(tungstenite::client(request, stream).ok()?.0)
     }
+}
+
+/// Sends an HTTP request with these lines to a server; returns the head and the body of the answer.
+pub fn ask(host: &str, lines: &[&str]) -> (String, String) {
+    let mut stream = TcpStream::connect(host).expect("it listens");
+    stream.write_all((lines.join("\r\n") + "\r\n\r\n").as_bytes()).expect("it reads");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("text");
+    let (head, body) = answer.split_once("\r\n\r\n").expect("a head");
+    (head.to_owned(), body.to_owned())
 }
 
 impl Drop for Serving {

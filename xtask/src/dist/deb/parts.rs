@@ -153,6 +153,7 @@ fn tool(project: &Project, machine: Machine, stage: &Path, tree: &Tree) -> Resul
         ("zsh/site-functions/_ecmsk", "zsh/vendor-completions/_ecmsk"),
         ("fish/vendor_completions.d/ecmsk.fish", "fish/vendor_completions.d/ecmsk.fish"),
         ("ecmsk/wireshark/ecmsk.lua", "ecmsk/wireshark/ecmsk.lua"),
+        ("ecmsk/grafana/ecmsk.json", "ecmsk/grafana/ecmsk.json"),
     ] {
         tree.copy(&share.join(from), &format!("usr/share/{to}"), DATA)?;
     }

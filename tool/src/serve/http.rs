@@ -1,5 +1,5 @@
-//! Reads the heads of HTTP requests, and sends answers. Only what a page needs is supported: GET, one request in a
-//! connection.
+//! Reads the heads of HTTP requests, and sends answers. Only what a page and a scrape need is supported: GET, one request
+//! in a connection. `http_server.rs` has the connections.
 
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, TcpStream};
@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 const HEAD_MAX: usize = 8192;
 /// The largest number of header fields of a request; a request with more is refused. \[OURS]
 const FIELDS_MAX: usize = 64;
-/// How long a client may take for its request, and for taking an answer. \[OURS]
-pub const REQUEST_WAIT_MAX: Duration = Duration::from_secs(5);
+/// How long a client may take for its request, and then for taking the answer. \[OURS]
+const REQUEST_WAIT_MAX: Duration = Duration::from_secs(5);
 
 /// The parts of an HTTP request that this server uses.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -127,8 +127,18 @@ pub fn send_page(stream: &mut TcpStream, html: &str, policy: &str) -> io::Result
 /// # Errors
 /// The client does not take the answer.
 pub fn refuse(stream: &mut TcpStream, refusal: Refusal) -> io::Result<()> {
-    let text = format!("{}\n", refusal.text);
-    send(stream, refusal.status, "text/plain", "Content-Security-Policy: default-src 'none'\r\n", &text)
+    send_text(stream, refusal.status, PLAIN, &format!("{}\n", refusal.text))
+}
+
+/// The `Content-Type` of plain text, without its charset.
+pub const PLAIN: &str = "text/plain";
+
+/// Sends text. `kind` is its `Content-Type` without the charset, which is UTF-8.
+///
+/// # Errors
+/// The client does not take the text.
+pub fn send_text(stream: &mut TcpStream, status: &str, kind: &str, text: &str) -> io::Result<()> {
+    send(stream, status, kind, "Content-Security-Policy: default-src 'none'\r\n", text)
 }
 
 fn send(stream: &mut TcpStream, status: &str, kind: &str, fields: &str, body: &str) -> io::Result<()> {
@@ -138,10 +148,27 @@ fn send(stream: &mut TcpStream, status: &str, kind: &str, fields: &str, body: &s
          Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nX-Content-Type-Options: nosniff\r\n\
          Cross-Origin-Resource-Policy: same-origin\r\nCross-Origin-Opener-Policy: same-origin\r\nConnection: close\r\n\r\n"
     );
-    stream.set_write_timeout(Some(REQUEST_WAIT_MAX))?;
-    stream.write_all(head.as_bytes())?;
-    stream.write_all(body.as_bytes())?;
-    stream.flush()
+    let until = Instant::now() + REQUEST_WAIT_MAX;
+    write_until(stream, head.as_bytes(), until)?;
+    write_until(stream, body.as_bytes(), until)
+}
+
+/// Writes all bytes until a deadline. A client that takes a byte now and then does not get more time.
+fn write_until(stream: &mut TcpStream, mut bytes: &[u8], until: Instant) -> io::Result<()> {
+    while !bytes.is_empty() {
+        let left = until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        stream.set_write_timeout(Some(left))?;
+        match stream.write(bytes) {
+            Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+            Ok(count) => bytes = &bytes[count..],
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,0 +1,265 @@
+//! `ecmsk doctor --report`: packs what the maker's support asks for into one file, and says what is in it and what is not.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::path::{Path, PathBuf};
+
+use ecmsk::bus;
+use ecmsk::link::keys::Scheme;
+use ecmsk::link::record::flight::FlightContents;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::machine::findings::Finding;
+use ecmsk::machine_file;
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+
+use super::secrets::Secrets;
+use super::{Args, Paint};
+use crate::bus::scan;
+use crate::link_option::belongs_to_user;
+
+/// The most bytes of a flight recorder's files that are packed. \[OURS]
+const FLIGHT_BYTES_MAX: u64 = 32 << 20;
+/// The most bytes of a text that is packed, such as the machine file. \[OURS]
+const TEXT_BYTES_MAX: u64 = 1 << 20;
+/// The options of the kernel that are packed, by their beginnings: those that make a cycle late or keep it in time. Others may
+/// name what is nobody's business.
+const KERNEL_OPTIONS: [&str; 12] = [
+    "isolcpus",
+    "nohz",
+    "rcu_nocb",
+    "irqaffinity",
+    "threadirqs",
+    "preempt",
+    "idle=",
+    "cpuidle",
+    "processor.max_cstate",
+    "intel_idle",
+    "intel_pstate",
+    "mitigations",
+];
+/// The list of what is in the file.
+const CONTENTS: &str = "report/CONTENTS.txt";
+
+/// Why the report was not written.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write the report {}: {source}; name another file with --report", .file.display())]
+pub struct ReportError {
+    file: PathBuf,
+    source: io::Error,
+}
+
+/// The file of `--report`: its name has to end with `.tar`, so that no other file is replaced by mistake.
+pub fn file(text: &str) -> Result<PathBuf, String> {
+    let file = PathBuf::from(text);
+    if file.extension().is_some_and(|extension| extension == "tar") {
+        return Ok(file);
+    }
+    Err("a name that ends with .tar is needed, e.g. press.tar".to_owned())
+}
+
+/// What is packed, and what is not.
+struct Pack {
+    secrets: Secrets,
+    files: Vec<(String, Vec<u8>)>,
+    /// The lines of the list: what is in it.
+    here: Vec<String>,
+    /// What could not be had, with the reason.
+    missing: Vec<String>,
+}
+
+/// Packs the report; returns the list of what is in it and what is not. `link`: the link that would be used.
+///
+/// # Errors
+/// [`ReportError`] if the file cannot be written.
+pub fn pack(
+    file: &Path,
+    args: &Args,
+    findings: &[Finding],
+    link: Option<&LinkUri>,
+    system: Option<String>,
+) -> Result<String, ReportError> {
+    let mut pack = Pack { secrets: Secrets::find(link), files: Vec::new(), here: Vec::new(), missing: Vec::new() };
+    pack.text("versions.txt", "versions, system, processor, memory, date", &versions(system));
+    pack.text("doctor.txt", "what `ecmsk doctor` says", &super::text(findings, Paint(false)));
+    pack.text("doctor.json", "the same for programs", &super::lines(findings));
+    pack.machine_file();
+    match &args.link {
+        Some(link) => pack.network(link),
+        None => pack.missing.push("the network: no link was named; add --link nic:INTERFACE".to_owned()),
+    }
+    let flight = args.flight.clone().or_else(|| link?.value("flight").map(PathBuf::from));
+    match flight {
+        Some(folder) => pack.flight(&folder),
+        None => pack.missing.push("frames: no flight recorder was named; add --flight DIR".to_owned()),
+    }
+    let list = pack.list();
+    pack.files.insert(0, (CONTENTS.to_owned(), list.clone().into_bytes()));
+    write(file, &pack.files).map_err(|source| ReportError { file: file.to_owned(), source })?;
+    Ok(format!("{}\n{list}", file.display()))
+}
+
+/// Writes all files into a tar, whole or not at all.
+fn write(file: &Path, files: &[(String, Vec<u8>)]) -> io::Result<()> {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let there = tempfile::NamedTempFile::new_in(folder)?;
+    let mut tar = tar::Builder::new(there);
+    let now = OffsetDateTime::now_utc().unix_timestamp();
+    for (name, bytes) in files {
+        let mut header = tar::Header::new_gnu();
+        header.set_size(bytes.len() as u64);
+        header.set_mode(0o644);
+        header.set_mtime(u64::try_from(now).unwrap_or(0));
+        tar.append_data(&mut header, name, &**bytes)?;
+    }
+    tar.into_inner()?.persist(file).map(drop).map_err(|error| error.error)
+}
+
+impl Pack {
+    /// Adds a text without its secrets.
+    fn text(&mut self, name: &str, what: &str, text: &str) {
+        let text = self.secrets.without(text);
+        self.add(name, what, text.into_bytes());
+    }
+
+    /// Adds bytes, unless they have a secret: parts of such a file are no use.
+    fn bytes(&mut self, name: &str, what: &str, bytes: Vec<u8>) {
+        if self.secrets.are_in(&bytes) {
+            self.missing.push(format!("{what}: it has a secret"));
+        } else {
+            self.add(name, what, bytes);
+        }
+    }
+
+    fn add(&mut self, name: &str, what: &str, bytes: Vec<u8>) {
+        self.here.push(format!("{name}: {what}, {} bytes", bytes.len()));
+        self.files.push((format!("report/{name}"), bytes));
+    }
+
+    fn list(&self) -> String {
+        let date = OffsetDateTime::now_utc().format(&Rfc3339).unwrap_or_default();
+        let mut list = format!("A report of ecmsk {}, {date}\n\nIn this file:\n", env!("CARGO_PKG_VERSION"));
+        // Writing to a String does not fail.
+        self.here.iter().for_each(|line| _ = writeln!(list, "  {line}"));
+        if !self.missing.is_empty() {
+            list.push_str("\nNot in it:\n");
+            self.missing.iter().for_each(|line| _ = writeln!(list, "  {}", self.secrets.without(line)));
+        }
+        list.push_str("\nSecrets of the environment, of links and of files that links name are left out.\n");
+        list
+    }
+
+    fn machine_file(&mut self) {
+        let file = Path::new(machine_file::FILE_NAME);
+        if !file.is_file() || !belongs_to_user(file, "it is not packed") {
+            self.missing.push(format!("the machine file: there is no {} in this folder", machine_file::FILE_NAME));
+            return;
+        }
+        match read(file, TEXT_BYTES_MAX) {
+            Ok(bytes) => self.text("machine.toml", "the machine file", &String::from_utf8_lossy(&bytes)),
+            Err(error) => self.missing.push(format!("the machine file: {error}")),
+        }
+    }
+
+    /// The slaves of a network, their EEPROMs and error counters.
+    fn network(&mut self, link: &LinkUri) {
+        if matches!(link.scheme(), Scheme::Usb | Scheme::Spi | Scheme::Tcp) {
+            self.missing.push(format!(
+                "the network: behind a board ({}:) it cannot be looked at; connect its cable to a network card, and name that",
+                link.scheme()
+            ));
+            return;
+        }
+        if let Err(error) = self.try_network(link) {
+            self.missing.push(format!("the network: {error}"));
+        }
+    }
+
+    fn try_network(&mut self, link: &LinkUri) -> Result<(), bus::BusError> {
+        let mut network = bus::open(&link.to_string())?;
+        let slaves = network.scan()?;
+        let (tree, lines) = scan::shown(&mut *network, &slaves)?;
+        self.text("network.txt", "the slaves, their cables and error counters", &tree);
+        let lines: String = lines.iter().map(|line| format!("{line}\n")).collect();
+        self.text("network.json", "the same for programs", &lines);
+        for slave in slaves.iter().map(|slave| slave.slave) {
+            let what = format!("the EEPROM of slave {slave}");
+            match network.read_eeprom(slave) {
+                Ok(content) => self.bytes(&format!("eeprom/slave-{slave:02}.bin"), &what, content),
+                Err(error) => self.missing.push(format!("{what}: {error}")),
+            }
+        }
+        Ok(())
+    }
+
+    /// The newest moments and segments of a flight recorder, within a bound.
+    fn flight(&mut self, folder: &Path) {
+        let contents = match FlightContents::of(folder) {
+            Ok(contents) => contents,
+            Err(error) => return self.missing.push(format!("frames of {}: {error}", folder.display())),
+        };
+        let moments = contents.moments.iter().rev().filter_map(|kept| Some((kept.file.as_ref()?, kept.bytes)));
+        let segments = contents.segments.iter().rev().map(|segment| (&segment.file, segment.bytes));
+        // The newest moment, then the newest segments, then what there is room for of older moments.
+        let (newest, older): (Vec<_>, Vec<_>) = (moments.clone().take(1).collect(), moments.skip(1).collect());
+        let (mut left, mut left_out) = (FLIGHT_BYTES_MAX, 0_u32);
+        for (file, bytes) in newest.into_iter().chain(segments).chain(older) {
+            let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            if bytes > left {
+                left_out += 1;
+                continue;
+            }
+            match read(file, left) {
+                Ok(content) => {
+                    left = left.saturating_sub(content.len() as u64);
+                    self.bytes(&format!("flight/{name}"), "frames of the flight recorder", content);
+                }
+                Err(error) => self.missing.push(format!("frames: {name}: {error}")),
+            }
+        }
+        if left_out > 0 {
+            let bound = FLIGHT_BYTES_MAX >> 20;
+            self.missing.push(format!("frames: {left_out} older files of {}, beyond {bound} MB", folder.display()));
+        }
+    }
+}
+
+/// A file that has at most so many bytes.
+fn read(file: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
+    let mut content = Vec::new();
+    File::open(file)?.take(bytes_max.saturating_add(1)).read_to_end(&mut content)?;
+    if content.len() as u64 > bytes_max {
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, format!("it has more than {bytes_max} bytes")));
+    }
+    Ok(content)
+}
+
+fn versions(system: Option<String>) -> String {
+    let mut text = format!("ecmsk {}\n", env!("CARGO_PKG_VERSION"));
+    let date = OffsetDateTime::now_utc().format(&Rfc3339).unwrap_or_default();
+    let cores = std::thread::available_parallelism().map_or(0, usize::from);
+    // Writing to a String does not fail.
+    let _ = writeln!(text, "date {date}");
+    let _ = writeln!(text, "system {}", system.as_deref().unwrap_or(std::env::consts::OS));
+    let _ = writeln!(text, "processor {}, {cores} threads", std::env::consts::ARCH);
+    for (file, names) in [
+        ("/etc/os-release", &["PRETTY_NAME"][..]),
+        ("/proc/version", &["Linux version"]),
+        ("/proc/cpuinfo", &["model name", "Model"]),
+        ("/proc/meminfo", &["MemTotal"]),
+    ] {
+        let content = read(Path::new(file), TEXT_BYTES_MAX).unwrap_or_default();
+        let content = String::from_utf8_lossy(&content);
+        for name in names {
+            if let Some(line) = content.lines().find(|line| line.starts_with(name)) {
+                let _ = writeln!(text, "{file}: {line}");
+            }
+        }
+    }
+    let options = read(Path::new("/proc/cmdline"), TEXT_BYTES_MAX).unwrap_or_default();
+    let options = String::from_utf8_lossy(&options);
+    let named = options.split_whitespace().filter(|word| KERNEL_OPTIONS.iter().any(|option| word.starts_with(option)));
+    let _ = writeln!(text, "/proc/cmdline, as far as it is about time: {}", named.collect::<Vec<_>>().join(" "));
+    text
+}

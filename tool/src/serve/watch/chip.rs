@@ -1,0 +1,116 @@
+//! A chip ECM-XF as its server sees it: a link around the chip's link that counts the exchanges.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use ecmsk::link::chip::{self, ChipError, ChipInfo, ChipLink};
+use ecmsk::xf::host::{HostConfig, Wires};
+
+/// A chip that a server serves, watched.
+#[derive(Default)]
+pub struct ChipWatch {
+    exchanges: AtomicU64,
+    bytes: AtomicU64,
+    errors: AtomicU64,
+    opened: AtomicU64,
+    /// Why the newest exchange, or the newest attempt to open the chip, has failed; `None`: it has not.
+    failed: Mutex<Option<String>>,
+}
+
+/// The counts of a server's exchanges with its chip.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ChipCounts {
+    /// The exchanges with the chip.
+    pub exchanges: u64,
+    /// The bytes of these exchanges, in one direction; the other one has as many.
+    pub bytes: u64,
+    /// The exchanges that failed.
+    pub errors: u64,
+    /// How often the chip was opened.
+    pub opened: u64,
+}
+
+/// The link around the chip's link.
+struct WatchedChip {
+    inner: Box<dyn ChipLink>,
+    watch: Arc<ChipWatch>,
+}
+
+impl ChipWatch {
+    /// Opens the chip of a link, watched.
+    ///
+    /// # Errors
+    /// Those of [`chip::open`].
+    pub fn open(self: &Arc<Self>, uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
+        let opened = chip::open(uri);
+        self.note(opened.as_ref().err());
+        let (inner, config) = opened?;
+        self.opened.fetch_add(1, Ordering::Relaxed);
+        Ok((Box::new(WatchedChip { inner, watch: Arc::clone(self) }), config))
+    }
+
+    fn note(&self, error: Option<&ChipError>) {
+        // Who reads the reason holds up no exchange: the next one is noted.
+        if let Ok(mut failed) = self.failed.try_lock()
+            && (error.is_some() || failed.is_some())
+        {
+            *failed = error.map(ToString::to_string);
+        }
+    }
+
+    /// The counts so far.
+    pub fn counts(&self) -> ChipCounts {
+        let read = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        ChipCounts {
+            exchanges: read(&self.exchanges),
+            bytes: read(&self.bytes),
+            errors: read(&self.errors),
+            opened: read(&self.opened),
+        }
+    }
+
+    /// Why the chip cannot be used, in words; `None`: it can, as far as it was.
+    pub fn trouble(&self) -> Option<String> {
+        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        failed.as_ref().map(|why| format!("the chip: {why}"))
+    }
+}
+
+impl Wires for WatchedChip {
+    type Error = ChipError;
+
+    fn now(&self) -> u64 {
+        self.inner.now()
+    }
+
+    fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
+        let done = self.inner.exchange(to_chip, from_chip);
+        let count = if done.is_ok() { &self.watch.exchanges } else { &self.watch.errors };
+        count.fetch_add(1, Ordering::Relaxed);
+        self.watch.bytes.fetch_add(to_chip.len() as u64, Ordering::Relaxed);
+        self.watch.note(done.as_ref().err());
+        done
+    }
+
+    fn wait_until(&mut self, time: u64) -> Result<(), ChipError> {
+        self.inner.wait_until(time)
+    }
+
+    fn wait_ready(&mut self, until: u64) -> Result<bool, ChipError> {
+        self.inner.wait_ready(until)
+    }
+}
+
+impl ChipLink for WatchedChip {
+    fn info(&self) -> ChipInfo {
+        self.inner.info()
+    }
+
+    fn int1(&mut self) -> Result<Option<bool>, ChipError> {
+        self.inner.int1()
+    }
+
+    fn reset(&mut self) -> Result<bool, ChipError> {
+        self.inner.reset()
+    }
+}

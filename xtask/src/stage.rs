@@ -268,7 +268,7 @@ mod tests {
         check(&library, &[]).unwrap_err();
         split_debug(&library).unwrap();
         check(&library, &[]).unwrap();
-        check(&library, &[path.clone()]).unwrap_err();
+        check(&library, std::slice::from_ref(&path)).unwrap_err();
         compile("int of_the_library(int x) { return x + 1; }\n");
         split_debug(&library).unwrap();
         check(&library, &[path]).unwrap();

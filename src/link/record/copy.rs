@@ -32,7 +32,7 @@ impl RecordingCopy {
     }
 
     /// Looks at a frame that is not copied, before those that are: if it is a setting of the board (SET_AXIS, SET_DC),
-    /// the copy begins with it, at the time of its first frame. Its frames cannot be understood without.
+    /// the copy begins with it, shortly before its first frame. Its frames cannot be understood without.
     pub fn look(&mut self, recorded: &Recorded) {
         self.settings.look(&entry(recorded));
     }
@@ -47,7 +47,7 @@ impl RecordingCopy {
             Some(writer) => writer,
             None => {
                 let mut writer = begin(&self.path, &self.meta)?;
-                self.settings.at(recorded.at_ns).for_each(|entry| writer.push(entry));
+                self.settings.before(recorded.at_ns).for_each(|entry| writer.push(entry));
                 self.writer.insert(writer)
             }
         };

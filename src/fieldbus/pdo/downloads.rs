@@ -271,12 +271,11 @@ impl Downloads {
         objects.filter_map(|n| Some(self.mapping_image(list[n].object.index, list[n].direction()?)))
     }
 
-    /// The downloads that write the final values of the object with this image: one for each of its sub-indices.
-    pub fn final_values(&self, image: &MappingImage) -> impl Iterator<Item = Download> {
-        let (list, index) = (&self.list[..self.len], image.index);
-        let is_last = move |n: usize| list[n + 1..].iter().all(|later| later.object != list[n].object);
-        let entries = (0..list.len()).filter(move |n| list[*n].object.index == index && is_last(*n));
-        entries.map(move |n| list[n])
+    /// The downloads that write the entries of the object with this image, without those of its count.
+    pub fn entries(&self, image: &MappingImage) -> impl Iterator<Item = Download> {
+        let index = image.index;
+        let is_entry = move |download: &&Download| download.object.index == index && download.object.sub > 0;
+        self.list[..self.len].iter().filter(is_entry).copied()
     }
 
     /// The content of the object with that index: the last written count, and the entries in the order of the downloads.

@@ -333,16 +333,21 @@ impl<W: Wires> Steps<W> {
         Ok(first)
     }
 
-    /// Whether a slave has the mapping of these downloads. An object that complete access does not show as wanted is read
-    /// entry by entry. \[OURS] An entry that cannot be read counts as right, since it was written before.
+    /// Whether a slave has the mapping of these downloads. Objects that complete access does not show as wanted are read
+    /// entry by entry, without the numbers of their entries: a wrong number shows as a wrong length. \[OURS] An entry that
+    /// cannot be read counts as right, since it was written before.
     async fn keeps_mapping(&self, slave: u8, downloads: &Downloads) -> Result<bool, Refusal> {
+        let mut has_complete_access = true;
         for image in downloads.mapping_images() {
-            match self.ask(Ask::Compare { slave, image, timeout_ns: SDO_NS }).await {
-                Ok(shown) if shown != 0 => continue,
-                Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),
-                _ => {}
+            if has_complete_access {
+                match self.ask(Ask::Compare { slave, image, timeout_ns: SDO_NS }).await {
+                    Ok(0) => {}
+                    Ok(_) => continue,
+                    Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),
+                    Err(_) => has_complete_access = false,
+                }
             }
-            for Download { object, size, value, .. } in downloads.final_values(&image) {
+            for Download { object, size, value, .. } in downloads.entries(&image) {
                 match self.ask(Ask::Upload { slave, object, timeout_ns: SDO_NS }).await {
                     Ok(read) if read & size.mask() != value => return Ok(false),
                     Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),

@@ -173,7 +173,8 @@ fn objects_of_a_slave_without_a_general_category() {
     assert!(matches!(network.describe_object(1, 0x5555), Err(BusError::Information { .. })));
     for code in [0x0800_0023, 0x0601_0000] {
         line.slave(1, |slave| slave.mailbox.coe.as_mut().expect("objects").refuses_information = Some(code));
-        assert!(refused(network.object_list(1)).contains("does not list its objects"));
+        let said = refused(network.object_list(1));
+        assert!(said.contains("no SDO information") && said.contains("`ecmsk bus sdo read 1 OBJECT`"), "{said}");
     }
 }
 

@@ -9,6 +9,7 @@ use parking_lot::Mutex;
 
 use super::answer_wait_ns;
 use super::jobs::BUSY;
+use crate::ethercat::cia402::CONTROLWORD;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::sii::SiiSmType;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
@@ -190,7 +191,10 @@ impl OneSlave {
         for download in data.downloads(sync) {
             let Err(code) = self.write(&download).await? else { continue };
             if may_keep_its_own && download.is_mapping() {
-                self.restore_mapping(data.downloads(sync).up_to(&download)).await?;
+                // A drive that SET_AXIS has not declared counts as IO. It must not reach OP as an IO module.
+                if !self.is(is_drive) {
+                    self.restore_mapping(data.downloads(sync).up_to(&download)).await?;
+                }
                 return self.assign_its_own().await;
             }
             return Err(self.refused(&download, code));
@@ -359,6 +363,12 @@ impl OneSlave {
     fn refused(&self, download: &Download, code: AbortCode) -> Refusal {
         Refusal { slave: self.slave, abort: Some((self.object(download), code)), ..download.refused(code) }
     }
+}
+
+/// Whether the EEPROM maps a controlword.
+fn is_drive(info: &SlaveInfo) -> bool {
+    let pdos = info.assigned_pdos().concat();
+    pdos.into_iter().filter_map(|pdo| info.pdo_entries(pdo)).flatten().any(|entry| entry >> 16 == CONTROLWORD.into())
 }
 
 /// Whether the EEPROM describes process data.

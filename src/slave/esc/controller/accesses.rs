@@ -299,9 +299,9 @@ impl Controller {
             self.memory.set_u8(registers::SYNC_ACTIVATION, activation.0);
             let cycles = (self.sync0_cycle_ns(), self.memory.u32(registers::SYNC1_CYCLE));
             let (start, now) = (self.memory.u64(registers::SYNC0_START), self.clock.system());
-            // A clock of 32 bits reaches each start time within 4.3 s.
-            let ahead = u64::from((start as u32).wrapping_sub(now as u32));
-            let start = if self.has_long_clock() { start } else { now.wrapping_add(ahead) };
+            // A clock of 32 bits knows the lower half of the start time only. \[OURS] The nearest such time counts.
+            let ahead = (start as u32).wrapping_sub(now as u32).cast_signed();
+            let start = if self.has_long_clock() { start } else { now.wrapping_add_signed(ahead.into()) };
             self.sync.activate(activation, start, now, cycles);
             self.events.sync_changed = true;
         }

@@ -252,8 +252,14 @@ fn a_target_beyond_a_limit_is_told_once_for_each_excursion() {
     stream.finish().unwrap();
     let told = lines_with(&["axis X: a target of "]);
     assert_eq!(told.len(), 2, "{told:?}");
-    assert!(told[0].contains("axis X: a target of 2.51 mm at ") && told[0].contains(" s is beyond max = 2.5 mm of "), "{told:?}");
-    assert!(told[1].contains("axis X: a target of -1.01 mm at ") && told[1].contains(" s is beyond min = -1 mm of "), "{told:?}");
+    assert!(
+        told[0].contains("axis X: a target of 2.51 mm at ") && told[0].contains(" s is beyond max = 2.5 mm of "),
+        "{told:?}"
+    );
+    assert!(
+        told[1].contains("axis X: a target of -1.01 mm at ") && told[1].contains(" s is beyond min = -1 mm of "),
+        "{told:?}"
+    );
 }
 
 /// If the machine file says so, a target that leads beyond a limit is not sent: the write fails, and the axis stands at the

@@ -102,7 +102,9 @@ impl CarriedFile {
         let mut file: Option<Self> = None;
         let mut parts = 0;
         for comment in comments {
-            let Some((head, part)) = comment.strip_prefix(PART).and_then(|rest| rest.split_once('\n')) else { continue };
+            let Some((head, part)) = comment.strip_prefix(PART).and_then(|rest| rest.split_once('\n')) else {
+                continue;
+            };
             let Some((number, name)) = head.split_once(' ') else { continue };
             if number.parse() != Ok(parts + 1) {
                 continue;

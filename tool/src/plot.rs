@@ -289,8 +289,7 @@ impl Args {
     }
 
     fn asked(&self) -> Result<Asked, CliError> {
-        let loaded =
-            machine_option::of_recording(self.machine.as_deref(), recording::carried(&self.file).as_deref())?;
+        let loaded = machine_option::of_recording(self.machine.as_deref(), recording::carried(&self.file).as_deref())?;
         let machine = loaded.as_ref();
         let named: Result<Vec<Vec<u8>>, _> = self.axes.iter().map(|word| word.slaves(machine)).collect();
         let mut slaves = named?.concat();

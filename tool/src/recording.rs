@@ -10,7 +10,8 @@ use std::sync::Arc;
 use ecmsk::engine::Firmware;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{
-    Address, AddressError, CarriedFile, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, WindowOf, board_in,
+    Address, AddressError, CarriedFile, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, WindowOf,
+    board_in,
 };
 use ecmsk::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use ecmsk::sk::{FRAME_LEN, SlotSize};

@@ -194,8 +194,7 @@ impl<E: Entry> Capture<E> {
         ];
         let machine = meta.machine.iter().flat_map(|machine| machine.comments());
         options.extend(machine.map(|comment| SectionHeaderOption::Comment(Cow::Owned(comment))));
-        let section =
-            SectionHeaderBlock { endianness: Endianness::Little, options, ..SectionHeaderBlock::default() };
+        let section = SectionHeaderBlock { endianness: Endianness::Little, options, ..SectionHeaderBlock::default() };
         let room = BATCH_BYTES + (SORTED_FRAMES + 2) * (E::PACKET_MAX + AROUND_PACKET);
         let mut blocks = PcapNgWriter::with_section_header(Vec::with_capacity(room), section).map_err(io_error)?;
         let interface = InterfaceDescriptionBlock {

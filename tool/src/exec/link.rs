@@ -24,8 +24,7 @@ pub fn for_program(
     library: &Path,
 ) -> Result<Option<LinkUri>, ExecError> {
     let Args { record, control, clock, flight, .. } = args;
-    let is_changed =
-        machine.is_some() || record.is_some() || control.is_some() || clock.is_some() || flight.is_given();
+    let is_changed = machine.is_some() || record.is_some() || control.is_some() || clock.is_some() || flight.is_given();
     // The path is made absolute, because a program may change its working directory before it opens the board.
     let machine = machine.map(|mut machine| {
         machine.path = std::path::absolute(&machine.path).unwrap_or(machine.path);

@@ -106,7 +106,9 @@ pub fn compare_with(
     }
     if file.not_kept > 0 {
         let count = super::show::parameters(file.not_kept);
-        opened.reporter.note(format_args!("the file does not have {count} of the drive that it was read from; it names them"));
+        opened
+            .reporter
+            .note(format_args!("the file does not have {count} of the drive that it was read from; it names them"));
     }
     Ok(compared)
 }

@@ -148,7 +148,8 @@ impl Kept {
             Ok(bytes) => bytes,
             Err(code) => return self.left_out.push(LeftOut::of(&object, Why::NotRead(code))),
         };
-        let len = if carries == Carries::Board { object.data.bytes().map_or(BOARD_BYTES, usize::from) } else { bytes.len() };
+        let len =
+            if carries == Carries::Board { object.data.bytes().map_or(BOARD_BYTES, usize::from) } else { bytes.len() };
         let value = bytes.get(..len).unwrap_or(&bytes);
         match carries.obstacle(object.data, value.len()) {
             Some(why) => self.left_out.push(LeftOut::of(&object, why)),

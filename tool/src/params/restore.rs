@@ -146,12 +146,7 @@ impl Restore {
         done(difference, fate)
     }
 
-    fn read_back(
-        &mut self,
-        drive: &mut dyn Drive,
-        written: &[&Difference],
-        done: Done<'_>,
-    ) -> Result<(), ParamsError> {
+    fn read_back(&mut self, drive: &mut dyn Drive, written: &[&Difference], done: Done<'_>) -> Result<(), ParamsError> {
         for difference in written {
             let fate = match drive.read(difference.wanted.address)? {
                 Ok(bytes) if drive.carries().is_same(&difference.wanted, &bytes) => Fate::Written,
@@ -183,9 +178,7 @@ impl Restore {
                 for write in choice::mapping_writes(&old.iter().collect::<Vec<_>>(), &changed) {
                     let _refused_again = drive.write(write.address, &write.bytes)?;
                 }
-                return mapping
-                    .iter()
-                    .try_for_each(|difference| self.decide(difference, Fate::Refused(code), done));
+                return mapping.iter().try_for_each(|difference| self.decide(difference, Fate::Refused(code), done));
             }
         }
         self.read_back(drive, mapping, done)

@@ -107,8 +107,11 @@ fn what_was_kept_is_put_back_on_every_link() {
 fn a_chip_names_what_does_not_fit_its_packets() {
     let folder = tempfile::tempdir().unwrap();
     let list = folder.path().join("list.objects");
-    std::fs::write(&list, "0x2000:0 text rw \"twenty letters, whole\" A\n0x2001:0 text rw \"as many as twenty.!!\" B\n")
-        .unwrap();
+    std::fs::write(
+        &list,
+        "0x2000:0 text rw \"twenty letters, whole\" A\n0x2001:0 text rw \"as many as twenty.!!\" B\n",
+    )
+    .unwrap();
     let link = format!("xf-sim:?slaves=drive:objects@{}&n=32&use_n=32", list.display());
     let file = kept(&mut on_network(&link), &folder.path().join("a.params"));
     assert_eq!(file.not_kept, 1);

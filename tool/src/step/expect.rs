@@ -160,7 +160,8 @@ enum Inputs {
 
 impl Inputs {
     fn parse(text: &str) -> Result<Self, String> {
-        let (slave, inputs) = text.split_once('=').ok_or("allowed: SLAVE=BITS, e.g. 3=0x0001, or NAME=on or NAME=off")?;
+        let (slave, inputs) =
+            text.split_once('=').ok_or("allowed: SLAVE=BITS, e.g. 3=0x0001, or NAME=on or NAME=off")?;
         if slave.trim_start().chars().next().is_some_and(char::is_alphabetic) {
             let (name, on) = named(text)?;
             return Ok(Self::Name(name.to_owned(), on == Some(true)));

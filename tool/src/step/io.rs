@@ -52,7 +52,9 @@ impl Word {
             return Ok(Self::Line { name: name.to_owned(), on });
         }
         let number = text.parse().ok().filter(|number| (1..=40).contains(number));
-        number.map(Self::Slave).ok_or_else(|| "allowed: a slave from 1 to 40, local, or names of the machine file".into())
+        number
+            .map(Self::Slave)
+            .ok_or_else(|| "allowed: a slave from 1 to 40, local, or names of the machine file".into())
     }
 }
 
@@ -98,11 +100,7 @@ fn find<'m>(lines: &'m [IoLine], name: &str) -> Option<&'m IoLine> {
     lines.iter().find(|line| line.name.to_lowercase() == name.to_lowercase())
 }
 
-fn with_file<'m>(
-    machine: Option<&'m MachineFile>,
-    what: &str,
-    name: &str,
-) -> Result<&'m MachineFile, BoardError> {
+fn with_file<'m>(machine: Option<&'m MachineFile>, what: &str, name: &str) -> Result<&'m MachineFile, BoardError> {
     machine.ok_or_else(|| {
         let why = format!("`{name}` is no slave from 1 to 40 and not local, and there is no machine file");
         refused(what, why, "name its slave, or say --machine FILE".into())

@@ -29,7 +29,14 @@ fn harmless(ran: &Ran) {
 /// Copies a recording to `file`, but with `link` as the link that it names.
 fn renamed(recording: &Path, link: &str, file: &Path) {
     let memory = Memory::default();
-    let meta = RecordMeta { slot: None, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned(), machine: None };
+    let meta = RecordMeta {
+        slot: None,
+        clock: Clock::Virtual,
+        base_ns: 0,
+        opened_ns: None,
+        link: link.to_owned(),
+        machine: None,
+    };
     RecordLink::to_sink(Arc::new(Echo::new(true)), "m", Box::new(memory.clone()), &meta, 1).expect("memory").close();
     let mut bytes = memory.bytes();
     // A recording with the wanted link gives the section header and the interface block, the recording to copy gives all frames

@@ -306,7 +306,8 @@ fn a_recording_carries_its_machine_file() {
     let folder = Folder::new(MACHINE);
     folder.write("program", "state op\nservo on X\nhome X\nmove X=12.5\n");
     for name in ["run.pcapng", "run.ecmrec", "without.pcapng"] {
-        let machine: &[&str] = if name.starts_with("run") { &[] } else { &["--machine", "none", "--slaves", "drive*2,io"] };
+        let machine: &[&str] =
+            if name.starts_with("run") { &[] } else { &["--machine", "none", "--slaves", "drive*2,io"] };
         let link = ["--link", "sim:?slaves=drive*2,io&clock=virtual"];
         folder.write("plain", "state op\nservo on 1\nmove 1=12500\n");
         let program = if machine.is_empty() { "program" } else { "plain" };

@@ -140,7 +140,8 @@ fn what_a_drive_refuses_is_named() {
     let path = backup("params_abort");
     let kept = std::fs::read_to_string(&path).expect("it is written");
     let line = |object: &str| kept.lines().find(|line| line.starts_with(object)).expect("it is kept").to_owned();
-    let changed = kept.replace(&line("0x6099:1 "), "0x6099:1 u32 rw 1234").replace(&line("0x6099:2 "), "0x6099:2 u32 rw 99");
+    let changed =
+        kept.replace(&line("0x6099:1 "), "0x6099:1 u32 rw 1234").replace(&line("0x6099:2 "), "0x6099:2 u32 rw 99");
     let changed = text("params_abort_2", &changed);
     let script = text("params_abort.ecmscript", "at 0s sdo-abort 1 0x6099:1 0x08000021\n");
     let link = format!("{NETWORK}&script={script}");

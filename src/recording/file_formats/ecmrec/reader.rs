@@ -191,7 +191,14 @@ impl Reader {
     /// traffic is in the header of every block.
     fn begin_unknown_section(&mut self, header: &Header) {
         if !self.in_section {
-            let meta = RecordMeta { slot: None, clock: Clock::Real, base_ns: 0, opened_ns: None, link: String::new(), machine: None };
+            let meta = RecordMeta {
+                slot: None,
+                clock: Clock::Real,
+                base_ns: 0,
+                opened_ns: None,
+                link: String::new(),
+                machine: None,
+            };
             self.begin_section(header.what, Some(meta));
         }
     }

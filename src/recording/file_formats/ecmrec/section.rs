@@ -33,10 +33,13 @@ impl Section {
         let meta = self.meta.as_ref().map(|meta| format!("{META} {}\n", one_line(&meta.to_string())));
         let repeated = (self.repeated > 0).then(|| format!("{REPEATED} {}\n", self.repeated));
         let machine = self.meta.as_ref().and_then(|meta| meta.machine.as_deref()).map(CarriedFile::lines);
-        let machine: String = machine.into_iter().flat_map(|(name, lines)| {
-            let lines = lines.map(|line| format!("{MACHINE_LINE} {line}\n"));
-            [format!("{MACHINE} {name}\n")].into_iter().chain(lines)
-        }).collect();
+        let machine: String = machine
+            .into_iter()
+            .flat_map(|(name, lines)| {
+                let lines = lines.map(|line| format!("{MACHINE_LINE} {line}\n"));
+                [format!("{MACHINE} {name}\n")].into_iter().chain(lines)
+            })
+            .collect();
         let (meta, repeated) = (meta.unwrap_or_default(), repeated.unwrap_or_default());
         format!("{APPLICATION_LINE} {application}\n{meta}{repeated}{machine}")
     }

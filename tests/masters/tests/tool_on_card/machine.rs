@@ -27,7 +27,9 @@ mod needs_network_namespace {
         fs::write(folder.join("program"), PROGRAM).expect("a file");
         let here = |words: &[&str]| -> Ran { ended(tool(words).current_dir(&folder)) };
         let out = here(&["run", "program", "--record", "run.pcapng", "--overwrite"]).good();
-        for line in ["axis X: at 12.5 mm (12500 counts)\n", "axis turn: at -45 deg (16384 counts)\n", "axis X: at 5 mm ("] {
+        for line in
+            ["axis X: at 12.5 mm (12500 counts)\n", "axis turn: at -45 deg (16384 counts)\n", "axis X: at 5 mm ("]
+        {
             assert!(out.contains(line), "{out}");
         }
         let out = here(&["summary", "run.pcapng"]).good();

@@ -63,7 +63,14 @@ impl Script {
 
     /// Records the frames to `file`, as those of the link `link`. `slot` is the slot size that the link knows.
     pub fn record(&self, file: &Path, link: &str, slot: Option<SlotSize>) {
-        let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned(), machine: None };
+        let meta = RecordMeta {
+            slot,
+            clock: Clock::Virtual,
+            base_ns: 0,
+            opened_ns: None,
+            link: link.to_owned(),
+            machine: None,
+        };
         let queue = Mutex::new(self.0.iter().cloned().collect());
         let recorder = RecordLink::new(Arc::new(Scripted(queue)), file, &meta).expect("the recording begins");
         for (_, dir, frame) in &self.0 {

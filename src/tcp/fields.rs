@@ -10,6 +10,9 @@ const NONE: u64 = u64::MAX;
 /// The maximum length of a text in a message, in bytes. A longer text is cut. \[OURS]
 pub const TEXT_MAX: usize = 256;
 
+/// The longest part of a file in a message, bytes; a longer part is cut. \[OURS]
+pub const PART_MAX: usize = 512;
+
 /// Writes the fields of a message into a fixed buffer. Every message fits the buffer: a frame, some numbers and at most
 /// three texts.
 pub(super) struct Put<'a> {
@@ -53,6 +56,13 @@ impl<'a> Put<'a> {
 
     pub(super) fn stamp(&mut self, at: Option<Stamp>) {
         self.u64(at.map_or(NONE, |at| at.0));
+    }
+
+    /// Writes the length of the part and then the part, cut to [`PART_MAX`].
+    pub(super) fn part(&mut self, part: &[u8]) {
+        let part = &part[..part.len().min(PART_MAX)];
+        self.u16(part.len() as u16);
+        self.bytes(part);
     }
 
     /// Writes the length of the text and then the text, cut to [`TEXT_MAX`].
@@ -134,11 +144,16 @@ impl<'a> Get<'a> {
         std::str::from_utf8(text).map_err(|_| WireError::Text { kind: self.kind })
     }
 
-    /// The bytes that are left.
-    pub(super) const fn rest(&mut self) -> &'a [u8] {
-        let rest = self.left;
-        self.left = &[];
-        rest
+    /// A part of a file, of at most [`PART_MAX`] bytes.
+    pub(super) fn part(&mut self) -> Result<&'a [u8], WireError> {
+        let length = usize::from(self.u16()?);
+        if length > PART_MAX {
+            return Err(self.value("the length of a part", length as u64));
+        }
+        let short = WireError::Short { kind: self.kind, needed: length, found: self.left.len() };
+        let (part, rest) = self.left.split_at_checked(length).ok_or(short)?;
+        self.left = rest;
+        Ok(part)
     }
 
     pub(super) const fn value(&self, field: &'static str, found: u64) -> WireError {

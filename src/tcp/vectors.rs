@@ -51,7 +51,7 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
         (Message::Ask { request: 7, from: 512 }, "0c000800 0700000000000000 00020000"),
         (
             Message::Machine { request: 7, length: 514, name: "m.toml", part: b"ab" },
-            "16008a00 0700000000000000 02020000 0600 6d2e746f6d6c 6162",
+            "18008a00 0700000000000000 02020000 0600 6d2e746f6d6c 0200 6162",
         ),
         (
             Message::Welcome(Welcome {

@@ -19,10 +19,8 @@ const MAGIC: [u8; 8] = *b"ecmsktcp";
 pub const GREETING_LEN: usize = 16;
 /// The length of a message's header, before the payload, in bytes.
 pub const HEADER_LEN: usize = 4;
-/// The longest text field of a message in bytes; a longer text is cut.
-pub use super::fields::TEXT_MAX;
-/// The longest part of a machine file in a message, bytes; a longer part is cut. \[OURS]
-pub const PART_MAX: usize = 512;
+/// The longest text and the longest part of a file in a message, bytes; longer ones are cut.
+pub use super::fields::{PART_MAX, TEXT_MAX};
 /// The longest message in bytes.
 pub const MESSAGE_MAX: usize = HEADER_LEN + PAYLOAD_MAX;
 
@@ -216,7 +214,7 @@ impl<'a> Message<'a> {
                 put.u64(request);
                 put.u32(length);
                 put.text(name);
-                put.bytes(&part[..part.len().min(PART_MAX)]);
+                put.part(part);
             }
         }
     }
@@ -318,7 +316,7 @@ impl<'a> Message<'a> {
                 writer: get.text()?,
                 text: get.text()?,
             },
-            MACHINE => Self::Machine { request: get.u64()?, length: get.u32()?, name: get.text()?, part: get.rest() },
+            MACHINE => Self::Machine { request: get.u64()?, length: get.u32()?, name: get.text()?, part: get.part()? },
             kind => return Err(WireError::Kind { kind }),
         })
     }

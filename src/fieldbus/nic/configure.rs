@@ -368,7 +368,10 @@ impl OneSlave {
 /// Whether the EEPROM maps a controlword.
 fn is_drive(info: &SlaveInfo) -> bool {
     let pdos = info.assigned_pdos().concat();
-    pdos.into_iter().filter_map(|pdo| info.pdo_entries(pdo)).flatten().any(|entry| entry >> 16 == CONTROLWORD.into())
+    pdos.into_iter()
+        .filter_map(|pdo| info.pdo_entries(pdo))
+        .flatten()
+        .any(|entry| entry >> 16 == u32::from(CONTROLWORD))
 }
 
 /// Whether the EEPROM describes process data.

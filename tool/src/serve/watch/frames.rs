@@ -187,6 +187,7 @@ impl Frames {
 }
 
 fn framed(at_ns: i64, dir: Dir, frame: &Frame, size: SlotSize) -> Framed {
-    let recorded = Recorded { at_ns: at_ns.max(0).unsigned_abs(), dir, frame: frame.clone(), bus: 0, device: 0, damage_before: 0 };
+    let recorded =
+        Recorded { at_ns: at_ns.max(0).unsigned_abs(), dir, frame: frame.clone(), bus: 0, device: 0, damage_before: 0 };
     Framed { number: 0, time_ns: at_ns, recorded, size, meta: None }
 }

@@ -236,7 +236,7 @@ impl BusWithDrives {
             JobDone::Scan { found } => assert_eq!(usize::from(found), DRIVES),
             JobDone::Configure(result) => assert!(result.is_ok(), "{result:?}"),
             JobDone::State(result) => assert_eq!(result, Ok(())),
-            JobDone::Beyond(_) => unreachable!("no such job was started"),
+            JobDone::NotScanned(_) | JobDone::Beyond(_) => unreachable!("no such job was started"),
         }
     }
 

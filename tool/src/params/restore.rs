@@ -274,13 +274,16 @@ mod tests {
         }
     }
 
-    fn run(drive: &mut Table, file: &str) -> (Vec<(String, Fate)>, Result<(), ParamsError>) {
+    /// What became of each parameter, by its address.
+    type Fates = Vec<(String, Fate)>;
+
+    fn run(drive: &mut Table, file: &str) -> (Fates, Result<(), ParamsError>) {
         let (fates, _, result) = run_staged(drive, file);
         (fates, result)
     }
 
     /// Also returns the stage of each parameter that differs, in the order of the file.
-    fn run_staged(drive: &mut Table, file: &str) -> (Vec<(String, Fate)>, Vec<Stage>, Result<(), ParamsError>) {
+    fn run_staged(drive: &mut Table, file: &str) -> (Fates, Vec<Stage>, Result<(), ParamsError>) {
         let objects = ManufacturerObjects::parse(file).unwrap();
         let compared = compare(drive, objects.objects(), &mut |_| ()).unwrap();
         let (mut fates, mut restore) = (Vec::new(), Restore::default());

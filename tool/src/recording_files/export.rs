@@ -26,6 +26,9 @@ use super::table::{Format, Table};
 /// after it. \[OURS]
 const LATE_NS: i64 = 1_000_000_000;
 
+/// Begins a table in a file.
+type NewTable = fn(File) -> io::Result<Box<dyn Format>>;
+
 /// Write a recording in another format: pcapng for Wireshark, .ecmrec, or a table as CSV, MCAP or Arrow
 ///
 /// The ending of OUT names the format: .pcapng, .ecmrec, .csv, .mcap (Foxglove, PlotJuggler), .arrow or .feather (pandas,
@@ -79,7 +82,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         return Err(RecordingVerbError::SameFile { file: output.clone() }.into());
     }
     let ending = output.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let format: Option<fn(File) -> io::Result<Box<dyn Format>>> = match ending.as_str() {
+    let format: Option<NewTable> = match ending.as_str() {
         "pcapng" | "ecmrec" => None,
         "csv" => Some(|file| Ok(Box::new(CsvFile::new(file)))),
         "mcap" => Some(|file| Ok(Box::new(McapFile::new(file)?))),
@@ -166,7 +169,7 @@ fn inherited(mut lacks: Lacks) -> Lacks {
 fn table(
     args: &Args,
     frames: &mut Frames<Box<dyn Read>>,
-    format: fn(File) -> io::Result<Box<dyn Format>>,
+    format: NewTable,
 ) -> Result<(String, Walked), CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
     let times = args.times.times();

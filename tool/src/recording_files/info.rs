@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     let carried = recording::carried(&args.file);
     if args.machine_file {
         let none = || RecordingVerbError::NoMachineFile { file: args.file.clone() };
-        return Ok(output::print(carried.ok_or_else(none)?.text().to_owned())?);
+        return Ok(output::print(carried.ok_or_else(none)?.text())?);
     }
     let outline =
         Outline::of(&args.file).map_err(|source| RecordingVerbError::Read { file: args.file.clone(), source })?;

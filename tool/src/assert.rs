@@ -162,8 +162,7 @@ fn read(args: &Args) -> Result<Run, AssertError> {
     let is_file = args.file.as_os_str() != "-";
     let device = if is_file { board(&args.file, args.device)? } else { args.device };
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
-    let (mut extremes, mut summary, mut finder) =
-        (Extremes::new(Times::default()), Summary::default(), Finder::new());
+    let (mut extremes, mut summary, mut finder) = (Extremes::new(Times::default()), Summary::default(), Finder::new());
     let (mut watch, mut times_ns) = (None, (0, 0));
     let walked = frames.walk(i64::MAX, |framed| {
         let (at_ns, frame) = (framed.time_ns, &framed.recorded.frame);

@@ -90,7 +90,11 @@ mod needs_cxx {
         let file = text(&file);
         for verb in [&["dump", "--json", file][..], &["plot", file, "-o", text(&picture)], &["summary", file]] {
             let ran = run(verb);
-            assert_eq!((ran.code, ran.err.matches("times count from its first frame").count()), (Some(0), 1), "{verb:?}");
+            assert_eq!(
+                (ran.code, ran.err.matches("times count from its first frame").count()),
+                (Some(0), 1),
+                "{verb:?}"
+            );
             if verb[0] == "dump" {
                 assert_eq!(json_lines(&ran.out)[0]["time_ns"], 0);
             }

@@ -9,9 +9,11 @@
 //! - `bounded.rs`: long virtual times
 //! - `vanish.rs`: moving axes whose writer has vanished
 //! - `stop.rs`: axes that another client has stopped
+//! - `machine.rs`: the machine file of a server
 
 mod bounded;
 mod link;
+mod machine;
 mod peers;
 mod secret;
 mod stop;

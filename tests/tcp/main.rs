@@ -10,9 +10,11 @@
 //! - `vanish.rs`: moving axes whose writer has vanished
 //! - `stop.rs`: axes that another client has stopped
 //! - `slot_size.rs`: boards whose link does not know how wide slots are
+//! - `machine.rs`: the machine file of a server
 
 mod bounded;
 mod link;
+mod machine;
 mod peers;
 mod secret;
 mod slot_size;

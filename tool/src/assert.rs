@@ -29,7 +29,7 @@ use super::error::CliError;
 use super::filter::Times;
 use super::junit::{self, Case, JunitError};
 use super::machine_option::label;
-use super::recording::{Frames, board, parse_device};
+use super::recording::{Frames, board, carried, parse_device};
 use super::summary::extremes::{AxisExtremes, Extremes, named, seconds};
 use super::{machine_option, output, slot_size};
 
@@ -139,7 +139,8 @@ struct Run {
 /// # Errors
 /// [`AssertError`] if the run could not be judged; [`CliError::Output`] if standard output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let machine = machine_option::load(args.machine.as_deref()).map_err(AssertError::from)?;
+    let machine = machine_option::of_recording(args.machine.as_deref(), carried(&args.file).as_deref());
+    let machine = machine.map_err(AssertError::from)?;
     let machine = machine.as_ref();
     let rules = Rules::load(&args.rules, machine).map_err(AssertError::from)?;
     let run = read(args)?;

@@ -124,6 +124,18 @@ fn a_chip_names_what_does_not_fit_its_packets() {
     assert_eq!((compared.different.len(), compared.left_out.len()), (0, 1));
 }
 
+/// Nothing is written to slaves that another program runs behind a chip.
+#[test]
+fn a_chip_that_runs_its_network_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut opened = on_network("xf-sim:?slaves=drive");
+    let file = kept(&mut opened, &folder.path().join("a.params"));
+    opened.runs = Some((1, "OP"));
+    let error = put_back(&mut opened, 1, &file, WRITE).unwrap_err().to_string();
+    assert!(error.starts_with("nothing was written: slave 1 is in OP"), "{error}");
+    assert!(!differs(&mut opened, 1, &file).unwrap(), "it is compared all the same");
+}
+
 /// The slaves behind a board are found by asking them.
 #[test]
 fn the_slaves_behind_a_board_are_counted() {

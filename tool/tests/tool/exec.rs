@@ -353,4 +353,31 @@ mod needs_cxx {
         let svg = fs::read_to_string(plot).expect("a plot");
         assert!(svg.contains("Axis 1: position (counts)") && svg.contains("Axis 2: position (counts)"));
     }
+
+    /// A target of a program beyond a limit of the machine file is a warning with axis, target, limit and time, and is in the
+    /// summary. If the file says so, it is not sent.
+    #[test]
+    fn a_target_beyond_a_limit_is_a_warning() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("machine.toml");
+        let path = file.to_str().expect("UTF-8");
+        let machine = "format = 1\n[axes]\nX = { slave = 1, unit = \"mm\", per = 0.001, max = 50 }\n\
+                       Y = { slave = 2, unit = \"mm\", per = 0.001, min = -20 }\n";
+        let link = "sim:?slaves=drive*2&clock=virtual";
+        let run = |text: &str, options: &[&str]| {
+            fs::write(&file, text).expect("a file");
+            exec(&[&["--link", link, "--machine", path], options].concat(), &program("two_axes.c"))
+        };
+        let ran = run(machine, &[]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), "ok\n"), "{ran:?}");
+        for (axis, limit) in [("X", "max = 50 mm"), ("Y", "min = -20 mm")] {
+            let told = |line: &&str| line.contains(&format!("axis {axis}: a target of ")) && line.contains(limit);
+            assert_eq!(ran.err.lines().filter(told).count(), 1, "{ran:?}");
+        }
+        let json = run(machine, &["--json"]);
+        let told: serde_json::Value = serde_json::from_str(&json.err).expect("one object");
+        assert_eq!(told["said"].as_array().map(Vec::len), Some(2), "{told}");
+        let ran = run(&format!("{machine}[limits]\nprogram = \"stop\"\n"), &[]);
+        assert!(ran.code != Some(0) && ran.err.contains("; it is not sent"), "{ran:?}");
+    }
 }

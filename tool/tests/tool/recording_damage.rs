@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use ecmsk::link::record::RecordingCopy;
-use ecmsk::recording::{Clock, Lacks, RecordMeta, Recorded, Recording};
+use ecmsk::recording::{Lacks, Recorded, Recording};
 use support::dice::Dice;
 use support::recorded::{Program, Run};
 
@@ -139,7 +139,7 @@ fn a_clock_that_was_set_leaves_times_that_go_on() {
     let (whole, _) = recorded();
     let mut recording = Recording::open(&whole.file).expect("a recording");
     let frames: Vec<Recorded> = recording.by_ref().map(|frame| frame.expect("whole")).collect();
-    let meta = RecordMeta { clock: Clock::Real, ..recording.meta().expect("its metadata").clone() };
+    let meta = recording.meta().expect("its metadata").clone();
     let times = |file: &Path| -> Vec<f64> {
         let csv = file.with_extension("csv");
         let ran = run(["recording", "export", "--overwrite", text(file), text(&csv)]);

@@ -212,9 +212,11 @@ fn whoever_answers_is_not_said_not_to() {
     }
 }
 
+/// PDOs with their entries: index, sub-index, bits.
+type Pdos<'a> = [(u16, &'a [(u16, u8, u8)])];
+
 /// An IO module with CoE and these PDOs, outputs and inputs, whose mapping can be written, with the described entries alone.
-fn module(outputs: &[(u16, &[(u16, u8, u8)])], inputs: &[(u16, &[(u16, u8, u8)])]) -> OddSlave {
-    type Pdos<'a> = [(u16, &'a [(u16, u8, u8)])];
+fn module(outputs: &Pdos<'_>, inputs: &Pdos<'_>) -> OddSlave {
     let bytes = |pdos: &Pdos<'_>| {
         let bits: u32 = pdos.iter().flat_map(|(_, entries)| *entries).map(|(.., bits)| u32::from(*bits)).sum();
         bits.div_ceil(8) as u16

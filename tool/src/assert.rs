@@ -172,6 +172,7 @@ fn read(args: &Args) -> Result<Run, AssertError> {
             times_ns.0 = at_ns;
             FrameWatch::new(framed.size)
         });
+        watch.damage(framed.recorded.damage_before);
         times_ns.1 = at_ns;
         match framed.recorded.dir {
             Dir::Write => watch.command(at_ns, frame),

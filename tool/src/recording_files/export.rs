@@ -166,11 +166,7 @@ fn inherited(mut lacks: Lacks) -> Lacks {
 }
 
 /// Writes a table with a row for each report in OP. Returns the number of rows as text for the user, e.g. `12 rows`.
-fn table(
-    args: &Args,
-    frames: &mut Frames<Box<dyn Read>>,
-    format: NewTable,
-) -> Result<(String, Walked), CliError> {
+fn table(args: &Args, frames: &mut Frames<Box<dyn Read>>, format: NewTable) -> Result<(String, Walked), CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
     let times = args.times.times();
     let file = create(&args.output, args.overwrite).map_err(failed)?;

@@ -27,10 +27,10 @@ fn latency(mut machine: Machine, drives: usize) -> usize {
 }
 
 /// XF-20.2 An answer comes with the next report of a board; with slaves behind a chip some reports later, and a program of 40
-/// drives does not wait much longer than one of two.
+/// drives does not wait much longer than one of two. How many it is depends on where in the chip's cycle the exchanges fall.
 #[test]
 fn an_answer_comes_some_reports_later() {
-    for (drives, size, most) in [(2, None, 6), (2, stall::LARGE, 8), (8, None, 6), (8, stall::LARGE, 8), (40, None, 8)]
+    for (drives, size, most) in [(2, None, 6), (2, stall::LARGE, 9), (8, None, 6), (8, stall::LARGE, 9), (40, None, 8)]
     {
         assert_eq!(latency(drives::in_op(Behind::Board, drives), drives), 1, "{drives} drives");
         let later = latency(stall::machine(XfBusOptions::DEFAULT.ahead, drives, size).0, drives);

@@ -10,18 +10,11 @@ use ecmsk::fieldbus::nic::NicWires as _;
 use ecmsk::io::ethernet::{DefaultRoute, EthernetSocket, check};
 use ecmsk::master::Wire as _;
 use support::odd_line::{OddLine, OddSlave};
-use thread_priority::{
-    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
-    set_thread_priority_and_policy, thread_native_id,
-};
 
 use crate::{MASTER, SLAVES, enter_namespace, make_pair};
 
 /// The interval at which the line polls for frames.
 const LOOK: Duration = Duration::from_micros(20);
-/// The real-time priority of its thread. Masters wait some milliseconds for an answer, and the machine that runs tests may
-/// be busy with others.
-const PRIORITY: u8 = 10;
 /// The line's own time passes in such steps until the answer to a frame is back, ns. It takes some microseconds.
 const ANSWER_NS: u64 = 1_000_000;
 
@@ -67,9 +60,6 @@ impl Drop for OddRig {
 
 /// Answers frames. The line's time follows the real clock; the answer to a frame is sent at once.
 fn answer(mut line: OddLine, socket: &EthernetSocket, is_over: &AtomicBool) {
-    let priority = ThreadPriorityValue::try_from(PRIORITY).expect("a priority");
-    let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-    set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(priority), policy).expect("root");
     let (begin, zero) = (Instant::now(), line.now());
     let mut frame = [0; FRAME_LEN_MAX];
     while !is_over.load(Ordering::Relaxed) {

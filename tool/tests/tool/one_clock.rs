@@ -59,7 +59,8 @@ mod needs_cxx {
             let found = json_lines(&run(["find", "--json", "alarm(1)", file]).expect_quiet());
             let found_s = found[0]["at_s"].as_f64().expect("a time");
             assert_eq!(format!("{found_s:.3}"), at, "{name}");
-            let rule = format!("format = 1\n[[events]]\nalarm = 1\nnot_before = \"{begins_s}s\"\nby = \"{at}s\"\n");
+            let rule =
+                format!("format = 1\n[[events]]\nalarm = 1\nnot_before = \"{begins_s}s\"\nby = \"{begins_s}.01s\"\n");
             fs::write(&rules, rule).expect("a file");
             let judged = run(["assert", file, text(&rules)]).expect_quiet();
             assert!(judged.contains(&format!(": at {at} s")), "{name}, {at}: {judged}");

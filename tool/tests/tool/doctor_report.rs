@@ -22,8 +22,8 @@ fn text<'a>(files: &'a BTreeMap<String, Vec<u8>>, name: &str) -> &'a str {
     std::str::from_utf8(&files[&format!("report/{name}")]).expect("text")
 }
 
-/// TOOL-203 A report has the machine, the findings, the network with EEPROMs and counters, the machine file and the newest frames, and the
-/// list of them, which is also printed. No secret of the environment, of the configuration or of a link is in it.
+/// TOOL-203 A report has the machine, the findings, the network with EEPROMs and counters, the machine file, the newest
+/// frames, and the list of them, which is also printed. No secret of the environment, of the configuration or of a link is in it.
 #[test]
 fn a_report_has_what_a_support_asks_for_and_no_secret() {
     const SECRETS: [&str; 4] =

@@ -76,8 +76,8 @@ fn names(values: &BTreeMap<String, f64>) -> BTreeSet<&str> {
     values.keys().map(|name| name.split('{').next().unwrap_or_default()).collect()
 }
 
-/// TOOL-200 The metrics of a served board show what a program does with it: frames, states, positions, the FIFO, alarms. Names and types
-/// are those that Prometheus wants, and nothing else than numbers of the board is in it.
+/// TOOL-200 The metrics of a served board show what a program does with it: frames, states, positions, the FIFO, alarms.
+/// Names and types are those that Prometheus wants, and nothing else than numbers of the board is in it.
 #[test]
 fn a_scrape_shows_what_the_board_does() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -180,8 +180,7 @@ fn the_dashboard_names_what_is_there(there: &BTreeMap<String, f64>) {
     assert!(left.is_empty(), "{left:?}");
 }
 
-/// TOOL-199 While a slave is lost, `/healthz` has 503 and says which, and `ecmsk_board_up` is 0. It is 200 again when the slave is
-/// back.
+/// TOOL-199 While a slave is lost, `/healthz` has 503 and says which, and `ecmsk_board_up` is 0.
 #[test]
 fn a_lost_slave_is_no_health() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -227,8 +226,8 @@ fn who_may_ask_and_what() {
     refused.expect_failure(1, &["cannot serve metrics on", &at], "choose another port with --metrics");
 }
 
-/// TOOL-200 A thousand connections that say nothing, and clients that ask and do not read, keep nobody from the board for longer than a
-/// request may take: the board goes on, and a scrape is answered when they have timed out or gone.
+/// TOOL-200 A thousand connections that say nothing, and clients that ask and do not read, keep nobody from the board: it
+/// goes on, and a scrape is answered when they have timed out or gone.
 #[test]
 fn a_crowd_does_not_slow_the_board() {
     let board = Metrics::start("tcp", &["--link", "sim:?slaves=drive*2"]);

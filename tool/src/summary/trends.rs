@@ -188,8 +188,12 @@ impl Trends {
         let mut frames = Frames::open(&source.file, about.size, source.device)?;
         let mut watch = Watch::new();
         let mut within: Vec<u64> = Vec::new();
+        // The times of frames count from the opening of the board. Those of parts are times of the recording's clock.
+        let mut zero_ns = None;
         let walked = frames.walk(i64::MAX, |framed| {
-            let at_ns = (i128::from(source.begin_ns) + i128::from(framed.time_ns)).clamp(0, u64::MAX.into()) as u64;
+            let of_clock = |at_ns: u64| i128::from(at_ns) - i128::from(framed.time_ns);
+            let zero_ns = *zero_ns.get_or_insert_with(|| of_clock(framed.recorded.at_ns));
+            let at_ns = (zero_ns + i128::from(framed.time_ns)).clamp(0, u64::MAX.into()) as u64;
             let key = by.part(number, at_ns);
             let part = parts.entry(key).or_insert_with(|| Part::new(by.name(&source.file, at_ns), at_ns));
             if within.last() != Some(&key) && !within.contains(&key) {

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use ecmsk::link::record::RecordingCopy;
-use ecmsk::recording::{Lacks, Recorded, Recording};
+use ecmsk::recording::{Lacks, RecordMeta, Recorded, Recording};
 use support::dice::Dice;
 use support::recorded::{Program, Run};
 
@@ -140,6 +140,7 @@ fn a_clock_that_was_set_leaves_times_that_go_on() {
     let mut recording = Recording::open(&whole.file).expect("a recording");
     let frames: Vec<Recorded> = recording.by_ref().map(|frame| frame.expect("whole")).collect();
     let meta = recording.meta().expect("its metadata").clone();
+    let meta = RecordMeta { base_ns: meta.base_ns + 10 * HOUR_NS, ..meta };
     let times = |file: &Path| -> Vec<f64> {
         let csv = file.with_extension("csv");
         let ran = run(["recording", "export", "--overwrite", text(file), text(&csv)]);

@@ -173,7 +173,7 @@ fn a_wrong_value_opens_no_network() {
 /// A cable that is cut in the middle of a dump ends it with the slave's error, after the values that were read.
 #[test]
 fn a_cut_cable_ends_a_dump() {
-    let cut = text("bus_cut_dump", "at 38ms cut 2\n");
+    let cut = text("bus_cut_dump", "at 42ms cut 2\n");
     let ran = run(["bus", "sdo", "dump", "2", "--link", &format!("sim:?slaves=io,drive&script={cut}")]);
     ran.expect_failure(1, &["slave 2 does not answer any more"], "check its cable and its power");
     assert!(ran.out.starts_with("0x1000:0 "), "{}", ran.out);

@@ -11,8 +11,9 @@ use std::time::{Duration, Instant};
 use parking_lot::Mutex;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
+use super::board::Board;
 use super::client::Client;
-use super::hub::{Board, Hub, Joining};
+use super::hub::{Hub, Joining};
 use super::pending::{Look, PendingConnection};
 use super::pending_pool::PendingPool;
 use super::session::{Introduction, Left, Session};

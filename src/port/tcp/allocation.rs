@@ -6,8 +6,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::ServeOptions;
+use super::board::Board;
 use super::client::Client;
-use super::hub::{Board, Hub, Joining};
+use super::hub::{Hub, Joining};
 use super::session::Session;
 use crate::link::{Layer, Link, LinkError, LinkInfo, ReadMeta, Share, Stamp, Wait};
 use crate::sk::Frame;

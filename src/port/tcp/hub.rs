@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use parking_lot::{Condvar, Mutex};
 
 use super::ServeOptions;
+use super::board::Board;
 use super::client::Client;
 use super::report_queue::ReportQueue;
 use crate::ecm::Watch;
@@ -22,111 +23,8 @@ use crate::tcp::{Channel, PROOF_LEN, Secret};
 
 /// How many clients that ask for a stop are served at once, beside the other clients. \[OURS]
 const STOPPERS_MAX: usize = 4;
-/// How long an opened board may take to show how wide its slots are, before clients are served without that. \[OURS]
-const SIZE_WAIT: Duration = Duration::from_millis(200);
 /// The most clients at a time that ask for the machine file. \[OURS]
 const ASKERS_MAX: usize = 4;
-
-/// A board that the server has open.
-pub(super) struct Board {
-    pub(super) link: Arc<dyn Link>,
-    pub(super) info: LinkInfo,
-    /// The slaves and the counts per unit of their axes that the board's link knows; empty if it knows none.
-    known: KnownNetwork,
-    /// The slot size, and the state of the network as the passing frames show it.
-    passing: Mutex<PassingFrames>,
-    /// Detects alarms and failed changes of state for the log. `None`: the slot size is unknown yet, so reports cannot be
-    /// decoded.
-    troubles: Mutex<Option<FrameWatch>>,
-    /// The board's time in the newest report.
-    newest: AtomicU64,
-    /// How many reports the board's link has dropped.
-    dropped: AtomicU64,
-    /// On virtual time: the newest known time of the board.
-    clock: AtomicU64,
-}
-
-impl Board {
-    /// Writes a command frame to the board, and updates the observed state of the network.
-    pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let at = self.link.write(frame, wait)?;
-        self.passing.lock().command(frame, at);
-        if let Some(troubles) = &mut *self.troubles.lock() {
-            troubles.command(at.nanoseconds(), frame);
-        }
-        Ok(at)
-    }
-
-    /// The slot size, from the board's link or from a report; `None`: it is not known yet.
-    pub(super) fn size(&self) -> Option<SlotSize> {
-        self.passing.lock().size()
-    }
-
-    /// Waits until a report has shown the slot size, if the board's link does not know it.
-    fn find_size(&self) {
-        let until = Instant::now() + SIZE_WAIT;
-        let mut frame = Frame::new();
-        // On virtual time only the calls of a client may advance the board's time.
-        while self.size().is_none() && !self.info.virtual_time {
-            let left = until.saturating_duration_since(Instant::now());
-            match self.link.read(&mut frame, Wait::For(left)) {
-                Ok(meta) if !left.is_zero() => self.note_report(&frame, meta),
-                _ => return,
-            }
-        }
-    }
-
-    /// The board's time on virtual time; `None` on the real clock, and if it is unknown. The call uses the link, so the
-    /// caller must not hold a lock that other threads need.
-    pub(super) fn now(&self) -> Option<Stamp> {
-        if !self.info.virtual_time {
-            return None;
-        }
-        let now = self.link.pass(Duration::ZERO).ok().flatten();
-        if let Some(now) = now {
-            self.clock.store(now.0, Ordering::Relaxed);
-        }
-        now
-    }
-
-    /// The latest known time of the board, without a call to the link; on the real clock the time of the newest report.
-    fn known_now(&self) -> Stamp {
-        let known = if self.info.virtual_time { &self.clock } else { &self.newest };
-        Stamp(known.load(Ordering::Relaxed))
-    }
-
-    pub(super) fn watch(&self) -> Watch {
-        self.passing.lock().watch().clone()
-    }
-
-    /// The slaves and the counts per unit of their axes for a Welcome: those in `said` (the server's setting
-    /// [`ServeOptions::network`]), or else those that passing frames have shown, or else those that the board's link
-    /// knows.
-    fn network(&self, said: &KnownNetwork) -> KnownNetwork {
-        let shown = self
-            .passing
-            .lock()
-            .watch()
-            .config()
-            .map(|config| KnownNetwork::of_slaves(config.slaves.iter().map(ToString::to_string)));
-        let known = said.clone().or(shown.unwrap_or_default()).or(self.known.clone());
-        // A list that does not fit into the Welcome (`TEXT_MAX`) is left out, because a part of it would be a wrong
-        // list.
-        let whole = |text: String| if text.len() > TEXT_MAX { String::new() } else { text };
-        KnownNetwork { slaves: whole(known.slaves), counts_per_unit: whole(known.counts_per_unit) }
-    }
-
-    pub(super) fn counts(&self) -> Counts {
-        let stats = self.link.stats();
-        Counts { reports_dropped: stats.reports_dropped, board: stats.board }
-    }
-
-    fn note_report(&self, frame: &Frame, meta: ReadMeta) {
-        self.passing.lock().report(frame, meta);
-        self.newest.store(meta.at.0, Ordering::Relaxed);
-        self.dropped.store(meta.dropped, Ordering::Relaxed);
-    }
-}
 
 struct State {
     /// The board, or the reason why none is open.
@@ -262,26 +160,13 @@ impl Hub {
 
     /// Makes an opened board the one that is served.
     pub(super) fn attach(&self, link: Arc<dyn Link>) -> Arc<Board> {
-        let info = link.info();
-        let known = link.network().unwrap_or_default().or(KnownNetwork::of_sim(&info.name));
-        let board = Arc::new(Board {
-            newest: AtomicU64::new(info.opened_at.0),
-            clock: AtomicU64::new(info.opened_at.0),
-            dropped: AtomicU64::new(0),
-            passing: Mutex::new(PassingFrames::new(info.slot)),
-            troubles: Mutex::default(),
-            known,
-            info,
-            link,
-        });
-        board.find_size();
+        let board = Arc::new(Board::new(link));
         if board.size().is_none() {
             self.tell(
                 "no report has shown yet how wide the board's slots are: until then the axes of a writer that vanishes cannot be \
                  stopped; if the board fills in no CRC, give slot=12 or slot=16 in its link",
             );
         }
-        *board.troubles.lock() = board.size().map(FrameWatch::new);
         self.state.lock().board = Ok(Arc::clone(&board));
         board
     }
@@ -346,12 +231,9 @@ impl Hub {
         if role == Role::Writer {
             state.writer = Some(who.clone());
         }
-        let client = Arc::new(Client::new(who, role, keepalive, channel, board.dropped.load(Ordering::Relaxed)));
+        let client = Arc::new(Client::new(who, role, keepalive, channel, board.dropped()));
         let network = board.network(&self.options.network);
-        let (slot, sequence) = {
-            let passing = board.passing.lock();
-            (passing.size(), passing.next_sequence())
-        };
+        let (slot, sequence) = board.size_and_sequence();
         client.reply(&Message::Welcome(Welcome {
             proof,
             slot,
@@ -427,23 +309,9 @@ impl Hub {
         StopStep::Brake(state.begin_standstill(&format!("for {by}")))
     }
 
-    /// Logs the alarms and failed changes of state that a report shows. Their times count from the opening of the
-    /// board, as in a recording.
-    fn tell_troubles(&self, board: &Board, frame: &Frame, at: Stamp) {
-        let Some(size) = board.size() else { return };
-        let mut troubles = board.troubles.lock();
-        troubles.get_or_insert_with(|| FrameWatch::new(size)).report(at.nanoseconds(), frame, &mut |event| {
-            let at = Seconds(at.0.saturating_sub(board.info.opened_at.0));
-            self.tell(&match event {
-                FrameEvent::Alarm(alarm) => format!("at {at}: {}", Alarm { at_ns: None, ..alarm }),
-                FrameEvent::StateFailed(failed) => format!("at {at}: {failed}"),
-            });
-        });
-    }
-
     /// Sends a report to all clients, except to a writer on virtual time, which gets it as the answer to its request.
     pub(super) fn publish(&self, board: &Board, frame: &Frame, meta: ReadMeta) {
-        self.tell_troubles(board, frame, meta.at);
+        board.find_troubles(frame, meta.at, &mut |line| self.notes.push(line));
         let state = self.state.lock();
         // The sequence number is noted under the same lock as the report is sent, so that the Welcome of a new client
         // gives the number of the client's first report.

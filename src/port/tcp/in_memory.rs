@@ -5,8 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::ServeOptions;
+use super::board::Board;
 use super::client::Client;
-use super::hub::{Board, Hub, Joining};
+use super::hub::{Hub, Joining};
 use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::engine::Counters;

@@ -26,7 +26,8 @@
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`Server`] and its options
-//! - `hub.rs`: the state that the threads share: the board, the clients, and which of them is the writer
+//! - `hub.rs`: the state that the threads share: the board, the clients, and which of them is the writer; `board.rs`: the
+//!   board
 //! - `accept.rs`: the thread that accepts connections, and the thread of a client
 //! - `pending.rs`, `pending_pool.rs`: connections that are not yet clients
 //! - `client.rs`, `session.rs`: a client's outgoing messages, and the requests that it makes
@@ -38,6 +39,7 @@
 mod accept;
 #[cfg(all(test, feature = "sim"))]
 mod allocation;
+mod board;
 mod client;
 mod hub;
 #[doc(hidden)]

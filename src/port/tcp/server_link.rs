@@ -3,7 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::hub::{Board, Hub};
+use super::board::Board;
+use super::hub::Hub;
 use super::report_queue::ReportQueue;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;

@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::ServeOptions;
+use super::board::Board;
 use super::client::Client;
-use super::hub::{Board, Hub, Joining, StopProgress, StopStep};
+use super::hub::{Hub, Joining, StopProgress, StopStep};
 use super::vanish;
 use crate::link::{Dir, Link, LinkError, Wait, check_pass};
 use crate::sk::Frame;

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::hub::{Board, Hub};
+use super::board::Board;
+use super::hub::Hub;
 use crate::link::{Link, LinkError, Wait};
 use crate::sk::Frame;
 

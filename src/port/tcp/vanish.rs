@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use super::OnVanish;
+use super::board::Board;
 use super::client::Client;
-use super::hub::{Board, Hub};
+use super::hub::Hub;
 use super::report_queue::ReportQueue;
 use super::server_link::ServerLink;
 use super::session::Left;

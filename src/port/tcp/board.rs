@@ -1,0 +1,161 @@
+//! The board that a server has open, and what the passing frames show of it.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
+
+use crate::ecm::Watch;
+use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
+use crate::port::passing_frames::PassingFrames;
+use crate::sk::{Frame, SlotSize};
+use crate::span::Seconds;
+use crate::summary::{Alarm, FrameEvent, FrameWatch};
+use crate::tcp::wire::{Counts, TEXT_MAX};
+
+/// How long an opened board may take to show how wide its slots are, before clients are served without that. \[OURS]
+const SIZE_WAIT: Duration = Duration::from_millis(200);
+
+/// A board that the server has open.
+pub(super) struct Board {
+    pub(super) link: Arc<dyn Link>,
+    pub(super) info: LinkInfo,
+    /// The slaves and the counts per unit of their axes that the board's link knows; empty if it knows none.
+    known: KnownNetwork,
+    /// The slot size, and the state of the network as the passing frames show it.
+    passing: Mutex<PassingFrames>,
+    /// Detects alarms and failed changes of state for the log. `None`: the slot size is unknown yet, so reports cannot be
+    /// decoded.
+    troubles: Mutex<Option<FrameWatch>>,
+    /// The board's time in the newest report.
+    newest: AtomicU64,
+    /// How many reports the board's link has dropped.
+    dropped: AtomicU64,
+    /// On virtual time: the newest known time of the board.
+    clock: AtomicU64,
+}
+
+impl Board {
+    /// A board that was opened. Waits until a report has shown the slot size, if the link does not know it.
+    pub(super) fn new(link: Arc<dyn Link>) -> Self {
+        let info = link.info();
+        let board = Self {
+            known: link.network().unwrap_or_default().or(KnownNetwork::of_sim(&info.name)),
+            newest: AtomicU64::new(info.opened_at.0),
+            clock: AtomicU64::new(info.opened_at.0),
+            dropped: AtomicU64::new(0),
+            passing: Mutex::new(PassingFrames::new(info.slot)),
+            troubles: Mutex::default(),
+            info,
+            link,
+        };
+        board.find_size();
+        *board.troubles.lock() = board.size().map(FrameWatch::new);
+        board
+    }
+
+    /// Writes a command frame to the board, and updates the observed state of the network.
+    pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let at = self.link.write(frame, wait)?;
+        self.passing.lock().command(frame, at);
+        if let Some(troubles) = &mut *self.troubles.lock() {
+            troubles.command(at.nanoseconds(), frame);
+        }
+        Ok(at)
+    }
+
+    /// The slot size, from the board's link or from a report; `None`: it is not known yet.
+    pub(super) fn size(&self) -> Option<SlotSize> {
+        self.passing.lock().size()
+    }
+
+    fn find_size(&self) {
+        let until = Instant::now() + SIZE_WAIT;
+        let mut frame = Frame::new();
+        // On virtual time only the calls of a client may advance the board's time.
+        while self.size().is_none() && !self.info.virtual_time {
+            let left = until.saturating_duration_since(Instant::now());
+            match self.link.read(&mut frame, Wait::For(left)) {
+                Ok(meta) if !left.is_zero() => self.note_report(&frame, meta),
+                _ => return,
+            }
+        }
+    }
+
+    /// The board's time on virtual time; `None` on the real clock, and if it is unknown. The call uses the link, so the
+    /// caller must not hold a lock that other threads need.
+    pub(super) fn now(&self) -> Option<Stamp> {
+        if !self.info.virtual_time {
+            return None;
+        }
+        let now = self.link.pass(Duration::ZERO).ok().flatten();
+        if let Some(now) = now {
+            self.clock.store(now.0, Ordering::Relaxed);
+        }
+        now
+    }
+
+    /// The latest known time of the board, without a call to the link; on the real clock the time of the newest report.
+    pub(super) fn known_now(&self) -> Stamp {
+        let known = if self.info.virtual_time { &self.clock } else { &self.newest };
+        Stamp(known.load(Ordering::Relaxed))
+    }
+
+    pub(super) fn watch(&self) -> Watch {
+        self.passing.lock().watch().clone()
+    }
+
+    /// The slaves and the counts per unit of their axes for a Welcome: those in `said` (the server's setting
+    /// [`ServeOptions::network`](super::ServeOptions::network)), or else those that passing frames have shown, or else those that the board's link
+    /// knows.
+    pub(super) fn network(&self, said: &KnownNetwork) -> KnownNetwork {
+        let shown = self
+            .passing
+            .lock()
+            .watch()
+            .config()
+            .map(|config| KnownNetwork::of_slaves(config.slaves.iter().map(ToString::to_string)));
+        let known = said.clone().or(shown.unwrap_or_default()).or(self.known.clone());
+        // A list that does not fit into the Welcome (`TEXT_MAX`) is left out, because a part of it would be a wrong
+        // list.
+        let whole = |text: String| if text.len() > TEXT_MAX { String::new() } else { text };
+        KnownNetwork { slaves: whole(known.slaves), counts_per_unit: whole(known.counts_per_unit) }
+    }
+
+    pub(super) fn counts(&self) -> Counts {
+        let stats = self.link.stats();
+        Counts { reports_dropped: stats.reports_dropped, board: stats.board }
+    }
+
+    pub(super) fn note_report(&self, frame: &Frame, meta: ReadMeta) {
+        self.passing.lock().report(frame, meta);
+        self.newest.store(meta.at.0, Ordering::Relaxed);
+        self.dropped.store(meta.dropped, Ordering::Relaxed);
+    }
+
+    /// How many reports the board's link has dropped, by the newest report.
+    pub(super) fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    /// The slot size, and the sequence number that the board's link will give to the next report.
+    pub(super) fn size_and_sequence(&self) -> (Option<SlotSize>, u64) {
+        let passing = self.passing.lock();
+        (passing.size(), passing.next_sequence())
+    }
+
+    /// Calls `found` with a line for the log for each alarm and failed change of state that a report shows. Their times
+    /// count from the opening of the board, as in a recording.
+    pub(super) fn find_troubles(&self, frame: &Frame, at: Stamp, found: &mut dyn FnMut(String)) {
+        let Some(size) = self.size() else { return };
+        let mut troubles = self.troubles.lock();
+        troubles.get_or_insert_with(|| FrameWatch::new(size)).report(at.nanoseconds(), frame, &mut |event| {
+            let at = Seconds(at.0.saturating_sub(self.info.opened_at.0));
+            found(match event {
+                FrameEvent::Alarm(alarm) => format!("at {at}: {}", Alarm { at_ns: None, ..alarm }),
+                FrameEvent::StateFailed(failed) => format!("at {at}: {failed}"),
+            });
+        });
+    }
+}

@@ -199,7 +199,7 @@ impl Engine {
             }
         });
         match right {
-            // ABORT_HOME concerns all slaves, so it is executed although this slave is lost. It keeps the GO_HOMEs of its
+            // ABORT_HOME concerns all slaves, so it is executed although this slave is lost. It keeps each GO_HOME of its
             // frame from starting, too (SK-7.56).
             Ok(()) if id == CommandId::AbortHome => self.abort_home_in_frame(at),
             Ok(()) => self.counters.for_lost += 1,

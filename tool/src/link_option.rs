@@ -103,24 +103,24 @@ fn working_dir() -> Option<PathBuf> {
 /// Whether a file does not exist, or belongs to this user or to root. Otherwise prints a note that the file is ignored,
 /// and `next`: what the user can do instead.
 pub fn belongs_to_user(file: &Path, next: &str) -> bool {
-    let is_anothers = is_anothers(file);
-    if is_anothers {
+    let is_of_another_user = is_of_another_user(file);
+    if is_of_another_user {
         say("note", &format_args!("{} is another user's and is passed over; {next}", file.display()));
     }
-    !is_anothers
+    !is_of_another_user
 }
 
 /// Whether a file exists, and belongs neither to this user nor to root. Under `sudo` that holds for the caller's own files, too:
 /// whoever may run one command as root may not therefore choose the files that it creates. \[OURS]
 #[cfg(unix)]
-pub fn is_anothers(file: &Path) -> bool {
+pub fn is_of_another_user(file: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     let own = rustix::process::geteuid().as_raw();
     std::fs::symlink_metadata(file).is_ok_and(|file| file.uid() != own && file.uid() != 0)
 }
 
 #[cfg(not(unix))]
-pub const fn is_anothers(_file: &Path) -> bool {
+pub const fn is_of_another_user(_file: &Path) -> bool {
     false
 }
 

@@ -11,7 +11,7 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
 use ecmsk::recording::CarriedFile;
 
-use super::link_option::{belongs_to_user, environment, is_anothers};
+use super::link_option::{belongs_to_user, environment, is_of_another_user};
 use super::stderr::say;
 
 /// The help text of `--machine`.
@@ -45,7 +45,7 @@ pub fn load(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileErro
 
 /// Whether [`load`] passes over the machine file in the working directory, because it is another user's.
 pub fn passes_over(given: Option<&Path>) -> bool {
-    given.is_none() && is_anothers(Path::new(FILE_NAME))
+    given.is_none() && is_of_another_user(Path::new(FILE_NAME))
 }
 
 /// The machine file for a recording: that of the option, otherwise the one that the recording carries, about which a note is

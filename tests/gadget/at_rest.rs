@@ -29,7 +29,8 @@ impl Shown {
     }
 }
 
-/// A board on a virtual clock, whose time stands still while `is_held`: no late thread of this machine counts.
+/// A board on a virtual clock, whose time stands still while `is_held`: no late thread of this machine counts. What stops the
+/// axes begins by cancelling writes, which ends that.
 struct Board {
     link: Arc<dyn Link>,
     is_held: AtomicBool,
@@ -73,6 +74,9 @@ impl Link for Board {
     }
 
     fn cancel(&self, dir: Dir) {
+        if dir == Dir::Write {
+            self.is_held.store(false, Ordering::Release);
+        }
         self.link.cancel(dir);
     }
 
@@ -114,7 +118,6 @@ fn time_to_rest(name: &str, frames: i32) -> [Duration; 2] {
     let longest = seen.shown.lock().longest;
     assert!(longest <= Duration::from_millis(50), "docs/SAFETY.md: within 50 ms if no report comes, {longest:?}");
     board.detach();
-    seen.is_held.store(false, Ordering::Release);
     until_told(&board, "axes stand still after the host is gone");
     board.stop();
     let shown = seen.shown.lock();

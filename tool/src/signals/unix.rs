@@ -74,6 +74,9 @@ pub fn raise_interrupt() {
     let _ = signal_hook::low_level::raise(SIGINT);
 }
 
+/// How often a server looks for signals that have not interrupted its wait. \[OURS]
+const LOOK_INTERVAL: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+
 /// Waits for the signal that ends a server, for verbs that do nothing else meanwhile.
 pub struct EndRequest {
     signals: Signals,
@@ -108,16 +111,24 @@ impl EndRequest {
 
     /// As [`Self::wait`]. `None` if [`Self::ender`] was called before a signal arrived.
     pub fn wait_unless_ended(mut self, mut reload: impl FnMut()) -> Option<&'static str> {
-        for signal in self.signals.forever() {
-            match signal {
-                SIGHUP if self.hang_up_reloads => reload(),
-                SIGTERM => return Some("SIGTERM"),
-                SIGHUP => return Some("SIGHUP"),
-                SIGQUIT => return Some("SIGQUIT"),
-                _ => return Some("SIGINT"),
+        let handle = self.signals.handle();
+        loop {
+            for signal in self.signals.pending() {
+                match signal {
+                    SIGHUP if self.hang_up_reloads => reload(),
+                    SIGTERM => return Some("SIGTERM"),
+                    SIGHUP => return Some("SIGHUP"),
+                    SIGQUIT => return Some("SIGQUIT"),
+                    _ => return Some("SIGINT"),
+                }
             }
+            if handle.is_closed() {
+                return None;
+            }
+            // A signal interrupts this wait. One that another thread has got, or that came just before, is seen after it.
+            // To wait for the byte that the handler sends would be to wait for ever if the system has no room for it.
+            let _ = poll(&mut [], Some(&LOOK_INTERVAL));
         }
-        None
     }
 }
 

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::{ecmsk, json_lines, without_times};
+use crate::common::{ecmsk, json_lines, with_default_signals, without_times};
 use ecmsk::link::{self, Share};
 use rustix::process::{Pid, Signal, kill_process};
 use support::tcp::{connect, until, uri};
@@ -269,7 +269,7 @@ struct Service {
 }
 
 fn serve_without_terminal(arguments: &[&str]) -> Service {
-    let mut command = ecmsk([&["serve"], arguments, &["--listen", "127.0.0.1:0"]].concat());
+    let mut command = with_default_signals(&ecmsk([&["serve"], arguments, &["--listen", "127.0.0.1:0"]].concat()));
     command.env_remove("ECMSK_TCP_SECRET").stdout(Stdio::piped()).stderr(Stdio::piped());
     // SAFETY: the call between fork and exec is one system call.
     unsafe {

@@ -1,8 +1,8 @@
 //! The state that the threads of a server share: the board, its clients, and which of them is the writer.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use parking_lot::{Condvar, Mutex};
 
@@ -10,15 +10,11 @@ use super::ServeOptions;
 use super::board::Board;
 use super::client::Client;
 use super::report_queue::ReportQueue;
-use crate::ecm::Watch;
-use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
+use crate::link::{Link, LinkError, ReadMeta};
 use crate::notes::Notes;
-use crate::port::passing_frames::PassingFrames;
 use crate::port::standstill::Standstill;
-use crate::sk::{Frame, SlotSize};
-use crate::span::Seconds;
-use crate::summary::{Alarm, FrameEvent, FrameWatch};
-use crate::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
+use crate::sk::Frame;
+use crate::tcp::wire::{End, Message, Refusal, Role, Welcome};
 use crate::tcp::{Channel, PROOF_LEN, Secret};
 
 /// How many clients that ask for a stop are served at once, beside the other clients. \[OURS]

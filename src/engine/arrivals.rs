@@ -4,6 +4,10 @@ use std::time::Duration;
 
 use crate::fieldbus::Ns;
 
+/// How far a frame's time for the writer may be ahead of its arrival. Frames that are written ahead of the wire are closer;
+/// after a longer gap of board time its own time counts. \[OURS]
+const ORDER_MAX_NS: Ns = 50_000_000;
+
 /// The arrival times that were given to written frames.
 #[derive(Default)]
 pub(super) struct Arrivals {
@@ -25,8 +29,8 @@ pub(super) struct Arrival {
     pub turn: Duration,
     /// When the board takes the frame, board time.
     pub at: Ns,
-    /// The time for the writer, board time: that of `at`, but never before that of an earlier frame. Recordings are
-    /// sorted by it, and frames reach the board in the order in which they are written, however much time it skips.
+    /// The time for the writer, board time: that of `at`, but not shortly before that of an earlier frame. Recordings are
+    /// sorted by it, and frames reach the board in the order in which they are written, also where it skips cycles.
     pub shown: Ns,
 }
 
@@ -50,6 +54,9 @@ impl Arrivals {
         // which is later than board time is now. This arrival time must not delay later frames.
         let newest = if std::mem::replace(&mut self.skipped, skipped) == skipped { self.newest } else { 0 };
         self.newest = newest.max(at);
+        if self.shown.saturating_sub(self.newest) > ORDER_MAX_NS {
+            self.shown = self.newest;
+        }
         self.shown = self.shown.max(self.newest);
         Arrival { turn, at: self.newest, shown: self.shown }
     }

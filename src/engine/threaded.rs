@@ -138,7 +138,7 @@ impl Threaded {
     /// Sends a frame to the board. The call waits until earlier frames have passed the simulated wire, and for room in
     /// the inbox, for at most `limit`. A `limit` below 125 us of board time counts as 125 us, so that a second write
     /// right after the first does not fail. `None`: no limit. Returns the board time at which the frame arrives, but
-    /// never less than for an earlier frame.
+    /// not shortly before that of an earlier frame.
     ///
     /// # Errors
     /// [`Stop::Timeout`]; [`Stop::Cancelled`] by [`Self::cancel_writes`]; [`Stop::Rebooted`], [`Stop::Closed`] and

@@ -13,7 +13,7 @@ use crate::ethercat::sii::MailboxProtocols;
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 use crate::fieldbus::RingState;
 use crate::fieldbus::nic::NicWires;
-use crate::master::{DatagramAnswer, Ending, FrameCounters, Job, MailboxInfo, Master, Settings, SlaveInfo};
+use crate::master::{DatagramAnswer, Ending, FrameCounters, Job, MailboxInfo, Master, Settings, SlaveInfo, watchdog};
 
 /// \[OURS] Timeout for a slave to reach PreOP, the most common value in ESI files.
 const PREOP_MAX_NS: Ns = 10_000_000_000;
@@ -28,7 +28,7 @@ const TRIES: u32 = 3;
 /// \[OURS] The longest time to wait for the watchdog of a slave in OP, and how much longer than the watchdog, ns.
 const WATCHDOG_MAX_NS: Ns = 10_000_000_000;
 const WATCHDOG_MARGIN_NS: Ns = 20_000_000;
-/// Bit 0 of the watchdog status, 0x0440: the watchdog of process data has not expired.
+/// The bit of [`WATCHDOG_STATUS`] that is set while the process data watchdog has not expired.
 const WATCHDOG_RUNS: u8 = 1 << 0;
 /// The number of sync managers whose settings are read.
 const SYNC_MANAGERS_MAX: usize = 16;
@@ -38,11 +38,6 @@ const SYNC_MANAGERS_MAX: usize = 16;
 const LOAD_NS: Ns = 250_000;
 const LOAD_BYTES: usize = 1400;
 const LOAD_BYTE: u8 = 0x55;
-
-/// The time of a watchdog with that divider (0x0400) and that many units (0x0420), ns.
-fn watchdog_ns(divider: u16, units: u16) -> Ns {
-    (Ns::from(divider) + 2) * 40 * Ns::from(units)
-}
 
 fn is_op(state: SlaveState) -> bool {
     state.status.state() == RequestedState::State(AlState::Op)
@@ -136,7 +131,7 @@ impl<W: NicWires> SoftwareNetwork<W> {
         }
         let [divider, units] =
             [WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA].map(|at| u16::from_le_bytes(self.register_at(position, at)));
-        Some(watchdog_ns(divider, units)).filter(|ns| *ns > 0)
+        Some(watchdog::unit_ns(divider) * Ns::from(units)).filter(|ns| *ns > 0)
     }
 
     /// Registers of the slave at that position; 0 if it does not answer.

@@ -110,9 +110,9 @@ impl Engine {
 
     /// Whether slaves that are homing exclude every GO_HOME of this frame, of which no slot is executed yet.
     ///
-    /// SK-7.27 \[OURS]: a homing that a slot of the same frame ends, by SV_OFF, has not ended before the GO_HOME: the GO_HOME
-    /// is rejected, whichever slot is first. In a frame with an ABORT_HOME no GO_HOME starts, and each is answered (SK-7.56),
-    /// so none is rejected there because other slaves are homing.
+    /// SK-7.27 \[OURS]: if an SV_OFF in the frame ends the homing of another slave, the GO_HOME is rejected all the same,
+    /// whichever slot is first. In a frame with an ABORT_HOME each GO_HOME is answered and none starts (SK-7.56), so none is
+    /// rejected there because other slaves are homing.
     pub(super) fn excludes_go_home(&self, frame: &Frame) -> bool {
         self.config.firmware.one_homing_at_a_time()
             && self.is_any_homing_of(self.homing_before)

@@ -19,7 +19,7 @@ pub const LATENESS_BOUNDS_NS: [u64; 12] = [
 ];
 const RANGES: usize = LATENESS_BOUNDS_NS.len() + 1;
 
-/// How late the runner's cycles began.
+/// The delays with which a runner has begun its cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lateness {
     /// The number of cycles that the runner has run.

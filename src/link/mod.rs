@@ -215,8 +215,8 @@ pub trait Link: Send + Sync {
     /// The counters since the link was opened.
     fn stats(&self) -> LinkStats;
 
-    /// How much time lies in the recording of this link (key `record=`) before this opening of the board. Times in a
-    /// recording count from the first opening that it has. Zero for that one, and without a recording.
+    /// The time from the first opening of the board in the recording of this link (key `record=`) to this opening. Times in
+    /// a recording count from its first opening. Zero for the first opening, and without a recording.
     fn recorded_before(&self) -> Duration {
         Duration::ZERO
     }

@@ -151,7 +151,7 @@ mod sii_error;
 mod state_error;
 mod states;
 mod topology;
-mod watchdog;
+pub(crate) mod watchdog;
 mod wire;
 
 use std::collections::VecDeque;

@@ -19,7 +19,7 @@ const TICK_NS: Ns = 40;
 const CYCLES: Ns = 3;
 
 /// The length of a watchdog unit for a divider, ns.
-const fn unit_ns(divider: u16) -> Ns {
+pub(crate) const fn unit_ns(divider: u16) -> Ns {
     (divider as Ns + 2) * TICK_NS
 }
 

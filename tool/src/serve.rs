@@ -23,6 +23,7 @@ use std::sync::Arc;
 use clap::{Subcommand, ValueEnum, ValueHint};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{KnownNetwork, LinkInfo, tcp::Secret};
+use ecmsk::machine_file::MachineFile;
 use ecmsk::port::tcp::{DEFAULT_PORT, OnVanish, ServeError, ServeOptions, Server};
 
 use super::board::{BoardError, slaves_words, units_words};
@@ -161,12 +162,9 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     streams::queue().map_err(no_thread)?;
     let machine = machine_option::load(args.machine.as_deref()).map_err(BoardError::from)?;
-    let chosen = ChosenLink::find_with(args.link.as_ref(), machine.as_ref()).map_err(BoardError::from)?;
-    if !chosen.is_named() {
-        return Err(CliError::NothingToServe);
-    }
+    let link = served_with(args.link.as_ref(), machine.as_ref())?;
     let mut watch = args.watch.begin("tcp")?;
-    let controlled = control_option::controlled(chosen.uri, args.control.as_deref())?;
+    let controlled = control_option::controlled(link, args.control.as_deref())?;
     let recorded = args.flight.added_to(&controlled)?;
     let board_watch = watch.board(&recorded);
     let options = ServeOptions {
@@ -236,7 +234,12 @@ fn ended_with(lacking: Vec<String>) -> ExitCode {
 /// # Errors
 /// No board is named, or the link is invalid.
 fn served(link: Option<&LinkUri>) -> Result<LinkUri, CliError> {
-    let chosen = ChosenLink::find(link).map_err(BoardError::from)?;
+    served_with(link, None)
+}
+
+/// As [`served`], for a verb with a machine file.
+fn served_with(link: Option<&LinkUri>, machine: Option<&MachineFile>) -> Result<LinkUri, CliError> {
+    let chosen = ChosenLink::find_with(link, machine).map_err(BoardError::from)?;
     if chosen.is_named() { Ok(chosen.uri) } else { Err(CliError::NothingToServe) }
 }
 

@@ -228,7 +228,7 @@ impl RecordingFile {
         meta
     }
 
-    /// How much time lies in the file before the opening of the board with these metadata, see
+    /// The time from the first opening of the board in the file to the opening with these metadata, see
     /// [`Link::recorded_before`](crate::link::Link::recorded_before).
     pub(super) fn before(&self, meta: &RecordMeta) -> Duration {
         let first_ns = || recorded().get(self.path.as_ref()?)?.as_ref()?.opened_ns;

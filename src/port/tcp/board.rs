@@ -107,8 +107,8 @@ impl Board {
     }
 
     /// The slaves and the counts per unit of their axes for a Welcome: those in `said` (the server's setting
-    /// [`ServeOptions::network`](super::ServeOptions::network)), or else those that passing frames have shown, or else those that the board's link
-    /// knows.
+    /// [`ServeOptions::network`](super::ServeOptions::network)), or else those that passing frames have shown, or else those
+    /// that the board's link knows.
     pub(super) fn network(&self, said: &KnownNetwork) -> KnownNetwork {
         let shown = self
             .passing

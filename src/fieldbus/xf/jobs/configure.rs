@@ -309,8 +309,8 @@ impl<W: Wires> Steps<W> {
 
 impl<W: Wires> Steps<W> {
     /// Called when the chip has laid out the process data: writes the mapping of each slave that has fallen back to another
-    /// one (XF ZH 410). \[OURS] Their objects show it. With `is_ahead` nothing is written, and what is known of such a slave is forgotten. Returns the first of these
-    /// slaves; `None`: all have their mapping.
+    /// one (XF ZH 410). \[OURS] Their objects show it. With `is_ahead` nothing is written, and what is known of such a slave
+    /// is forgotten. Returns the first of these slaves; `None`: all have their mapping.
     async fn map_again(&self, is_ahead: bool) -> Result<Option<u8>, Refusal> {
         let mut first = None;
         for slave in self.with(|bus| bus.network.may_have_fallen_back()).iter() {

@@ -147,7 +147,7 @@ impl Folder for Memory {
     }
 }
 
-/// What cannot be read.
+/// A file whose reads fail.
 struct Broken;
 
 impl Read for Broken {

@@ -84,7 +84,9 @@ fn an_event_is_a_line_of_a_script_at_its_cycle() {
     let lines: Vec<_> =
         events.iter().zip(&happened).map(|((_, event), at)| format!("at {}us {event}", at.at_ns / 1000)).collect();
     let (scripted, _) = run(&lines.join("\n"), &[]);
-    assert!(injected == scripted, "the runs differ");
+    let differs = injected.iter().zip(&scripted).position(|(injected, scripted)| injected != scripted);
+    assert_eq!(differs, None, "the report where the runs differ");
+    assert_eq!(injected.len(), scripted.len());
 }
 
 /// What lasts ends by `for`, by `end`, and when the board is opened again.

@@ -215,7 +215,7 @@ fn once(file: &Path, make: impl FnOnce() -> Command) {
 
 /// Makes a link at `to`, even if another process makes the same one meanwhile.
 pub fn place(from: &Path, to: &Path) {
-    let own = to.with_extension(format!("{:?}", std::thread::current().id()));
+    let own = to.with_extension(format!("{}-{:?}", std::process::id(), std::thread::current().id()));
     let _ = fs::remove_file(&own);
     symlink(from, &own).expect("a symbolic link");
     fs::rename(&own, to).expect("it can be named");

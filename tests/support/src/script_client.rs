@@ -20,9 +20,9 @@ pub fn slaves(list: &str) -> Vec<SlaveSpec> {
     SimOptions::from_uri(&uri).expect(list).slaves
 }
 
-/// A file of that text.
+/// A file of that text. A name may have a point: the ending comes behind the whole of it.
 pub fn file(name: &str, text: &str) -> PathBuf {
-    let file = out_dir().join(name).with_extension("ecmscript");
+    let file = out_dir().join(format!("{name}.ecmscript"));
     fs::write(&file, text).expect("a file in the target folder");
     file
 }

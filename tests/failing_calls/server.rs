@@ -71,12 +71,11 @@ fn serve(test: &str, closes: bool) {
         let served = Served::start();
         let link = served.uri();
         let watched = Watched::default();
+        // Before the writer waits for it: the first one builds the tool.
+        let mut tool = tool_without_link(&["serve", "tcp", "--listen", "127.0.0.1:0", "--link", &link]);
         let (struck, written) = thread::scope(|scope| {
-            let words = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", &link];
             let watched = &watched;
-            let server = scope.spawn(move || {
-                failing_calls::run(&mut tool_without_link(&words), Whose::Program, blow, LIMIT, Some(watched))
-            });
+            let server = scope.spawn(|| failing_calls::run(&mut tool, Whose::Program, blow, LIMIT, Some(watched)));
             let written =
                 listening(watched, || server.is_finished()).map(|address| write(&format!("tcp://{address}"), closes));
             if let Some(id) = watched.id().and_then(Pid::from_raw).filter(|_| !server.is_finished()) {

@@ -88,9 +88,10 @@ impl Threads {
                 task => task,
             };
             let for_ns = match task {
+                // It may have ended after the look at a thread that waits for its end, and that goes on now.
                 Task::Gone => {
                     is_gone = true;
-                    continue;
+                    0
                 }
                 Task::Blocked { .. } if matches!(entry.state, State::Outside) => continue,
                 Task::Blocked { switches } => {

@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 
 use crate::clock::{self, NEVER};
 use crate::task::{self, Task};
-use crate::threads::{Outcome, State, Threads, What};
+use crate::threads::{Entry, Outcome, State, Threads, What};
 use crate::{boards, system};
 
 /// How long a thread has to be blocked on the real clock until it counts as waiting \[OURS], in nanoseconds: threads block
@@ -76,12 +76,22 @@ impl Threads {
                 State::Waiting { .. } => continue,
                 State::Ended(_) => Task::Runs,
                 _ if number == 0 || entry.thread.inside.load(Ordering::Relaxed) > 0 => Task::Runs,
+                State::Ending => match task::look(number, &mut buffer) {
+                    Task::Gone => Task::Gone,
+                    _ => Task::Runs,
+                },
                 _ => task::look(number, &mut buffer),
             };
+            // Asked after the look: a thread that is blocked and not back is still blocked in its call.
+            let task = match task {
+                Task::Blocked { .. } if entry.thread.is_back.load(Ordering::Acquire) => Task::Runs,
+                task => task,
+            };
             let for_ns = match task {
+                // It may have ended after the look at a thread that waits for its end, and that goes on now.
                 Task::Gone => {
                     is_gone = true;
-                    continue;
+                    0
                 }
                 Task::Blocked { .. } if matches!(entry.state, State::Outside) => continue,
                 Task::Blocked { switches } => {
@@ -101,12 +111,19 @@ impl Threads {
             };
             held_up = Some(held_up.map_or(for_ns, |least| least.min(for_ns)));
         }
-        if is_gone {
-            let mut is_there = |number: i32| number == 0 || task::look(number, &mut buffer) != Task::Gone;
-            self.entries.retain(|entry| is_there(entry.thread.number.load(Ordering::Relaxed)));
-        }
         self.buffer = buffer;
+        if is_gone {
+            self.remove_gone(|_| true);
+        }
         held_up.map_or(Standstill::Whole, |for_ns| Standstill::HeldUp { for_ns })
+    }
+
+    /// Removes the threads of `which` that the system has ended.
+    pub fn remove_gone(&mut self, which: impl Fn(&Entry) -> bool) {
+        let mut buffer = std::mem::take(&mut self.buffer);
+        let mut is_there = |number: i32| number == 0 || task::look(number, &mut buffer) != Task::Gone;
+        self.entries.retain(|entry| !which(entry) || is_there(entry.thread.number.load(Ordering::Relaxed)));
+        self.buffer = buffer;
     }
 
     /// Time goes on: forgets since when it stood still.
@@ -128,16 +145,19 @@ impl Threads {
         is_any
     }
 
-    /// Ends the waits for descriptors that are ready, once in each call before time goes on: another thread of the program may
-    /// have written to them. What is ready for poll need not be for the call, as a descriptor that has hung up is not for the
-    /// exceptions of select.
+    /// Ends the waits for words that have changed, and those for descriptors that are ready, once in each call before time goes
+    /// on: another thread of the program may have written to them. What is ready for poll need not be for the call, as a
+    /// descriptor that has hung up is not for the exceptions of select.
     fn end_ready(&mut self) -> bool {
         let mut is_any = false;
         for entry in &mut self.entries {
-            if let State::Waiting { what: What::Descriptors(descriptors), .. } = &entry.state
-                && !entry.is_retried
-                && is_any_ready(descriptors)
-            {
+            let State::Waiting { what, .. } = &entry.state else { continue };
+            let is_ready = match what {
+                What::Descriptors(descriptors) => !entry.is_retried && is_any_ready(descriptors),
+                What::Word { address, seen } => system::word_at(*address) != *seen,
+                _ => false,
+            };
+            if is_ready {
                 entry.is_retried = true;
                 entry.end_wait(Outcome::Woken);
                 is_any = true;

@@ -88,6 +88,12 @@ pub fn wake(word: &AtomicU32) {
     unsafe { libc::syscall(libc::SYS_futex, word.as_ptr(), libc::FUTEX_WAKE | libc::FUTEX_PRIVATE_FLAG, 1) };
 }
 
+/// The word at an address at which a thread of the program waits, as for futex(2).
+pub fn word_at(address: usize) -> u32 {
+    // SAFETY: the thread that waits has given the kernel's rules the address of an aligned word, which exists while it waits.
+    unsafe { (*(address as *const AtomicU32)).load(Ordering::Acquire) }
+}
+
 /// The kernel's number of this thread.
 pub fn thread_number() -> i32 {
     // SAFETY: the call has no arguments and cannot fail. The number is a positive one of 32 bits.

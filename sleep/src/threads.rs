@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::ffi::{c_int, c_void};
-use std::sync::atomic::{AtomicI32, AtomicPtr, AtomicU32, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicPtr, AtomicU32, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
@@ -26,6 +26,8 @@ pub struct Thread {
     word: AtomicU32,
     /// How many calls of NEXTWUSBLib the thread is in. In them it counts as running.
     pub inside: AtomicU32,
+    /// Whether it has come back from its call of [`outside`]. It may still wait for the lock of the table to say so.
+    pub is_back: AtomicBool,
 }
 
 /// What a thread waits for, beside its deadline.
@@ -41,6 +43,8 @@ pub enum What {
     Semaphore(usize),
     /// A lock, which only the thread itself can try.
     Lock,
+    /// That this word is no longer `seen`, as futex(2) waits.
+    Word { address: usize, seen: u32 },
     /// One of these descriptors.
     Descriptors(Arc<[libc::pollfd]>),
 }
@@ -72,6 +76,8 @@ pub enum State {
     },
     /// Its wait has ended, which it has not seen yet.
     Ended(Outcome),
+    /// It ends. Until the system has ended it, it counts as running: then whoever waits for its end goes on.
+    Ending,
 }
 
 /// A thread with what it is doing.
@@ -87,6 +93,19 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// Whether this is the kernel's number of the thread.
+    fn is_number(&self, number: i32) -> bool {
+        self.thread.number.load(Ordering::Relaxed) == number
+    }
+
+    /// The ticket of its wait, if it waits for the word at this address.
+    fn ticket_at(&self, word: usize) -> Option<u64> {
+        match self.state {
+            State::Waiting { what: What::Word { address, .. }, ticket, .. } if address == word => Some(ticket),
+            _ => None,
+        }
+    }
+
     /// Ends its wait.
     pub fn end_wait(&mut self, outcome: Outcome) {
         self.state = State::Ended(outcome);
@@ -155,6 +174,7 @@ pub fn add() -> Arc<Thread> {
         handle: AtomicUsize::new(0),
         word: AtomicU32::new(0),
         inside: AtomicU32::new(0),
+        is_back: AtomicBool::new(false),
     });
     lock().entries.push(Entry {
         thread: Arc::clone(&thread),
@@ -178,7 +198,10 @@ pub fn begin(thread: &Arc<Thread>) {
     /// handlers of the program still wait and read clocks.
     static KEY: OnceLock<Option<libc::pthread_key_t>> = OnceLock::new();
 
-    thread.number.store(system::thread_number(), Ordering::Relaxed);
+    let number = system::thread_number();
+    // The system gives the numbers of ended threads to new ones.
+    lock().entries.retain(|entry| !(matches!(entry.state, State::Ending) && entry.is_number(number)));
+    thread.number.store(number, Ordering::Relaxed);
     // SAFETY: the function has no arguments and cannot fail.
     thread.handle.store(unsafe { libc::pthread_self() } as usize, Ordering::Relaxed);
     let key = KEY.get_or_init(|| {
@@ -203,7 +226,10 @@ unsafe extern "C" fn end(record: *mut c_void) {
     mode::set_real();
     // SAFETY: the reference that `begin` has kept.
     let thread = unsafe { Arc::from_raw(record.cast::<Thread>()) };
-    remove(&thread);
+    let mut threads = lock();
+    // If nobody waits, nobody else looks which threads have ended.
+    threads.remove_gone(|entry| matches!(entry.state, State::Ending));
+    threads.set(&thread, State::Ending);
 }
 
 impl Threads {
@@ -212,6 +238,7 @@ impl Threads {
     }
 
     fn set(&mut self, thread: &Thread, state: State) {
+        thread.is_back.store(false, Ordering::Relaxed);
         if let Some(entry) = self.entry(thread) {
             (entry.state, entry.blocked, entry.used_ns) = (state, None, None);
         }
@@ -339,16 +366,17 @@ pub fn turn() {
 /// Runs a call of the C library that ends by something else than time. No destructor of this library runs if the thread is
 /// cancelled in it.
 pub fn outside<T>(call: impl FnOnce() -> T) -> T {
-    set_state(State::Outside);
+    {
+        let _own = Own::begin();
+        let thread = current();
+        lock().set(thread, State::Outside);
+    }
     let result = call();
-    set_state(State::Running);
-    result
-}
-
-fn set_state(state: State) {
     let _own = Own::begin();
     let thread = current();
-    lock().set(thread, state);
+    thread.is_back.store(true, Ordering::Release);
+    lock().set(thread, State::Running);
+    result
 }
 
 /// Ends the oldest wait for a condition variable, or all of them. Returns how many.
@@ -371,6 +399,21 @@ pub fn signal(condition: usize, is_all: bool) -> usize {
     }
 }
 
+/// Ends the oldest waits for a word, at most so many. Returns how many.
+pub fn woken(word: usize, most: usize) -> usize {
+    let mut threads = lock();
+    let mut tickets: Vec<u64> = threads.entries.iter().filter_map(|entry| entry.ticket_at(word)).collect();
+    tickets.sort_unstable();
+    tickets.truncate(most);
+    for entry in &mut threads.entries {
+        if entry.ticket_at(word).is_some_and(|ticket| tickets.contains(&ticket)) {
+            entry.end_wait(Outcome::Woken);
+        }
+    }
+    threads.note_earliest();
+    tickets.len()
+}
+
 /// Lets the threads that wait for a semaphore try again.
 pub fn posted(semaphore: usize) {
     lock().end_waits(Outcome::Woken, |_, what| matches!(what, What::Semaphore(of) if *of == semaphore));
@@ -379,10 +422,12 @@ pub fn posted(semaphore: usize) {
 /// Ends the wait of a thread that is cancelled.
 pub fn cancelled(handle: libc::pthread_t) {
     let mut threads = lock();
-    let is_it = |entry: &&mut Entry| entry.thread.handle.load(Ordering::Relaxed) == handle as usize;
-    if let Some(entry) = threads.entries.iter_mut().find(is_it)
-        && matches!(entry.state, State::Waiting { .. })
-    {
+    // A thread that ends may have the same handle still.
+    let is_it = |entry: &&mut Entry| {
+        matches!(entry.state, State::Waiting { .. })
+            && entry.thread.handle.load(Ordering::Relaxed) == handle as usize
+    };
+    if let Some(entry) = threads.entries.iter_mut().find(is_it) {
         entry.end_wait(Outcome::Interrupted);
     }
     threads.note_earliest();

@@ -4,8 +4,8 @@
 //! A thread may be cancelled in the C library's functions, which unwinds it. So no value with a destructor exists where one of
 //! these calls such a function for the program, and where it calls [`test_cancel`].
 //!
-//! Not here, and so on the real clock: timers that send signals (alarm, setitimer, timer_create), descriptors of
-//! timerfd_create, limits of calls that receive (SO_RCVTIMEO, sigtimedwait, mq_timedreceive), epoll_pwait2,
+//! Not here, and so on the real clock: timers that send signals (alarm, setitimer, timer_create), how long descriptors of
+//! timerfd_create run, limits of calls that receive (SO_RCVTIMEO, sigtimedwait, mq_timedreceive), epoll_pwait2,
 //! pthread_timedjoin_np and pthread_clockjoin_np.
 
 mod clocks;
@@ -14,7 +14,9 @@ mod descriptors;
 mod locks;
 mod semaphores;
 mod sleeps;
+mod system_calls;
 mod threads;
+mod timers;
 
 use std::ffi::c_int;
 

@@ -150,6 +150,18 @@ mod needs_cxx {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
     }
 
+    /// No deadline comes while a thread is on its way back from a call without a limit, or while one ends. Limits that the C++
+    /// library gives to the system by its own calls, and times of timers, are those of the clock.
+    #[test]
+    fn threads_hand_over_before_any_deadline() {
+        let source = support::root().join("tests/c/hand_over.cpp");
+        let program = support::compile(&source, Language::Cpp("c++17")).exe;
+        let ran = exec(&["--quiet", "--clock", "virtual", "--link", LINK], &program, &[]);
+        let expected = "answers: 0 too late\njoins: 0 too late\na future that does not come: 100 ms\n\
+            one that comes: 50 ms\na timer: within the minute\na timer: within the minute\nok\n";
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
+    }
+
     /// A wait for ever lets no time pass. A wait that a board takes long to pass does not keep other threads from going on. The
     /// clock has an end. Of a set for select no more is used than the program has given.
     #[test]

@@ -124,13 +124,19 @@ impl FindError {
 /// [`CliError::Find`] if the expression is wrong, or the recording or the machine file cannot be read; [`CliError::Output`] if
 /// standard output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let found = find(args)?;
+    let (found, is_whole) = find(args)?;
     let lines: String = found.iter().map(|span| if args.json { in_json(span) } else { in_words(span) }).collect();
     output::print(lines)?;
-    Ok(if found.is_empty() { ExitCode::from(NOTHING) } else { ExitCode::SUCCESS })
+    Ok(match (found.is_empty(), is_whole) {
+        (false, _) => ExitCode::SUCCESS,
+        (true, true) => ExitCode::from(NOTHING),
+        // It may have become true in what cannot be read.
+        (true, false) => ExitCode::from(compare::TROUBLE),
+    })
 }
 
-fn find(args: &Args) -> Result<Vec<Span>, FindError> {
+/// When the condition was true, and whether all frames could be read.
+fn find(args: &Args) -> Result<(Vec<Span>, bool), FindError> {
     let is_file = args.file.as_os_str() != "-";
     // Standard input can be read only once, so its machine file is read with its frames. Otherwise a wrong expression is
     // reported before the recording is opened.
@@ -158,7 +164,9 @@ fn find(args: &Args) -> Result<Vec<Span>, FindError> {
     if !is_any {
         say("note", &"no frame is left; change --from, --to or --around");
     }
-    Ok(spans.finish())
+    let lacks = frames.lacks().unwrap_or_default();
+    let is_whole = walked.damage.is_none() && lacks.missing == 0 && lacks.damage.count == 0;
+    Ok((spans.finish(), is_whole))
 }
 
 /// The line of a time: `6.020000000 s  for 0.019000000 s`, times as `ecmsk dump` has them.

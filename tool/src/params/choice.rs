@@ -4,10 +4,15 @@ use std::collections::BTreeSet;
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::slave::ManufacturerObject;
+use ecmsk::slave::dictionary::Access;
 
 /// Objects of CiA 402 that command the drive at the moment: targets, offsets, modes and outputs. They are not saved, because
-/// they are no settings. The indexes are those of the first axis. \[OURS]
-const COMMANDS: [u16; 11] = [0x6040, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF];
+/// they are no settings. Those of frequency inverters (vl target velocity) and the outputs of IO modules (CiA 401) are among
+/// them. The indexes are those of the first axis. \[OURS]
+const COMMANDS: [u16; 17] = [
+    0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF, 0x6200, 0x6220, 0x6300,
+    0x6320, 0x6411,
+];
 /// The index range of the CiA 402 profile for all axes of a device. The objects of each further axis are [`AXIS`] higher.
 const PROFILE: std::ops::RangeInclusive<u16> = 0x6000..=0x9FFF;
 const AXIS: u16 = 0x800;
@@ -35,6 +40,37 @@ pub fn is_mapping(address: ObjectAddress) -> bool {
     MAPPINGS.contains(&address.index) || ASSIGNMENTS.contains(&address.index)
 }
 
+/// The objects of a file that a restore compares and writes.
+#[derive(Debug, Default)]
+pub struct Chosen<'f> {
+    pub parameters: Vec<&'f ManufacturerObject>,
+    /// Entries of mappings and assignments of which the file does not have the number of entries. Written without it they would
+    /// leave an empty list.
+    pub without_length: Vec<&'f ManufacturerObject>,
+}
+
+impl<'f> Chosen<'f> {
+    /// Chooses from all objects of a file. What can only be read is none of them, and neither are entries of a list beyond its
+    /// number of entries, which mean nothing.
+    pub fn of(objects: &'f [ManufacturerObject]) -> Self {
+        let count = |index| {
+            let length = objects.iter().find(|object| object.address == ObjectAddress::new(index, 0));
+            length.map(|length| length.value.bits())
+        };
+        let mut chosen = Self::default();
+        let writable = objects.iter().filter(|object| object.access != Access::ReadOnly);
+        for object in writable.filter(|object| is_parameter(object.address)) {
+            match count(object.address.index) {
+                _ if !is_mapping(object.address) => chosen.parameters.push(object),
+                None => chosen.without_length.push(object),
+                Some(count) if u64::from(object.address.sub) <= u64::from(count) => chosen.parameters.push(object),
+                Some(_) => {}
+            }
+        }
+        chosen
+    }
+}
+
 /// One SDO write: the object, and its new value as bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Write {
@@ -43,17 +79,15 @@ pub struct Write {
 }
 
 /// The writes that change the process data of a slave to that of a file (ETG.1020 6.4). `wanted` are all mapping and assignment
-/// objects of the file, `changed` the indexes at which the slave differs. First the assignments are set to 0 PDOs. Then each
+/// objects among the chosen parameters of the file, `changed` the indexes at which the slave differs. First the assignments are set to 0 PDOs. Then each
 /// changed mapping is set to 0 entries, its entries are written, and then its number of entries. The assignments come last.
 pub fn mapping_writes(wanted: &[&ManufacturerObject], changed: &BTreeSet<u16>) -> Vec<Write> {
     let empty = |index| Write { address: ObjectAddress::new(index, 0), bytes: vec![0] };
     let of = |index: u16| wanted.iter().filter(move |object| object.address.index == index);
     let filled = |index| {
-        // Sub-index 0, the number of entries, is written after the entries. Entries of the file beyond that number mean
-        // nothing.
+        // Sub-index 0, the number of entries, is written after the entries.
         let length = of(index).find(|object| object.address.sub == 0);
-        let count = length.map_or(0, |object| object.value.bits());
-        let entries = of(index).filter(|object| (1..=count).contains(&object.address.sub.into()));
+        let entries = of(index).filter(|object| object.address.sub > 0);
         let write =
             |object: &&ManufacturerObject| Write { address: object.address, bytes: object.value.bytes().to_vec() };
         entries.chain(length).map(write).collect::<Vec<_>>()
@@ -75,7 +109,7 @@ mod tests {
     #[test]
     fn commands_and_actions_are_no_parameters() {
         let is = |index| is_parameter(ObjectAddress::new(index, 0));
-        for index in [0x0005, 0x1010, 0x1011, 0x6040, 0x607A, 0x687A, 0x70FF, 0x8040] {
+        for index in [0x0005, 0x1010, 0x1011, 0x6040, 0x6042, 0x607A, 0x6200, 0x6411, 0x687A, 0x70FF, 0x8040] {
             assert!(!is(index), "0x{index:04X}");
         }
         for index in [0x1600, 0x1C12, 0x2000, 0x5FFF, 0x6081, 0x6098, 0x6881, 0xA040] {
@@ -90,7 +124,7 @@ mod tests {
         let text = "0x1600:0 u8 rw 2\n0x1600:1 u32 rw 0x60400010\n0x1600:2 u32 rw 0x607A0020\n0x1600:3 u32 rw 0\n0x1601:0 u8 rw 0\n\
                     0x1C12:0 u8 rw 1\n0x1C12:1 u16 rw 0x1600\n";
         let objects = ManufacturerObjects::parse(text).unwrap();
-        let wanted: Vec<&ManufacturerObject> = objects.objects().iter().collect();
+        let wanted = Chosen::of(objects.objects()).parameters;
         let writes = mapping_writes(&wanted, &BTreeSet::from([0x1600]));
         let shown: Vec<String> = writes.iter().map(|write| format!("{} {:X?}", write.address, write.bytes)).collect();
         assert_eq!(

@@ -97,8 +97,8 @@ pub enum ParamsError {
         /// The product in the file, and the product of the drive.
         what: String,
     },
-    /// Parameters differ, and the user has not confirmed writing them.
-    #[error("nothing was written; look at what differs, and say --yes")]
+    /// Parameters differ or are to be stored, and the user has not confirmed it.
+    #[error("nothing was written or stored; look at what differs, and say --yes")]
     NotConfirmed,
     /// The drive or its link was lost before anything was written to it.
     #[error("{0}; nothing was written")]

@@ -67,6 +67,8 @@ pub enum Why {
     Text,
     /// The drive does not let the object be read.
     NotRead(AbortCode),
+    /// The file has entries of a PDO mapping or assignment, and not their number.
+    NoLength,
 }
 
 impl Why {
@@ -76,6 +78,7 @@ impl Why {
             Self::TooLong { .. } => "too_long",
             Self::Text => "text",
             Self::NotRead(_) => "not_read",
+            Self::NoLength => "no_length",
         }
     }
 }
@@ -89,6 +92,7 @@ impl fmt::Display for Why {
             }
             Self::Text => f.write_str("a board transfers no texts"),
             Self::NotRead(code) => write!(f, "the drive does not let them be read: {code}"),
+            Self::NoLength => f.write_str("the file does not have their number of entries, sub-index 0"),
         }
     }
 }

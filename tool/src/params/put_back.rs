@@ -54,7 +54,8 @@ pub fn put_back(
             show(&opened.reporter, VERB, slave, difference, "differs", "")?;
         }
         summarise(opened, VERB, slave, &compared)?;
-        return if compared.different.is_empty() { Ok(ExitCode::SUCCESS) } else { Err(ParamsError::NotConfirmed) };
+        let is_done = compared.different.is_empty() && !options.store;
+        return if is_done { Ok(ExitCode::SUCCESS) } else { Err(ParamsError::NotConfirmed) };
     }
     let compared = compared.map_err(|error| match error {
         error @ ParamsError::OtherProduct { .. } => error,
@@ -66,8 +67,12 @@ pub fn put_back(
     if count > 0 {
         opened.reporter.note(format_args!("written and read back: {} of {count}", count - failed));
     }
-    if options.store {
-        store(opened, slave)?;
+    match failed {
+        0 if options.store => store(opened, slave)?,
+        1.. if options.store => {
+            opened.reporter.note(format_args!("slave {slave} was not asked to store: not all parameters are those of the file"));
+        }
+        _ => {}
     }
     Ok(ExitCode::from(u8::from(failed > 0)))
 }

@@ -6,9 +6,9 @@ use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::slave::{ManufacturerObject, ManufacturerValue};
 
 use super::ParamsError;
-use super::choice::{self, is_mapping};
+use super::choice::{self, Chosen, is_mapping};
 use super::drive::{Answer, Drive, write_any};
-use super::kept::LeftOut;
+use super::kept::{LeftOut, Why};
 
 /// A parameter whose value on the drive is not that of the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,8 +39,10 @@ pub fn compare(
     at: &mut dyn FnMut(u16),
 ) -> Result<Compared, ParamsError> {
     let carries = drive.carries();
-    let mut compared = Compared::default();
-    for wanted in objects.iter().filter(|object| choice::is_parameter(object.address)) {
+    let chosen = Chosen::of(objects);
+    let left_out = chosen.without_length.iter().map(|object| LeftOut::of(object, Why::NoLength)).collect();
+    let mut compared = Compared { left_out, ..Compared::default() };
+    for wanted in chosen.parameters {
         at(wanted.address.index);
         if let Some(why) = carries.obstacle(wanted.data, wanted.value.bytes().len()) {
             compared.left_out.push(LeftOut::of(wanted, why));
@@ -169,7 +171,8 @@ impl Restore {
             return Ok(());
         }
         let changed: BTreeSet<u16> = mapping.iter().map(|difference| difference.wanted.address.index).collect();
-        let wanted: Vec<&ManufacturerObject> = objects.iter().filter(|object| is_mapping(object.address)).collect();
+        let mut wanted = Chosen::of(objects).parameters;
+        wanted.retain(|object| is_mapping(object.address));
         self.sent.extend(mapping.iter().map(|difference| difference.wanted.address));
         for write in choice::mapping_writes(&wanted, &changed) {
             if let Err(code) = drive.write(write.address, &write.bytes)? {
@@ -344,6 +347,26 @@ mod tests {
             assert_eq!(found, stages, "{calls}");
             assert_eq!(fates.len(), stages.iter().filter(|stage| **stage == Decided).count(), "{calls}");
             assert!(result.unwrap_err().to_string().contains("slave 1 does not answer any more"));
+        }
+    }
+
+    /// A file from which the number of entries was cut leaves the lists of the drive as they are. What a list has beyond its
+    /// number of entries means nothing, and what can only be read is not written.
+    #[test]
+    fn lists_without_a_length_stay() {
+        let drive = "0x1600:0 u8 rw 2\n0x1600:1 u32 rw 8\n0x1600:2 u32 rw 9\n0x1C12:0 u8 rw 1\n0x1C12:1 u16 rw 0x1600\n\
+                     0x2000:0 u8 rw 1\n";
+        for (file, left_out) in [
+            ("0x1600:1 u32 rw 5\n0x1C12:1 u16 rw 0x1601\n", 2),
+            ("0x1600:0 u8 rw 2\n0x1600:1 u32 rw 8\n0x1600:2 u32 rw 9\n0x1600:3 u32 rw 7\n0x2000:0 u8 ro 4\n", 0),
+        ] {
+            let mut table = Table::of(drive);
+            let objects = ManufacturerObjects::parse(file).unwrap();
+            let compared = compare(&mut table, objects.objects(), &mut |_| ()).unwrap();
+            assert_eq!((compared.left_out.len(), compared.different), (left_out, Vec::new()), "{file}");
+            let (fates, result) = run(&mut table, file);
+            result.unwrap();
+            assert_eq!((fates, table.writes), (Vec::new(), Vec::new()), "{file}");
         }
     }
 

@@ -157,15 +157,15 @@ fn a_drive_that_is_lost_at_any_time() {
     let count = changed.objects().iter().filter(|object| is_changed(object)).count();
     file.objects = changed;
     let (mut untouched, mut halfway, mut whole) = (0, 0, 0);
-    for ms in (1..400).step_by(3) {
-        std::fs::write(&script, format!("at {ms}ms lose 1\n")).unwrap();
+    for us in (2000..16_000).step_by(150) {
+        std::fs::write(&script, format!("at {us}us lose 1\n")).unwrap();
         let link = format!("sim:?slaves=drive&script={}", script.display());
         let Ok(mut opened) = Opened::network(&link, bus::open(&link).unwrap(), false) else { continue };
         match put_back(&mut opened, 1, &file, WRITE) {
             Ok(_) => whole += 1,
             Err(ParamsError::Untouched(_)) => untouched += 1,
             Err(ParamsError::Halfway { written, failed, sent, left, .. }) => {
-                assert_eq!(written + failed + sent + left, count, "{ms}");
+                assert_eq!(written + failed + sent + left, count, "{us}");
                 halfway += 1;
             }
             Err(error) => panic!("{error}"),

@@ -105,13 +105,23 @@ fn pass_on(reports: &Receiver<Report>) {
     }
 }
 
+/// A status is one line. What follows `?token=` opens the page, and every user of the machine can read the status.
+#[cfg(target_os = "linux")]
+fn one_line(status: &str) -> String {
+    let without_token = |line: &str| match line.split_once("?token=") {
+        Some((before, after)) => format!("{before}{}", after.trim_start_matches(|c: char| c.is_ascii_alphanumeric())),
+        None => line.to_owned(),
+    };
+    status.trim_end().lines().map(without_token).collect::<Vec<_>>().join("; ")
+}
+
 #[cfg(target_os = "linux")]
 fn send(report: &Report) -> io::Result<()> {
     use sd_notify::{NotifyState, notify};
 
     match report {
-        Report::Ready(status) => notify(&[NotifyState::Ready, NotifyState::Status(status)]),
-        Report::Status(status) => notify(&[NotifyState::Status(&status.replace('\n', "; "))]),
+        Report::Ready(status) => notify(&[NotifyState::Ready, NotifyState::Status(&one_line(status))]),
+        Report::Status(status) => notify(&[NotifyState::Status(&one_line(status))]),
         Report::Ping => notify(&[NotifyState::Watchdog]),
         Report::Stopping(_) => notify(&[NotifyState::Stopping]),
     }
@@ -130,4 +140,16 @@ fn watchdog() -> Option<Duration> {
 #[cfg(not(target_os = "linux"))]
 const fn watchdog() -> Option<Duration> {
     None
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::one_line;
+
+    #[test]
+    fn a_status_is_one_line_without_a_token() {
+        assert_eq!(one_line("a\nb\n"), "a; b");
+        let ready = "listening on http://127.0.0.1:1/?token=0a9f; showing sim:\n";
+        assert_eq!(one_line(ready), "listening on http://127.0.0.1:1/; showing sim:");
+    }
 }

@@ -46,6 +46,11 @@ impl FailOn {
         Ok(Self { text: text.trim().to_owned(), reason: Reason::parse(text)? })
     }
 
+    /// Whether it is `any`, for which a recording of which nothing can be read is a reason, too.
+    pub fn is_any(&self) -> bool {
+        matches!(self.reason, Reason::Any)
+    }
+
     /// The lines that say why the run has failed; none if it has not.
     pub fn failures(
         &self,

@@ -17,7 +17,7 @@ mod sources;
 mod watch;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -136,9 +136,10 @@ pub fn run(args: &Args, machine: Option<&MachineFile>) -> Result<ExitCode, CliEr
     for (number, source) in recordings.iter().enumerate() {
         match trends.read(number, source, about) {
             Ok((whole, is_whole)) => trends.judge(source, &whole, is_whole, reasons, machine),
-            Err(error) => sources.pass_over(&source.file, error),
+            Err(error) => sources.pass_over_unread(&source.file, error),
         }
     }
+    trends.judge_damaged(&sources.damaged, reasons);
     note_passed_over(&sources);
     if trends.parts.is_empty() {
         return Err(SummaryError::NoRecording { folder: args.file.clone() }.into());
@@ -230,6 +231,16 @@ impl Trends {
         for (reason, failures) in reasons.iter().zip(&mut self.failures) {
             let found = reason.failures(&whole.summary, is_whole, &axes, machine);
             failures.extend(found.into_iter().map(|why| format!("{}: {why}", source.file.display())));
+        }
+    }
+}
+
+impl Trends {
+    /// A recording of which nothing can be read is incomplete.
+    fn judge_damaged(&mut self, damaged: &[PathBuf], reasons: &[FailOn]) {
+        self.is_clean &= damaged.is_empty();
+        for (_, failures) in reasons.iter().zip(&mut self.failures).filter(|(reason, _)| reason.is_any()) {
+            failures.extend(damaged.iter().map(|file| format!("{}: it cannot be read", file.display())));
         }
     }
 }

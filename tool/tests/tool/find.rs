@@ -78,6 +78,19 @@ fn a_gap_is_found() {
     assert_eq!(spans(&recorded, "gap and position(1) > 100").len(), 1);
 }
 
+/// What was not found in a damaged recording may be in what cannot be read.
+#[test]
+fn a_damaged_recording_has_no_never() {
+    let mut board = FakeBoard::new(SlotSize::Bytes12, 2);
+    go(&mut board, 0..300);
+    let recorded = Recorded::new(&board);
+    assert_eq!(find(&recorded, "alarm", &[]).code, Some(1));
+    let whole = std::fs::read(&recorded.file).expect("a file");
+    std::fs::write(&recorded.file, &whole[..whole.len() - 100]).expect("a file");
+    assert_eq!(find(&recorded, "alarm", &[]).code, Some(2));
+    assert_eq!(find(&recorded, "position(1) > 100", &[]).code, Some(0));
+}
+
 /// Names of the machine file have its units, numbers count, and a unit behind a number holds for both.
 #[test]
 fn a_name_has_units_and_a_number_counts() {

@@ -266,6 +266,20 @@ fn what_is_no_recording_is_passed_over() {
     assert!(of_parts(&found, "incomplete").contains(&&Value::from(1)));
     assert_eq!(run(["summary", "--fail-on", "following-error>100000", text(folder.path())]).code, Some(0));
 
+    // Recordings of which nothing can be read are incomplete; a letter is none.
+    let nights = tempfile::tempdir().expect("a folder");
+    day(Day::default()).record(&nights.path().join("good.pcapng"), "sim:", Some(SlotSize::Bytes12));
+    fs::write(nights.path().join("letter.txt"), "Dear Sir").expect("a file");
+    let any = ["summary", "--fail-on", "any", text(nights.path())];
+    assert_eq!(run(any).code, Some(0), "{:?}", run(any));
+    fs::write(nights.path().join("begun.pcapng"), &cut[..100]).expect("a file");
+    let ran = run(any);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    assert!(ran.err.lines().any(|line| line.starts_with("failed: ") && line.contains("begun.pcapng")), "{}", ran.err);
+    let junit = nights.path().join("any.xml");
+    run(["summary", "--exit-code", "--junit", text(&junit), text(nights.path())]);
+    assert!(fs::read_to_string(&junit).expect("a file").contains("begun.pcapng"));
+
     let empty = tempfile::tempdir().expect("a folder");
     run(["summary", text(empty.path())]).expect_failure(1, &["has no recording with frames"], "record into it");
     let missing = empty.path().join("missing");

@@ -1,11 +1,12 @@
 //! The recordings of a folder, in the order in which they were made.
 
+use std::ffi::OsStr;
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
 use ecmsk::link::record::flight::FlightContents;
-use ecmsk::recording::{Address, Clock, RecordError};
+use ecmsk::recording::{Address, Clock, Lacks, RecordError};
 use ecmsk::sk::SlotSize;
 
 use crate::recording::{Frames, board};
@@ -31,6 +32,8 @@ pub struct Sources {
     pub recordings: Vec<Source>,
     /// What is no recording of a board, or cannot be read, and why.
     pub passed_over: Vec<(PathBuf, String)>,
+    /// Those of `passed_over` that are recordings, by their beginning or their name: they are damaged.
+    pub damaged: Vec<PathBuf>,
 }
 
 /// What a person has said about captures.
@@ -59,7 +62,7 @@ impl Sources {
         let mut sources = Self::default();
         match source(file, about)? {
             Ok(source) => sources.recordings.push(source),
-            Err(why) => sources.pass_over(file, why),
+            Err(empty) => sources.pass_over_empty(file, empty),
         }
         Ok(sources)
     }
@@ -106,9 +109,26 @@ impl Sources {
     fn add(&mut self, file: &Path, about: About) {
         match source(file, about) {
             Ok(Ok(source)) => self.recordings.push(source),
-            Ok(Err(why)) => self.pass_over(file, why),
-            Err(error) => self.pass_over(file, error),
+            Ok(Err(empty)) => self.pass_over_empty(file, empty),
+            Err(error) => self.pass_over_unread(file, error),
         }
+    }
+
+    /// Notes a recording that has no frame.
+    fn pass_over_empty(&mut self, file: &Path, lacks: Option<Lacks>) {
+        if lacks.is_some() {
+            self.damaged.push(file.to_owned());
+        }
+        self.pass_over(file, lacks.map_or_else(|| "it has no frame".to_owned(), |lacks| lacks.to_string()));
+    }
+
+    /// Notes a file that cannot be read. It is a recording by its beginning, or because it is named so.
+    pub fn pass_over_unread(&mut self, file: &Path, error: RecordError) {
+        let is_named_so = file.extension().is_some_and(|ending| ["ecmrec", "pcapng", "pcap"].map(OsStr::new).contains(&ending));
+        if is_named_so || !matches!(error, RecordError::NotACapture { .. }) {
+            self.damaged.push(file.to_owned());
+        }
+        self.pass_over(file, error);
     }
 
     /// Notes a file that is left out, and why.
@@ -121,13 +141,12 @@ impl Sources {
     }
 }
 
-/// Looks at the beginning of a recording. If it has no frame that can be read, returns why.
-fn source(file: &Path, about: About) -> Result<Result<Source, String>, RecordError> {
+/// Looks at the beginning of a recording. If it has no frame that can be read, returns what it lacks.
+fn source(file: &Path, about: About) -> Result<Result<Source, Option<Lacks>>, RecordError> {
     let device = board(file, about.device)?;
     let mut frames = Frames::open(file, about.size, device)?.quiet();
     let Some(first) = frames.next().transpose()? else {
-        let why = frames.lacks().map_or_else(|| "it has no frame".to_owned(), |lacks| lacks.to_string());
-        return Ok(Err(why));
+        return Ok(Err(frames.lacks()));
     };
     let is_virtual = first.meta.is_some_and(|meta| meta.clock == Clock::Virtual);
     Ok(Ok(Source { file: file.to_owned(), device, begin_ns: first.recorded.at_ns, is_virtual, is_live: false }))

@@ -8,60 +8,13 @@ pub const CLOCKS: [&str; 2] = ["sim:?slaves=drive*2&clock=virtual", "sim:?slaves
 
 /// Compiles `tests/c/NAME.c`.
 #[cfg(test)]
-fn c_program(name: &str) -> support::Program {
+pub fn c_program(name: &str) -> support::Program {
     support::compile(&support::root().join("tests/c").join(name).with_extension("c"), support::Language::C("c99"))
-}
-
-/// A whole machine file: axes in two units and in counts, an input, an output, a link.
-#[cfg(test)]
-const MACHINE: &str = r#"
-format = 1
-link = "sim:?clock=virtual"
-[slaves.3]
-kind = "io"
-[axes]
-X = { slave = 1, unit = "mm", per = 0.001, min = -10, max = 250.5, max_velocity = 100, max_acceleration = 1000.5 }
-Größe = { slave = 2, unit = "deg", per = "-360/131072", min = -90 }
-Z = { slave = 4 }
-[inputs]
-door = { slave = 3, bit = 0 }
-[outputs]
-lamp = { slave = 3, bit = 15 }
-"#;
-
-/// Writes machine files for `tests/c/machine.c` and returns its arguments: a whole file, the smallest one, the beginning of
-/// the whole one's link, and wrong files, each with a part of its error.
-#[cfg(test)]
-fn machine_files() -> Vec<String> {
-    let folder = support::out_dir().join("machine-öl");
-    std::fs::create_dir_all(&folder).expect("a folder in the target folder");
-    let file = |name: &str, text: &str| {
-        let path = folder.join(name);
-        // Renamed, because another test may read it.
-        let new = tempfile::NamedTempFile::new_in(&folder).expect("a file in the target folder");
-        std::fs::write(&new, text).expect("a file in the target folder");
-        new.persist(&path).expect("a file in the target folder");
-        path.to_str().expect("UTF-8").to_owned()
-    };
-    let whole = file("whole.toml", MACHINE);
-    let smallest = file("smallest.toml", "format = 1\naxes.A.slave = 1\n");
-    let mut arguments = vec![whole, smallest, "sim:?machine=".to_owned()];
-    for (name, replaced, by, said) in [
-        ("no-toml", "[axes]", "[axes", ", line 6: "),
-        ("newer", "format = 1", "format = 2", ", line 2: format: it is 2, and this version reads up to 1"),
-        ("scale", "per = 0.001", "per = 0", ", line 7: axes.X.per: 0 is no scale; write"),
-        ("two-on-one", "slave = 4", "slave = 2", ", line 9: axes.Z.slave: axis Größe is on slave 2, too; give"),
-        ("link", "sim:?", "sims:?", ", line 3: link: link `sims:?clock=virtual`: unknown scheme"),
-    ] {
-        assert!(MACHINE.contains(replaced), "{replaced}");
-        arguments.extend([file(&format!("{name}.toml"), &MACHINE.replacen(replaced, by, 1)), said.to_owned()]);
-    }
-    arguments
 }
 
 /// Runs a program that checks itself and prints `ok`. Neither it nor the library may print anything else.
 #[cfg(test)]
-fn passes(name: &str, link: &str, arguments: &[&str]) {
+pub fn passes(name: &str, link: &str, arguments: &[&str]) {
     let ended = c_program(name).run(link, arguments);
     assert_eq!(ended.stderr, "", "{name} on {link}");
     assert_eq!(ended.success(), "ok\n", "{name} on {link}");
@@ -74,7 +27,7 @@ mod needs_cxx {
     use ecmsk::link::Dir;
     use ecmsk::recording::{Recorded, Recording};
 
-    use super::{CLOCKS, c_program, machine_files, passes};
+    use super::{CLOCKS, c_program, passes};
     use support::{self, out_dir};
 
     /// LIB-41 Read and write before Open and after Close give false at once and do not crash; LIB-47 Close twice is harmless;
@@ -415,15 +368,6 @@ mod needs_cxx {
         passes("boards", "sim:?slaves=drive*2&clock=virtual", &[]);
     }
 
-    /// Machine files: axes, conversions, texts, inputs and outputs; wrong files with their lines, wrong arguments, handles that
-    /// are closed, made up or those of boards; threads that open, use and close files at once.
-    #[test]
-    fn a_machine_file_is_read() {
-        let arguments = machine_files();
-        let arguments: Vec<&str> = arguments.iter().map(|argument| &**argument).collect();
-        passes("machine", CLOCKS[0], &arguments);
-    }
-
     /// Counters of commands for a lost slave and of modes that were not restored after homing; statistics of faults
     /// that the link injected.
     #[test]
@@ -485,7 +429,7 @@ mod needs_cxx {
 }
 
 mod needs_valgrind {
-    use super::{CLOCKS, c_program, machine_files};
+    use super::{CLOCKS, c_program};
 
     /// LIB-28, LIB-52, LIB-54 The library touches no byte that is not the caller's or not initialised, and leaks no
     /// memory.
@@ -497,8 +441,5 @@ mod needs_valgrind {
             }
         }
         assert_eq!(support::memcheck(&c_program("exit_open"), CLOCKS[1], &["return"]), "ok\n");
-        let arguments = machine_files();
-        let arguments: Vec<&str> = arguments.iter().map(|argument| &**argument).collect();
-        assert_eq!(support::memcheck(&c_program("machine"), CLOCKS[0], &arguments), "ok\n");
     }
 }

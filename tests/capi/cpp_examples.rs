@@ -313,7 +313,10 @@ mod needs_cxx {
         fs::write(&file, text.replace("slave = 2", "slave = 1")).expect("a file in the target folder");
         let ended = run(&file);
         assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(1), ""));
-        assert!(ended.stderr.contains("machine_axes.toml, line 26: axes.C.slave: axis X is on slave 1, too"), "{ended:?}");
+        assert!(
+            ended.stderr.contains("machine_axes.toml, line 26: axes.C.slave: axis X is on slave 1, too"),
+            "{ended:?}"
+        );
         let ended = run(Path::new("nonexistent.toml"));
         assert!(ended.stderr.starts_with("cannot read the machine file nonexistent.toml: "), "{ended:?}");
     }

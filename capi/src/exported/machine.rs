@@ -26,7 +26,7 @@ pub struct EcmskMachine {
 pub struct EcmskAxis {
     /// The size of this structure in bytes.
     pub size: u32,
-    /// The number of the slave that moves the axis, 1 to 40; it is the axis' number and the slot of its commands, too.
+    /// The number of the slave that moves the axis, 1 to 40. It is the number of the axis and of the slot of its commands, too.
     pub slave: u32,
     /// The number of counts in one unit; not 0. It is negative if the unit counts in the opposite direction.
     pub counts_per_unit: f64,

@@ -288,7 +288,7 @@ typedef struct {
    */
   uint32_t size;
   /**
-   * The number of the slave that moves the axis, 1 to 40; it is the axis' number and the slot of its commands, too.
+   * The number of the slave that moves the axis, 1 to 40. It is the number of the axis and of the slot of its commands, too.
    */
   uint32_t slave;
   /**

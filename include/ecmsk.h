@@ -1,6 +1,6 @@
 /*
  * ecmsk: functions of the library beside the vendor's four, for programs that need error texts, several open boards at
- * once, or counters. This header may be included together with a vendor header.
+ * once, counters, or a machine file. This header may be included together with a vendor header.
  *
  * Made by cbindgen from capi/src; do not edit.
  */
@@ -17,12 +17,12 @@
 #define ECMSK_OK 0
 
 /**
- * An argument is NULL, has the length 0 or an invalid value, or the URI is invalid.
+ * An argument is NULL, has the length 0 or an invalid value, or the URI or the machine file is invalid.
  */
 #define ECMSK_ERROR_ARGUMENT -1
 
 /**
- * No open board has this handle.
+ * No open board has this handle, or no open machine file.
  */
 #define ECMSK_ERROR_HANDLE -2
 
@@ -92,6 +92,11 @@
  * A handle of an open board. It is not an address: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
  */
 typedef struct ecmsk_board ecmsk_board;
+
+/**
+ * A handle of an open machine file. It is not an address: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
+ */
+typedef struct ecmsk_machine ecmsk_machine;
 
 /**
  * The result of a call: `ECMSK_OK`, or a negative error code. `ecmsk_last_error` has a text for every error.
@@ -273,6 +278,49 @@ typedef struct {
   uint64_t inputs_stale;
 } ecmsk_counters;
 
+/**
+ * An axis of a machine file. `size` is used as in `ecmsk_stats`. The limits can be compared as they are: one that the file
+ * does not give is infinite, or the end of the 32 bits of a position.
+ */
+typedef struct {
+  /**
+   * The size of this structure in bytes.
+   */
+  uint32_t size;
+  /**
+   * The number of the slave that moves the axis, 1 to 40. It is the number of the axis and of the slot of its commands, too.
+   */
+  uint32_t slave;
+  /**
+   * The number of counts in one unit; not 0. It is negative if the unit counts in the opposite direction.
+   */
+  double counts_per_unit;
+  /**
+   * The lowest position that a target may have, in units: the nearest count. Without a limit it is -INFINITY.
+   */
+  double min_units;
+  /**
+   * The highest position that a target may have, in units: the nearest count. Without a limit it is INFINITY.
+   */
+  double max_units;
+  /**
+   * The highest speed of a move, in units per second. Without a limit it is INFINITY.
+   */
+  double max_velocity;
+  /**
+   * The highest acceleration of a move, in units per second squared. Without a limit it is INFINITY.
+   */
+  double max_acceleration;
+  /**
+   * The lowest target in counts. Without a limit it is INT32_MIN. It is the end `max_units` if `counts_per_unit` is negative.
+   */
+  int32_t min_counts;
+  /**
+   * The highest target in counts. Without a limit it is INT32_MAX. It is the end `min_units` if `counts_per_unit` is negative.
+   */
+  int32_t max_counts;
+} ecmsk_axis;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -382,6 +430,138 @@ ecmsk_result ecmsk_get_link_name(ecmsk_board *board,
                                  char *buffer,
                                  size_t length,
                                  size_t *needed);
+
+/**
+ * Reads the machine file at the path `file`, such as `machine.toml`, and checks all of it. Writes its handle to `*machine`,
+ * or NULL if the call fails. The result is `ECMSK_ERROR_IO` if the file cannot be read, and `ECMSK_ERROR_ARGUMENT` if it is
+ * wrong; the error text then has the line, the field and what to do. The file is read in this call alone, and no board is
+ * opened.
+ *
+ * # Safety
+ * `file` is NULL or a text in UTF-8 that ends with 0. `machine` is NULL or points to room for a pointer.
+ */
+ecmsk_result ecmsk_machine_open(const char *file,
+                                ecmsk_machine **machine);
+
+/**
+ * Closes a machine file. The handle is invalid afterwards. A board that was opened with its link stays open.
+ *
+ * # Safety
+ * None: any value may be passed.
+ */
+ecmsk_result ecmsk_machine_close(ecmsk_machine *machine);
+
+/**
+ * Copies the URI of the machine's board, for `ecmsk_open`, to the `length` bytes at `buffer`, as `ecmsk_get_link_name` does.
+ * It is the link of the file with the key `axes=`: a target beyond the soft limits is reported in the log, and not sent if
+ * the file says so. A simulated board has the slaves of the file. If the file names no link the text is empty.
+ *
+ * # Safety
+ * As for `ecmsk_get_link_name`. `machine` may be any value.
+ */
+ecmsk_result ecmsk_machine_get_link(ecmsk_machine *machine,
+                                    char *buffer,
+                                    size_t length,
+                                    size_t *needed);
+
+/**
+ * Writes the number of axes to `*count`. Their indexes are 0 to the number minus 1, in the order of their slaves.
+ *
+ * # Safety
+ * `count` is NULL or points to room for a `uint32_t`. `machine` may be any value.
+ */
+ecmsk_result ecmsk_machine_get_axis_count(ecmsk_machine *machine, uint32_t *count);
+
+/**
+ * Writes the index of the axis with this name to `*index`. Upper and lower case are the same. Without such an axis the
+ * result is `ECMSK_ERROR_ARGUMENT`.
+ *
+ * # Safety
+ * `name` is NULL or a text in UTF-8 that ends with 0. `index` is NULL or points to room for a `uint32_t`. `machine` may be
+ * any value.
+ */
+ecmsk_result ecmsk_machine_find_axis(ecmsk_machine *machine,
+                                     const char *name,
+                                     uint32_t *index);
+
+/**
+ * Gets the axis with this index. Its name and its unit are `ecmsk_machine_get_axis_name` and `ecmsk_machine_get_axis_unit`.
+ *
+ * # Safety
+ * `axis` is NULL or points to `axis->size` writable bytes. `machine` may be any value.
+ */
+ecmsk_result ecmsk_machine_get_axis(ecmsk_machine *machine,
+                                    uint32_t index,
+                                    ecmsk_axis *axis);
+
+/**
+ * Copies the name of an axis to the `length` bytes at `buffer`, as `ecmsk_get_link_name` does. A name has at most 32
+ * characters, which are 128 bytes of UTF-8, and the terminating 0.
+ *
+ * # Safety
+ * As for `ecmsk_get_link_name`. `machine` may be any value.
+ */
+ecmsk_result ecmsk_machine_get_axis_name(ecmsk_machine *machine,
+                                         uint32_t index,
+                                         char *buffer,
+                                         size_t length,
+                                         size_t *needed);
+
+/**
+ * Copies the unit of an axis to the `length` bytes at `buffer`, as `ecmsk_get_link_name` does: `mm`, `um`, `m`, `in`, `deg`,
+ * `rad`, `turn` or `counts`.
+ *
+ * # Safety
+ * As for `ecmsk_get_link_name`. `machine` may be any value.
+ */
+ecmsk_result ecmsk_machine_get_axis_unit(ecmsk_machine *machine,
+                                         uint32_t index,
+                                         char *buffer,
+                                         size_t length,
+                                         size_t *needed);
+
+/**
+ * Converts a position of an axis in units to the nearest count and writes that to `*counts`. What is beyond the 64 bits
+ * becomes their end. A target of the board has 32 bits: compare with `min_counts` and `max_counts` of the axis before. The
+ * result is `ECMSK_ERROR_ARGUMENT` if `units` is NaN.
+ *
+ * # Safety
+ * `counts` is NULL or points to room for an `int64_t`. `machine` may be any value.
+ */
+ecmsk_result ecmsk_machine_to_counts(ecmsk_machine *machine,
+                                     uint32_t index,
+                                     double units,
+                                     int64_t *counts);
+
+/**
+ * Converts a position of an axis in counts to units and writes that to `*units`, a finite number.
+ *
+ * # Safety
+ * `units` is NULL or points to room for a `double`. `machine` may be any value.
+ */
+ecmsk_result ecmsk_machine_to_units(ecmsk_machine *machine, uint32_t index, int64_t counts, double *units);
+
+/**
+ * Writes the slave, from 1, and the bit, from 0, of the input with this name to `*slave` and `*bit`. Upper and lower case
+ * are the same. Without such an input the result is `ECMSK_ERROR_ARGUMENT`.
+ *
+ * # Safety
+ * `name` is NULL or a text in UTF-8 that ends with 0. `slave` and `bit` are NULL or point to room for a `uint32_t`.
+ * `machine` may be any value.
+ */
+ecmsk_result ecmsk_machine_find_input(ecmsk_machine *machine,
+                                      const char *name,
+                                      uint32_t *slave,
+                                      uint32_t *bit);
+
+/**
+ * Writes the slave, from 1, and the bit, from 0, of the output with this name to `*slave` and `*bit`, as
+ * `ecmsk_machine_find_input` does.
+ *
+ * # Safety
+ * As for `ecmsk_machine_find_input`.
+ */
+ecmsk_result ecmsk_machine_find_output(ecmsk_machine *machine, const char *name, uint32_t *slave, uint32_t *bit);
 
 #ifdef __cplusplus
 }  // extern "C"

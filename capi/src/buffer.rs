@@ -1,4 +1,4 @@
-//! Access to frames and texts in the caller's memory.
+//! Access to frames, texts and structures in the caller's memory.
 
 use std::ffi::{CStr, c_char};
 
@@ -48,6 +48,101 @@ impl ReportBuffer {
         // The report is not in the caller's memory, so the two do not overlap.
         unsafe { std::ptr::copy_nonoverlapping(report.bytes().as_ptr(), self.data, self.length) }
     }
+}
+
+/// The caller's buffer for a text.
+pub struct TextBuffer {
+    buffer: *mut c_char,
+    length: usize,
+    needed: *mut usize,
+}
+
+impl TextBuffer {
+    /// Uses the `length` bytes at `buffer` for a text, and `*needed` for the number of bytes that the whole text needs.
+    ///
+    /// # Errors
+    /// [`CallError::Null`]: `buffer` is NULL and `length` is not 0.
+    ///
+    /// # Safety
+    /// `buffer` is NULL or points to `length` writable bytes, and `needed` is NULL or points to room for a `usize`, for as
+    /// long as this lives.
+    pub unsafe fn new(buffer: *mut c_char, length: usize, needed: *mut usize) -> Result<Self, Box<CallError>> {
+        if buffer.is_null() && length > 0 {
+            return Err(CallError::Null { argument: "buffer", expected: "`length` bytes" }.into());
+        }
+        Ok(Self { buffer, length, needed })
+    }
+
+    /// Copies the text with a terminating 0 into the buffer. A longer text is cut between two characters.
+    pub fn fill(self, text: &str) {
+        if !self.needed.is_null() {
+            // SAFETY: not NULL, and the caller of `new` vouches for room.
+            unsafe { self.needed.write(text.len() + 1) };
+        }
+        if self.length > 0 {
+            let cut = text.floor_char_boundary(self.length - 1);
+            // SAFETY: `cut` is at most `length - 1`, so text and 0 fit into the `length` bytes that the caller of `new`
+            // vouches for; `text` is not in the caller's memory.
+            unsafe {
+                std::ptr::copy_nonoverlapping(text.as_ptr(), self.buffer.cast(), cut);
+                self.buffer.add(cut).write(0);
+            }
+        }
+    }
+}
+
+/// A structure that begins with its own size. A later version of the library may append fields; the size tells how many of
+/// them the caller's structure has.
+///
+/// # Safety
+/// The type is `repr(C)` and consists of numbers without padding. Its first four bytes are `size`, which holds the size of
+/// the type.
+pub unsafe trait Versioned: Copy {}
+
+/// The bytes of `size` and of the number behind it: the smallest structure that a caller may pass.
+const HEAD: usize = 8;
+
+/// Copies as many fields of `value` as the caller's structure has room for, and sets its `size` to the bytes that were
+/// copied. A field that does not fit completely is left out.
+///
+/// # Errors
+/// [`CallError::Null`]: `target` is NULL. [`CallError::StructSize`]: the caller has set `size` to less than 8.
+///
+/// # Safety
+/// `target` is NULL or points to a `u32` that holds the number of writable bytes there.
+pub unsafe fn copy_out<T: Versioned>(value: T, target: *mut T, argument: &'static str) -> Result<(), Box<CallError>> {
+    if target.is_null() {
+        return Err(CallError::Null { argument, expected: "a structure whose `size` is set" }.into());
+    }
+    let size = target.cast::<u32>();
+    // SAFETY: not NULL, and the caller vouches for the leading `size`, which need not be aligned.
+    let found = unsafe { size.read_unaligned() };
+    let filled = (found as usize).min(size_of::<T>()) / HEAD * HEAD;
+    if filled < HEAD {
+        return Err(CallError::StructSize { found, least: HEAD }.into());
+    }
+    // SAFETY: `filled` is at most the size of `value` and the number of bytes that the caller vouches for; `value` is local.
+    unsafe {
+        std::ptr::copy_nonoverlapping((&raw const value).cast::<u8>(), target.cast::<u8>(), filled);
+        size.write_unaligned(filled as u32);
+    }
+    Ok(())
+}
+
+/// Writes the result of a call to the caller's `target`. Errors name the argument of the exported function, `argument`.
+///
+/// # Errors
+/// [`CallError::Null`]: `target` is NULL.
+///
+/// # Safety
+/// `target` is NULL or points to room for a value of its type.
+pub unsafe fn put<T>(value: T, target: *mut T, argument: &'static str) -> Result<(), Box<CallError>> {
+    if target.is_null() {
+        return Err(CallError::Null { argument, expected: "room for the result" }.into());
+    }
+    // SAFETY: not NULL, and the caller vouches for room; nothing is read from it.
+    unsafe { target.write(value) };
+    Ok(())
 }
 
 /// Reads the C string at `text`. Errors name the argument of the exported function, `argument`.

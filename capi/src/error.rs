@@ -6,6 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecmsk::link::LinkError;
 use ecmsk::link::config::Source;
+use ecmsk::machine_file::MachineFileError;
 
 use crate::forked;
 
@@ -57,6 +58,31 @@ pub enum CallError {
     Handle {
         /// The invalid value that the caller has passed.
         handle: usize,
+    },
+    /// No open machine file has this handle.
+    #[error("no open machine file has the handle {handle:#x}; it was closed, or never came from ecmsk_machine_open")]
+    MachineHandle {
+        /// The invalid value that the caller has passed.
+        handle: usize,
+    },
+    /// The machine file cannot be used.
+    #[error(transparent)]
+    Machine(MachineFileError),
+    /// The machine file has no axis, input or output of this name, or no axis of this index.
+    #[error("{file} has no {what}; it has {there}")]
+    NotInMachine {
+        /// The path of the machine file.
+        file: String,
+        /// What the caller has asked for.
+        what: String,
+        /// What the file has instead.
+        there: String,
+    },
+    /// A number is NaN.
+    #[error("`{argument}` is not a number (NaN); pass a number")]
+    NotANumber {
+        /// The name of the argument in the C function that was called.
+        argument: &'static str,
     },
     /// The link cannot read the counters that a board keeps of frames and commands; only the modelled board has them.
     #[error("`{link}` does not show the board's counters; a simulated board does")]

@@ -1,75 +1,70 @@
-//! The table of the boards that a program has opened by URI.
+//! The tables of what a program has opened: boards by URI, machine files.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::sync::{Arc, PoisonError, RwLock};
 
-use crate::board::OpenBoard;
-use crate::error::CallError;
+/// The handles of boards. Smaller numbers are reserved for fixed handles; the vendor's board has handle 1.
+pub const OF_BOARDS: RangeInclusive<usize> = 0x10..=usize::MAX / 2;
+/// The handles of machine files. No board has one of them, so that a handle of the wrong kind is not found.
+pub const OF_MACHINES: RangeInclusive<usize> = usize::MAX / 2 + 1..=usize::MAX;
 
-/// The table of open boards by their handles. A handle is a number and no address, so that one which was closed or made up is
-/// not found and does no harm. No number is used again until all are used up.
-pub struct Handles {
-    table: RwLock<Table>,
+/// A table of what is open, by handles. A handle is a number and no address, so that one which was closed or made up is not
+/// found and does no harm. No number is used again until all are used up.
+pub struct Handles<T> {
+    /// The numbers of the handles.
+    range: RangeInclusive<usize>,
+    table: RwLock<Table<T>>,
 }
 
-struct Table {
-    boards: BTreeMap<usize, Arc<OpenBoard>>,
+struct Table<T> {
+    open: BTreeMap<usize, Arc<T>>,
     next: usize,
 }
 
-/// The first handle in the table. Smaller numbers are reserved for fixed handles; the vendor's board has handle 1.
-pub(crate) const FIRST: usize = 0x10;
-
-impl Handles {
-    /// An empty table.
-    pub const fn new() -> Self {
-        Self { table: RwLock::new(Table { boards: BTreeMap::new(), next: FIRST }) }
+impl<T> Handles<T> {
+    /// An empty table with handles of this range.
+    pub const fn new(range: RangeInclusive<usize>) -> Self {
+        let next = *range.start();
+        Self { range, table: RwLock::new(Table { open: BTreeMap::new(), next }) }
     }
 
-    /// Adds a board and returns its handle.
-    pub fn insert(&self, board: Arc<OpenBoard>) -> usize {
+    /// Adds what was opened and returns its handle.
+    pub fn insert(&self, opened: Arc<T>) -> usize {
         let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
-        while table.boards.contains_key(&table.next) {
-            table.next = after(table.next);
+        while table.open.contains_key(&table.next) {
+            table.next = self.after(table.next);
         }
         let handle = table.next;
-        table.next = after(handle);
-        table.boards.insert(handle, board);
+        table.next = self.after(handle);
+        table.open.insert(handle, opened);
         handle
     }
 
-    /// The board of a handle.
-    ///
-    /// # Errors
-    /// [`CallError::Handle`]: no board in the table has this handle.
-    pub fn get(&self, handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
-        let table = self.table.read().unwrap_or_else(PoisonError::into_inner);
-        table.boards.get(&handle).cloned().ok_or_else(|| CallError::Handle { handle }.into())
+    /// What has this handle.
+    pub fn get(&self, handle: usize) -> Option<Arc<T>> {
+        self.table.read().unwrap_or_else(PoisonError::into_inner).open.get(&handle).cloned()
     }
 
-    /// Removes the board of a handle and returns it.
-    ///
-    /// # Errors
-    /// [`CallError::Handle`]: no board in the table has this handle.
-    pub fn remove(&self, handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
-        let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
-        table.boards.remove(&handle).ok_or_else(|| CallError::Handle { handle }.into())
+    /// Removes what has this handle and returns it.
+    pub fn remove(&self, handle: usize) -> Option<Arc<T>> {
+        self.table.write().unwrap_or_else(PoisonError::into_inner).open.remove(&handle)
     }
 
-    /// All boards in the table.
+    /// All in the table.
     #[cfg(target_os = "linux")]
-    pub fn all(&self) -> Vec<Arc<OpenBoard>> {
-        self.table.read().unwrap_or_else(PoisonError::into_inner).boards.values().cloned().collect()
+    pub fn all(&self) -> Vec<Arc<T>> {
+        self.table.read().unwrap_or_else(PoisonError::into_inner).open.values().cloned().collect()
     }
 
-    /// Removes all boards and returns them.
+    /// Removes all and returns them.
     #[cfg(unix)]
-    pub fn drain(&self) -> Vec<Arc<OpenBoard>> {
+    pub fn drain(&self) -> Vec<Arc<T>> {
         let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
-        std::mem::take(&mut table.boards).into_values().collect()
+        std::mem::take(&mut table.open).into_values().collect()
     }
-}
 
-fn after(handle: usize) -> usize {
-    handle.checked_add(1).unwrap_or(FIRST)
+    fn after(&self, handle: usize) -> usize {
+        if handle == *self.range.end() { *self.range.start() } else { handle + 1 }
+    }
 }

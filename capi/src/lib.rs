@@ -8,7 +8,8 @@
 //! | --- | --- |
 //! | `exported/` | the exported functions |
 //! | `buffer.rs` | the caller's memory |
-//! | `board.rs`, `handles.rs`, `open_boards.rs` | an open board, the table of those opened by URI, all of this process |
+//! | `board.rs`, `open_boards.rs` | an open board, all of this process |
+//! | `handles.rs` | the tables of boards that were opened by URI, and of machine files |
 //! | `connect.rs` | which link is opened |
 //! | `last_frame.rs` | the frame that was moved last, which a failed read leaves to the program |
 //! | `error.rs`, `last_error.rs` | why a call failed, as text and for Windows' GetLastError |
@@ -40,6 +41,11 @@ mod shutdown;
 use exported::boards::{ecmsk_close, ecmsk_open, ecmsk_read, ecmsk_vendor_board, ecmsk_write};
 use exported::info::{
     ecmsk_get_counters, ecmsk_get_link_name, ecmsk_get_stats, ecmsk_last_error, ecmsk_reject_name, ecmsk_version,
+};
+use exported::machine::{
+    ecmsk_machine_close, ecmsk_machine_find_axis, ecmsk_machine_find_input, ecmsk_machine_find_output,
+    ecmsk_machine_get_axis, ecmsk_machine_get_axis_count, ecmsk_machine_get_axis_name, ecmsk_machine_get_axis_unit,
+    ecmsk_machine_get_link, ecmsk_machine_open, ecmsk_machine_to_counts, ecmsk_machine_to_units,
 };
 use exported::vendor::{CloseECMUSB, ECMUSBRead, ECMUSBWrite, OpenECMUSB};
 

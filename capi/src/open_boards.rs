@@ -1,15 +1,13 @@
 //! The boards that this process has opened.
 
-#[cfg(target_os = "linux")]
-use crate::board::OpenBoard;
-use crate::board::VendorBoard;
-use crate::handles::Handles;
+use crate::board::{OpenBoard, VendorBoard};
+use crate::handles::{Handles, OF_BOARDS};
 
 /// The board that the vendor's functions use.
 pub static VENDOR_BOARD: VendorBoard = VendorBoard::new();
 
 /// The boards that `ecmsk_open` has opened, by handle.
-pub static HANDLES: Handles = Handles::new();
+pub static HANDLES: Handles<OpenBoard> = Handles::new(OF_BOARDS);
 
 /// Calls `look` with each open board.
 #[cfg(target_os = "linux")]

@@ -197,6 +197,16 @@ impl MachineFile {
         self.axes.iter().find(|axis| axis.slave == slave)
     }
 
+    /// The input with this name. Upper and lower case are the same.
+    pub fn input(&self, name: &str) -> Option<&IoLine> {
+        self.inputs.iter().find(|line| same_name(&line.name, name))
+    }
+
+    /// The output with this name. Upper and lower case are the same.
+    pub fn output(&self, name: &str) -> Option<&IoLine> {
+        self.outputs.iter().find(|line| same_name(&line.name, name))
+    }
+
     /// The slave with this number, from 1.
     pub fn slave(&self, slave: u8) -> Option<&MachineSlave> {
         self.slaves.get(usize::from(slave).checked_sub(1)?)

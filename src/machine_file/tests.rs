@@ -93,6 +93,11 @@ fn a_whole_file_is_read() {
     assert_eq!((&*y.name, y.scale, y.limits), ("Y", Scale::per_unit(-131_072.0 / 360.0), limits(-32_768, 32_768)));
     let line = |name: &str, bit| IoLine { name: name.to_owned(), slave: 3, bit };
     assert_eq!((machine.inputs.clone(), machine.outputs.clone()), (vec![line("door", 0)], vec![line("gripper", 15)]));
+    assert_eq!(
+        (machine.input("Door"), machine.output("GRIPPER")),
+        (Some(&line("door", 0)), Some(&line("gripper", 15)))
+    );
+    assert_eq!((machine.input("gripper"), machine.output("door")), (None, None));
 }
 
 fn limits(min: i32, max: i32) -> SoftLimits {

@@ -8,13 +8,13 @@ pub const CLOCKS: [&str; 2] = ["sim:?slaves=drive*2&clock=virtual", "sim:?slaves
 
 /// Compiles `tests/c/NAME.c`.
 #[cfg(test)]
-fn c_program(name: &str) -> support::Program {
+pub fn c_program(name: &str) -> support::Program {
     support::compile(&support::root().join("tests/c").join(name).with_extension("c"), support::Language::C("c99"))
 }
 
 /// Runs a program that checks itself and prints `ok`. Neither it nor the library may print anything else.
 #[cfg(test)]
-fn passes(name: &str, link: &str, arguments: &[&str]) {
+pub fn passes(name: &str, link: &str, arguments: &[&str]) {
     let ended = c_program(name).run(link, arguments);
     assert_eq!(ended.stderr, "", "{name} on {link}");
     assert_eq!(ended.success(), "ok\n", "{name} on {link}");

@@ -11,7 +11,7 @@ use ecmsk::cia402::DriveState;
 use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
 use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize};
-use support::examples::{C, C_WITHOUT_LIBRARY, CPP, SCRIPTS, VIRTUAL, VIRTUAL_16};
+use support::examples::{C, C_WITHOUT_BOARD, C_WITHOUT_LIBRARY, CPP, SCRIPTS, VIRTUAL, VIRTUAL_16};
 use support::{Ended, Program, out_dir, root};
 
 use crate::prefix::prefix;
@@ -295,6 +295,32 @@ mod needs_cxx {
         }
     }
 
+    /// The axes of the machine file of docs/MACHINE.md, in their units. A file that is not there or is wrong has its error.
+    #[test]
+    fn the_axes_of_a_machine_file() {
+        let page = fs::read_to_string(root().join("docs/MACHINE.md")).expect("the page");
+        let text = page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).expect("an example");
+        let file = out_dir().join("machine_axes.toml");
+        let run = |file: &Path| program(C_WITHOUT_BOARD).run("sim:", [file]);
+        fs::write(&file, text).expect("a file in the target folder");
+        let ended = run(&file);
+        assert_eq!(ended.stderr, "");
+        let shown = "X: slave 1, 26214.4 counts per mm, from -10, to 250, at most 100 mm/s; 100 mm are 2621440 counts\n\
+                     C: slave 2, -364.089 counts per deg; 100 deg are -36409 counts\n";
+        assert_eq!(ended.success(), shown);
+        fs::write(&file, text.replace("max = 250", "max = 50")).expect("a file in the target folder");
+        assert!(run(&file).success().contains("100 mm are 2621440 counts, beyond its limits\n"));
+        fs::write(&file, text.replace("slave = 2", "slave = 1")).expect("a file in the target folder");
+        let ended = run(&file);
+        assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(1), ""));
+        assert!(
+            ended.stderr.contains("machine_axes.toml, line 26: axes.C.slave: axis X is on slave 1, too"),
+            "{ended:?}"
+        );
+        let ended = run(Path::new("nonexistent.toml"));
+        assert!(ended.stderr.starts_with("cannot read the machine file nonexistent.toml: "), "{ended:?}");
+    }
+
     /// LIB-19 The programs are C++98, those with threads C++11, and C99; no warning in any standard.
     #[test]
     fn programs_compile_in_old_and_new_standards() {
@@ -310,7 +336,7 @@ mod needs_cxx {
                 compiles(&source, Cpp(standard));
             }
         }
-        for (name, _) in C {
+        for name in C.map(|(name, _)| name).into_iter().chain([C_WITHOUT_BOARD]) {
             let source = root().join("examples/c").join(name).with_extension("c");
             for standard in ["c99", "c11", "c17"] {
                 compiles(&source, Language::C(standard));
@@ -333,7 +359,7 @@ mod needs_cxx {
         };
         assert_eq!(in_folder("cpp"), CPP.map(|(name, _)| name));
         let mut c = C.map(|(name, _)| name).to_vec();
-        c.push(C_WITHOUT_LIBRARY);
+        c.extend([C_WITHOUT_BOARD, C_WITHOUT_LIBRARY]);
         assert_eq!(in_folder("c"), c);
     }
 }

@@ -195,12 +195,13 @@ mod needs_cxx {
     #[test]
     fn the_header_of_our_own_functions_compiles_everywhere() {
         let text = "#include \"NEXTWUSBLib_12B.h\"\n#include \"ecmsk.h\"\n#include <stdio.h>\n\
-        int main(void)\n{\n    ecmsk_stats stats;\n    ecmsk_counters counters;\n\
-        \x20   printf(\"%d %d\\n\", (char *)&stats.size == (char *)&stats, (char *)&counters.size == (char *)&counters);\n\
-        \x20   return ecmsk_version() == NULL || sizeof stats.size != 4 || sizeof counters.size != 4;\n}\n";
+        int main(void)\n{\n    ecmsk_stats stats;\n    ecmsk_counters counters;\n    ecmsk_axis axis;\n\
+        \x20   printf(\"%d %d %d\\n\", (char *)&stats.size == (char *)&stats, (char *)&counters.size == (char *)&counters,\n\
+        \x20       (char *)&axis.size == (char *)&axis);\n\
+        \x20   return ecmsk_version() == NULL || sizeof stats.size != 4 || sizeof counters.size != 4 || sizeof axis.size != 4;\n}\n";
         for language in LANGUAGES {
             let program = support::compile(&source(&name_of("ecmsk.h", language), language, text), language);
-            assert_eq!(program.run("sim:", [""; 0]).success(), "1 1\n");
+            assert_eq!(program.run("sim:", [""; 0]).success(), "1 1 1\n");
         }
     }
 

@@ -3,6 +3,7 @@
 //! Files:
 //!
 //! - `behaviour.rs`: every exported function, called from C (`tests/c/`)
+//! - `machine_file.rs`: machine files, from C
 //! - `headers.rs`, `symbols.rs`, `surface.rs`: the headers, the exports of the library, and the stability of both
 //! - `prefix.rs`: the library, its headers and the tool as they are installed, and commands of pages with them
 //! - `ci_page.rs`: docs/CI.md and the workflow files of `share/ci/`
@@ -20,6 +21,7 @@ mod dist_config;
 mod dotnet;
 mod headers;
 mod log;
+mod machine_file;
 mod prefix;
 mod python_examples;
 mod set_user_id;

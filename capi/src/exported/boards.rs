@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ecmsk::link::{LinkError, Wait};
+use ecmsk::machine_file::MachineFileError;
 use ecmsk::sk::Frame;
 
 use crate::board::OpenBoard;
@@ -20,9 +21,9 @@ pub type EcmskResult = i32;
 
 /// The call has succeeded.
 pub const ECMSK_OK: i32 = 0;
-/// An argument is NULL, has the length 0 or an invalid value, or the URI is invalid.
+/// An argument is NULL, has the length 0 or an invalid value, or the URI or the machine file is invalid.
 pub const ECMSK_ERROR_ARGUMENT: i32 = -1;
-/// No open board has this handle.
+/// No open board has this handle, or no open machine file.
 pub const ECMSK_ERROR_HANDLE: i32 = -2;
 /// The call has reached its timeout.
 pub const ECMSK_ERROR_TIMEOUT: i32 = -3;
@@ -58,7 +59,7 @@ pub const ECMSK_WAIT_LINK: i64 = -2;
 /// The handle that `ecmsk_vendor_board` returns, for the board of OpenECMUSB. It is constant, since there is one such
 /// board.
 const VENDOR: usize = 1;
-const _: () = assert!(VENDOR < crate::handles::FIRST);
+const _: () = assert!(VENDOR < *crate::handles::OF_BOARDS.start());
 
 /// Opens the board that a link's URI names, such as `sim:?slaves=drive*2` or `usb:`. Writes the handle of the board to
 /// `*board`, or NULL if the call fails. Two links to simulated boards lead to the same board only if they have the same
@@ -107,7 +108,7 @@ extern "C" fn close(board: *mut EcmskBoard) -> CloseResult {
             Ok(())
         }
         other => {
-            HANDLES.remove(other)?.close();
+            HANDLES.remove(other).ok_or(CallError::Handle { handle: other })?.close();
             Ok(())
         }
     };
@@ -180,7 +181,7 @@ pub unsafe extern "C" fn ecmsk_read(
 pub fn find(handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
     match handle {
         VENDOR => VENDOR_BOARD.get(),
-        other => HANDLES.get(other),
+        other => HANDLES.get(other).ok_or_else(|| CallError::Handle { handle: other }.into()),
     }
 }
 
@@ -206,8 +207,12 @@ pub fn code<T>(result: Result<T, Box<CallError>>) -> EcmskResult {
             | CallError::NoBytes
             | CallError::NotText { .. }
             | CallError::StructSize { .. }
+            | CallError::NotInMachine { .. }
+            | CallError::NotANumber { .. }
             | CallError::Timeout { .. } => ECMSK_ERROR_ARGUMENT,
-            CallError::Handle { .. } => ECMSK_ERROR_HANDLE,
+            CallError::Machine(MachineFileError::Unreadable { .. }) => ECMSK_ERROR_IO,
+            CallError::Machine(_) => ECMSK_ERROR_ARGUMENT,
+            CallError::Handle { .. } | CallError::MachineHandle { .. } => ECMSK_ERROR_HANDLE,
             CallError::NotOpen | CallError::Forked => ECMSK_ERROR_CLOSED,
             CallError::NoCounters { .. } => ECMSK_ERROR_UNSUPPORTED,
             CallError::Memory => ECMSK_ERROR_IO,

@@ -5,6 +5,7 @@ use std::ffi::{CStr, CString, c_char};
 use ecmsk::engine::{Counters, Reason};
 use ecmsk::link::fault::FaultCounts;
 
+use crate::buffer::{TextBuffer, Versioned, copy_out};
 use crate::error::{self, CallError};
 use crate::exported::boards::{EcmskBoard, EcmskResult, code, find};
 use crate::exported::entry::entry;
@@ -116,20 +117,10 @@ pub struct EcmskCounters {
     pub inputs_stale: u64,
 }
 
-/// A structure that begins with its own size. A later version of the library may append counters; the size tells how many
-/// of them the caller's structure has.
-///
-/// # Safety
-/// The type is `repr(C)` and consists of integers without padding. Its first four bytes are `size`, which holds the size
-/// of the type.
-unsafe trait Versioned: Copy {}
 // SAFETY: declared as u32, u32, then only u64 and structures of u64. `size` is set where a value is made.
 unsafe impl Versioned for EcmskStats {}
 // SAFETY: declared like `EcmskStats`: u32, u32, then only u64.
 unsafe impl Versioned for EcmskCounters {}
-
-/// The bytes of `size` and `reserved`: the smallest structure that a caller may pass.
-const HEAD: usize = 8;
 
 /// The version of this library, such as `0.1.0`.
 ///
@@ -261,52 +252,11 @@ pub unsafe extern "C" fn ecmsk_get_link_name(
 ) -> EcmskResult {
     let handle = board.addr();
     code(entry!(ecmsk_get_link_name(handle, length), {
-        if buffer.is_null() && length > 0 {
-            return Err(CallError::Null { argument: "buffer", expected: "`length` bytes" }.into());
-        }
-        let name = find(handle)?.link.info().name;
-        if !needed.is_null() {
-            // SAFETY: not NULL, and the caller vouches for room.
-            unsafe { needed.write(name.len() + 1) };
-        }
-        if length > 0 {
-            let cut = name.floor_char_boundary(length - 1);
-            // SAFETY: `cut` is at most `length - 1`, so text and 0 fit into the `length` bytes that the caller vouches for;
-            // `name` is local.
-            unsafe {
-                std::ptr::copy_nonoverlapping(name.as_ptr(), buffer.cast(), cut);
-                buffer.add(cut).write(0);
-            }
-        }
+        // SAFETY: the caller's promise for `buffer` and `needed`.
+        let buffer = unsafe { TextBuffer::new(buffer, length, needed) }?;
+        buffer.fill(&find(handle)?.link.info().name);
         Ok(())
     }))
-}
-
-/// Copies as many fields of `value` as the caller's structure has room for, and sets its `size` to the bytes that were
-/// copied. A field that does not fit completely is left out.
-///
-/// # Errors
-/// [`CallError::Null`]: `target` is NULL. [`CallError::StructSize`]: the caller has set `size` to less than 8.
-///
-/// # Safety
-/// `target` is NULL or points to a `u32` that holds the number of writable bytes there.
-unsafe fn copy_out<T: Versioned>(value: T, target: *mut T, argument: &'static str) -> Result<(), Box<CallError>> {
-    if target.is_null() {
-        return Err(CallError::Null { argument, expected: "a structure whose `size` is set" }.into());
-    }
-    let size = target.cast::<u32>();
-    // SAFETY: not NULL, and the caller vouches for the leading `size`, which need not be aligned.
-    let found = unsafe { size.read_unaligned() };
-    let filled = (found as usize).min(size_of::<T>()) / HEAD * HEAD;
-    if filled < HEAD {
-        return Err(CallError::StructSize { found, least: HEAD }.into());
-    }
-    // SAFETY: `filled` is at most the size of `value` and the number of bytes that the caller vouches for; `value` is local.
-    unsafe {
-        std::ptr::copy_nonoverlapping((&raw const value).cast::<u8>(), target.cast::<u8>(), filled);
-        size.write_unaligned(filled as u32);
-    }
-    Ok(())
 }
 
 #[cfg(test)]

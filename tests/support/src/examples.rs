@@ -26,6 +26,8 @@ pub const CPP: [(&str, &str); 12] = [
 ];
 /// Every program of `examples/c/`.
 pub const C: [(&str, &str); 2] = [("csv_cst", VIRTUAL), ("io", "sim:?slaves=io&clock=virtual")];
+/// The program of `examples/c/` that reads a machine file and opens no board.
+pub const C_WITHOUT_BOARD: &str = "machine_axes";
 /// The program of `examples/c/` that uses no library, and no board either.
 pub const C_WITHOUT_LIBRARY: &str = "xf_client";
 

@@ -78,7 +78,7 @@ pub fn named(text: &str) -> Result<(&str, Option<bool>), String> {
 /// [`BoardError::Refused`] if there is no machine file, or it has no such input. `what` is the verb, for the error.
 pub fn input<'m>(machine: Option<&'m MachineFile>, what: &str, name: &str) -> Result<&'m IoLine, BoardError> {
     let machine = with_file(machine, what, name)?;
-    find(&machine.inputs, name).ok_or_else(|| match find(&machine.outputs, name) {
+    machine.input(name).ok_or_else(|| match machine.output(name) {
         Some(_) => refused(
             what,
             format!("`{name}` is an output, and a board does not tell which outputs are on"),
@@ -90,14 +90,10 @@ pub fn input<'m>(machine: Option<&'m MachineFile>, what: &str, name: &str) -> Re
 
 fn output<'m>(machine: Option<&'m MachineFile>, name: &str) -> Result<&'m IoLine, BoardError> {
     let machine = with_file(machine, WHAT, name)?;
-    find(&machine.outputs, name).ok_or_else(|| match find(&machine.inputs, name) {
+    machine.output(name).ok_or_else(|| match machine.input(name) {
         Some(_) => refused(WHAT, format!("`{name}` is an input, which cannot be set"), format!("read it: io {name}")),
         None => no_line(machine, WHAT, "output", name, &machine.outputs),
     })
-}
-
-fn find<'m>(lines: &'m [IoLine], name: &str) -> Option<&'m IoLine> {
-    lines.iter().find(|line| line.name.to_lowercase() == name.to_lowercase())
 }
 
 fn with_file<'m>(machine: Option<&'m MachineFile>, what: &str, name: &str) -> Result<&'m MachineFile, BoardError> {

@@ -1,6 +1,7 @@
 // Targets for axes in CSP, a frame for each cycle.
 
 using System;
+using System.Diagnostics;
 using System.Threading;
 
 namespace Ecmsk
@@ -24,8 +25,10 @@ namespace Ecmsk
         readonly int depth;
         readonly CommandFrame frame;
         readonly int fullBefore;
-        int thread = Thread.CurrentThread.ManagedThreadId;
-        bool isDone;
+        volatile int thread = Thread.CurrentThread.ManagedThreadId;
+        volatile bool isDone;
+        // When the last frame was written, by the Stopwatch. Under the lock of the board's posts.
+        long steppedAt = Stopwatch.GetTimestamp();
 
         internal AxisStream(Board board, int depth)
         {
@@ -35,9 +38,13 @@ namespace Ecmsk
             fullBefore = board.Snapshot.FullCount;
         }
 
-        internal bool IsOfThisThread
+        // For how much longer a call in this thread waits for a frame of this stream, if it makes no step for `pause`.
+        internal TimeSpan TakesPostsFor(TimeSpan pause)
         {
-            get { return thread == Thread.CurrentThread.ManagedThreadId; }
+            if (isDone || thread == Thread.CurrentThread.ManagedThreadId)
+                return TimeSpan.Zero;
+            double ticks = Stopwatch.GetTimestamp() - steppedAt;
+            return pause - TimeSpan.FromSeconds(ticks / Stopwatch.Frequency);
         }
 
         /// <summary>The newest report.</summary>
@@ -100,8 +107,7 @@ namespace Ecmsk
         {
             CheckOpen();
             thread = Thread.CurrentThread.ManagedThreadId;
-            board.TakePosts(frame);
-            board.Write(frame);
+            board.WriteStep(frame, ref steppedAt);
             frame.Clear();
             Frames++;
             board.DrainForStream();
@@ -126,6 +132,7 @@ namespace Ecmsk
             if (isDone)
                 return;
             isDone = true;
+            board.WakePosts();
             try
             {
                 board.DrainForStream();

@@ -17,11 +17,13 @@ namespace Ecmsk
         const string LostHint = "see whether frames get lost (GetStats), then try again";
         const string DriveHint = "look at the drive's display; mains power, enable inputs and alarms keep a drive off";
 
-        // Held by the call that is under way.
+        // [OURS] Reports from a command's execution until a drive shows what it does.
+        const int ServoReports = 3;
+        // [OURS] How long axes may take to go off after they did not come on.
+        static readonly TimeSpan OffLimit = TimeSpan.FromSeconds(1);
+
+        // Held by the call that is under way. What switches axes off does without.
         readonly object calls = new object();
-        // Commands that ride in the next frame of the stream, by slot; and its lock.
-        readonly Dictionary<int, Slot> posts = new Dictionary<int, Slot>();
-        volatile AxisStream stream;
         // An SDO transfer was not answered: its answer may still come.
         bool isSdoLate;
 
@@ -116,19 +118,25 @@ namespace Ecmsk
 
         /// <summary>
         /// Switches axes on and waits until all are in Operation enabled. Axes that are on get no command. If one does not come on,
-        /// all that got a command are switched off again.
+        /// or the call ends by another exception, all that got a command are switched off again.
         /// </summary>
         /// <param name="axes">The numbers of their slaves, from 1.</param>
         /// <remarks>A report shows the first channel of a pulse module alone.</remarks>
         /// <exception cref="AlarmException">An axis has an alarm.</exception>
-        /// <exception cref="EcmskException">An axis does not come on within <see cref="BoardOptions.ServoLimit"/>, the network is
-        /// not in OP, or a slave has no axis.</exception>
+        /// <exception cref="EcmskException">An axis does not come on within <see cref="BoardOptions.ServoLimit"/>, another thread
+        /// has called <see cref="ServoOff"/> for it since this call began, the network is not in OP, or a slave has no
+        /// axis.</exception>
         /// <exception cref="ObjectDisposedException">The board was disposed of before.</exception>
         public void ServoOn(params int[] axes)
         {
+            // What is switched off while this call waits for its turn stays off.
+            int[] before = Offs(axes);
+            Action mayBeSent = () => RefuseSwitchedOff(axes, before);
             lock (calls)
             {
+                AwaitOffs(axes);
                 Snapshot now = InOp("ServoOn", axes);
+                mayBeSent();
                 RefuseAlarm(now, axes);
                 Dictionary<int, Slot> commands = ForAxes(Command.ServoOn, axes.Where(axis => !now.IsEnabled(axis)));
                 if (commands.Count == 0)
@@ -137,16 +145,22 @@ namespace Ecmsk
                 {
                     Run("switching on", DriveHint, options.ServoLimit, commands, true, Words(axes), report =>
                     {
+                        mayBeSent();
                         RefuseAlarm(report, axes);
                         return axes.All(report.IsEnabled);
-                    });
+                    }, mayBeSent);
                 }
-                catch (EcmskException error)
+                catch
                 {
-                    // A drive that comes late must not come on by itself.
-                    bool isThere = error.Kind == ErrorKind.Timeout || error.Kind == ErrorKind.Alarm;
-                    if (isThere)
-                        Send(ForAxes(Command.ServoOff, commands.Keys));
+                    // A drive that comes late must not come on by itself, whatever has ended this call.
+                    try
+                    {
+                        SwitchOff(commands.Keys.ToArray(), OffLimit);
+                    }
+                    catch (Exception)
+                    {
+                        // The first exception says more.
+                    }
                     throw;
                 }
             }
@@ -154,17 +168,36 @@ namespace Ecmsk
 
         /// <summary>Switches axes off and waits until none is in Operation enabled. A vertical axis without a brake drops.</summary>
         /// <param name="axes">The numbers of their slaves, from 1.</param>
+        /// <remarks>
+        /// It waits for no other call: its command is sent at once, or in the next frame of a stream that another thread steps. A
+        /// <see cref="ServoOn"/> of these axes in another thread ends.
+        /// </remarks>
         /// <exception cref="EcmskException">As for <see cref="ServoOn"/>, except for alarms: a drive with one is off.</exception>
         /// <exception cref="ObjectDisposedException">The board was disposed of before.</exception>
         public void ServoOff(params int[] axes)
         {
-            lock (calls)
-            {
+            CheckOpen();
+            // Reading comes second: what it raises in a program must not keep axes on.
+            if (axes.Length == 0 || Snapshot.State.State != MasterState.Op)
                 InOp("ServoOff", axes);
-                if (axes.Length > 0)
-                    Run("switching off", DriveHint, options.ServoLimit, ForAxes(Command.ServoOff, axes), true, Words(axes),
-                        report => !axes.Any(report.IsEnabled));
-            }
+            foreach (int axis in axes)
+                Axis(axis, "ServoOff");
+            int[] all = axes.Distinct().ToArray();
+            if (all.Length > 0)
+                CountOffs(all, () => SwitchOff(all, options.ServoLimit));
+        }
+
+        void SwitchOff(int[] axes, TimeSpan limit)
+        {
+            Dictionary<int, Slot> commands = ForAxes(Command.ServoOff, axes);
+            Send(commands);
+            Drain();
+            // An axis that is off may still have an earlier SV_ON in the FIFO, and then this command behind it.
+            Snapshot sent = Snapshot;
+            long executed = sent.Sequence + Frames.FifoEntries - sent.FifoFree + 1 + ServoReports;
+            // Outside OP drives are off, and their slots are not refreshed.
+            Await("switching off", DriveHint, limit, commands, true, Words(axes), report =>
+                report.State.State != MasterState.Op || report.Sequence >= executed && !axes.Any(report.IsEnabled));
         }
 
         /// <summary>Resets the alarms of axes. They are off after it. Axes without an alarm get no command.</summary>
@@ -244,27 +277,12 @@ namespace Ecmsk
             lock (calls)
             {
                 InOp("a stream");
-                if (stream != null)
-                    throw new EcmskException(ErrorKind.Busy, "the stream is in use; dispose of the other one first");
-                return stream = new AxisStream(this, depth);
-            }
-        }
-
-        internal void EndStream()
-        {
-            stream = null;
-            lock (posts)
-                posts.Clear();
-        }
-
-        // Puts the commands of calls into a frame of the stream, in the place of what the frame has in their slots.
-        internal void TakePosts(CommandFrame frame)
-        {
-            lock (posts)
-            {
-                foreach (KeyValuePair<int, Slot> post in posts)
-                    frame[post.Key] = post.Value;
-                posts.Clear();
+                lock (posts)
+                {
+                    if (stream != null)
+                        throw new EcmskException(ErrorKind.Busy, "the stream is in use; dispose of the other one first");
+                    return stream = new AxisStream(this, depth);
+                }
             }
         }
 
@@ -399,10 +417,18 @@ namespace Ecmsk
         // Sends commands, each in its slot, and reads reports until one shows the effect. The caller holds `calls`.
         Snapshot Run(
             string what, string hint, TimeSpan limit, IDictionary<int, Slot> commands, bool mayResend,
-            Func<Snapshot, string> seen, Func<Snapshot, bool> isDone)
+            Func<Snapshot, string> seen, Func<Snapshot, bool> isDone, Action mayBeSent = null)
         {
             Drain();
-            Send(commands);
+            Send(commands, mayBeSent);
+            return Await(what, hint, limit, commands, mayResend, seen, isDone, mayBeSent);
+        }
+
+        // Reads reports until one shows the effect of commands that were sent.
+        Snapshot Await(
+            string what, string hint, TimeSpan limit, IDictionary<int, Slot> commands, bool mayResend,
+            Func<Snapshot, string> seen, Func<Snapshot, bool> isDone, Action mayBeSent = null)
+        {
             var clock = Stopwatch.StartNew();
             for (long reports = 1;; reports++)
             {
@@ -414,25 +440,8 @@ namespace Ecmsk
                     throw EcmskException.Of(
                         ErrorKind.Timeout, "{0}: not done after {1:0} ms, {2}; {3}", what, waited.TotalMilliseconds, seen(report), hint);
                 if (mayResend && reports % ResendReports == 0)
-                    Send(commands);
+                    Send(commands, mayBeSent);
             }
-        }
-
-        // While another thread steps a stream, commands ride in its frames: a frame without targets would be a gap in the motion.
-        void Send(IDictionary<int, Slot> commands)
-        {
-            AxisStream open = stream;
-            if (open != null && !open.IsOfThisThread)
-            {
-                lock (posts)
-                    foreach (KeyValuePair<int, Slot> command in commands)
-                        posts[command.Key] = command.Value;
-                return;
-            }
-            var frame = new CommandFrame(SlotSize);
-            foreach (KeyValuePair<int, Slot> command in commands)
-                frame[command.Key] = command.Value;
-            Write(frame);
         }
     }
 }

@@ -27,6 +27,8 @@ namespace Ecmsk
         readonly int fullBefore;
         volatile int thread = Thread.CurrentThread.ManagedThreadId;
         volatile bool isDone;
+        // Whether no target was set since the last step, so that the program may have waited since.
+        bool hasStepped;
         // When the last frame was written, by the Stopwatch. Under the lock of the board's posts.
         long steppedAt = Stopwatch.GetTimestamp();
 
@@ -77,6 +79,11 @@ namespace Ecmsk
             if (axis.Mode != Mode.Csp)
                 throw EcmskException.Of(
                     ErrorKind.WrongKind, "slave {0} runs in {1}, not in Csp; change its mode in the configuration", slave, axis.Mode);
+            if (hasStepped)
+            {
+                board.DrainForStream();
+                hasStepped = false;
+            }
             Snapshot now = board.Snapshot;
             if (now.HasFault(slave))
                 throw now.Alarm(slave);
@@ -109,6 +116,7 @@ namespace Ecmsk
             thread = Thread.CurrentThread.ManagedThreadId;
             board.WriteStep(frame, ref steppedAt);
             frame.Clear();
+            hasStepped = true;
             Frames++;
             board.DrainForStream();
             // The newest report may be older than the frame.
@@ -116,8 +124,7 @@ namespace Ecmsk
             for (;;)
             {
                 Snapshot now = board.Snapshot;
-                if (now.State.State != MasterState.Op)
-                    throw Board.WrongState("a stream", "OP", now.State);
+                Board.RequireOp("a stream", now);
                 if (Ecmsk.Frames.FifoEntries - now.FifoFree + unseen <= depth)
                     return;
                 board.NextInStream();
@@ -139,8 +146,7 @@ namespace Ecmsk
                 for (int i = 0; i < FinishReports; i++)
                 {
                     Snapshot now = board.NextInStream();
-                    if (now.State.State != MasterState.Op)
-                        throw Board.WrongState("the end of a stream", "OP", now.State);
+                    Board.RequireOp("the end of a stream", now);
                     if (now.FifoFree == Ecmsk.Frames.FifoEntries)
                         return;
                 }

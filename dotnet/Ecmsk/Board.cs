@@ -277,21 +277,21 @@ namespace Ecmsk
         Snapshot Next(string what, TimeSpan limit, CancellationToken cancel)
         {
             CheckOpen();
-            long left = Milliseconds(limit);
+            double left = Milliseconds(limit);
             bool isEndless = left == Native.WaitForever;
             for (;;)
             {
                 if (cancel.IsCancellationRequested)
                     return null;
-                long slice = cancel.CanBeCanceled && (isEndless || left > SliceMs) ? SliceMs : left;
+                long slice = cancel.CanBeCanceled && (isEndless || left > SliceMs) ? SliceMs : (long)Math.Ceiling(left);
                 Snapshot snapshot;
                 int result = ReadOnce(slice, out snapshot);
                 if (snapshot != null)
                     return snapshot;
                 if (result < 0 && result != (int)ErrorKind.Timeout)
                     throw native.Error(result);
-                // A report with a wrong CRC has taken about a cycle of 1 ms.
-                left -= result < 0 ? slice : 1;
+                // A report with a wrong CRC has taken about a cycle.
+                left -= result < 0 ? slice : Cycle.TotalMilliseconds;
                 if (!isEndless && left <= 0)
                     throw EcmskException.Of(
                         ErrorKind.Timeout,

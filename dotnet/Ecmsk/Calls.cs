@@ -146,6 +146,7 @@ namespace Ecmsk
                     Run("switching on", DriveHint, options.ServoLimit, commands, true, Words(axes), report =>
                     {
                         mayBeSent();
+                        RequireOp("ServoOn", report);
                         RefuseAlarm(report, axes);
                         return axes.All(report.IsEnabled);
                     }, mayBeSent);
@@ -194,8 +195,9 @@ namespace Ecmsk
             Drain();
             // An axis that is off may still have an earlier SV_ON in the FIFO, and then this command behind it.
             Snapshot sent = Snapshot;
+            RequireOp("ServoOff", sent);
             long executed = sent.Sequence + Frames.FifoEntries - sent.FifoFree + 1 + ServoReports;
-            // Outside OP drives are off, and their slots are not refreshed.
+            // Outside OP drives are off.
             Await("switching off", DriveHint, limit, commands, true, Words(axes), report =>
                 report.State.State != MasterState.Op || report.Sequence >= executed && !axes.Any(report.IsEnabled));
         }
@@ -215,8 +217,11 @@ namespace Ecmsk
                     return;
                 try
                 {
-                    Run("an alarm clear", DriveHint, options.ServoLimit, commands, true, Words(axes),
-                        report => !axes.Any(report.HasFault));
+                    Run("an alarm clear", DriveHint, options.ServoLimit, commands, true, Words(axes), report =>
+                    {
+                        RequireOp("ClearAlarm", report);
+                        return !axes.Any(report.HasFault);
+                    });
                 }
                 catch (EcmskException error)
                 {
@@ -238,8 +243,11 @@ namespace Ecmsk
             {
                 RequireIo("Inputs", slave);
                 var command = new Dictionary<int, Slot> { { slave, Of(Command.IoRead) } };
-                Snapshot report = Run("IO_RD", LostHint, options.ServoLimit, command, true, InState,
-                    seen => seen[slave].Id == (byte)Command.IoRead);
+                Snapshot report = Run("IO_RD", LostHint, options.ServoLimit, command, true, InState, seen =>
+                {
+                    RequireOp("Inputs", seen);
+                    return seen[slave].Id == (byte)Command.IoRead;
+                });
                 return (ushort)report[slave].Data1;
             }
         }
@@ -255,8 +263,11 @@ namespace Ecmsk
             {
                 RequireIo("SetOutputs", slave);
                 var command = new Dictionary<int, Slot> { { slave, Of(Command.IoWrite, bits) } };
-                Run("IO_WR", LostHint, options.ServoLimit, command, true, InState,
-                    seen => seen[slave].Id == (byte)Command.IoWrite && (ushort)seen[slave].Data1 == bits);
+                Run("IO_WR", LostHint, options.ServoLimit, command, true, InState, seen =>
+                {
+                    RequireOp("SetOutputs", seen);
+                    return seen[slave].Id == (byte)Command.IoWrite && (ushort)seen[slave].Data1 == bits;
+                });
             }
         }
 
@@ -311,7 +322,7 @@ namespace Ecmsk
             return network[slave - 1];
         }
 
-        internal static EcmskException WrongState(string what, string needs, StateByte found)
+        static EcmskException WrongState(string what, string needs, StateByte found)
         {
             return EcmskException.Of(
                 ErrorKind.WrongState, "{0} needs {1}, the board is in {2}; use SetState first", what, needs, found);
@@ -322,11 +333,17 @@ namespace Ecmsk
         {
             Drain();
             Snapshot now = Snapshot;
-            if (now.State.State != MasterState.Op)
-                throw WrongState(what, "OP", now.State);
+            RequireOp(what, now);
             foreach (int axis in axes)
                 Axis(axis, what);
             return now;
+        }
+
+        // Outside OP slots of slaves are not refreshed.
+        internal static void RequireOp(string what, Snapshot report)
+        {
+            if (report.State.State != MasterState.Op)
+                throw WrongState(what, "OP", report.State);
         }
 
         void RequireIo(string what, int slave)

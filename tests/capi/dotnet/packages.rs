@@ -96,8 +96,14 @@ pub fn threads(runtime: Runtime) {
     let folder = tempfile::tempdir().expect("a folder");
     let program = published("EcmskThreads", folder.path());
     let script = folder.path().join("script");
-    let events = "at 10s io 3 inputs 1\nat 10s full for 1s\nat 10s sdo-delay 1 800ms\nat 10500ms mute 2 for 100ms\n";
-    fs::write(&script, events).expect("a script");
+    let events = [
+        "at 10s io 3 inputs 1",
+        "at 10s full for 1s",
+        "at 10s sdo-delay 1 800ms",
+        "at 10500ms mute 2 for 100ms",
+        "at 20s alarm 1 0x7500",
+    ];
+    fs::write(&script, events.join("\n")).expect("a script");
     let ended = run(runtime, &program, &[&format!("{WITH_IO}&script={}", script.display())]);
     assert_eq!((ended.stderr.as_str(), ended.stdout.as_str()), ("", "ok\n"), "{runtime:?}");
 }

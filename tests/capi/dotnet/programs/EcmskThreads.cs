@@ -1,6 +1,6 @@
 // The package Ecmsk: calls of several threads, and calls that end by exceptions. Its argument is the link of two drives and an IO
 // slave with the script of the test: at 10 s input 0 of the IO slave comes on, the board executes nothing for 1 s and SDO transfers
-// are slow; at 10.5 s slave 2 does not answer for 100 ms, which changes the state byte.
+// are slow; at 10.5 s slave 2 does not answer for 100 ms, which changes the state byte; at 20 s slave 1 has an alarm.
 using System;
 using System.Threading;
 using Ecmsk;
@@ -95,6 +95,7 @@ static class EcmskThreads
         ACallThatLasts();
         AHandlerThatThrows();
         OffDuringOn();
+        AProgramThatWaits();
         Console.WriteLine("ok");
         return 0;
     }
@@ -238,6 +239,28 @@ static class EcmskThreads
             That(Is(ErrorKind.NotEnabled, on), "the switch-on ends: " + on);
             That(StaysOff(board, 1), "the axis stays off");
             board.ServoOn(1);
+        }
+    }
+
+    // After a pause of the program the first target is checked against the newest report.
+    static void AProgramThatWaits()
+    {
+        using (Board board = InOp())
+        {
+            UntilScript(board);
+            for (int n = 0; n < 9000; n++)
+                board.Read();
+            board.ServoOn(1);
+            using (AxisStream stream = board.Stream(10))
+            {
+                int at = stream.Snapshot.Position(1).Value;
+                stream.Csp(1, at);
+                stream.Step();
+                // Writing takes time, too.
+                for (int n = 0; n < 16000; n++)
+                    board.Write(new CommandFrame(board.SlotSize));
+                That(Ends(() => stream.Csp(1, at)) is AlarmException, "the alarm is seen");
+            }
         }
     }
 }

@@ -127,7 +127,7 @@ namespace Ecmsk
                 Board.RequireOp("a stream", now);
                 if (Ecmsk.Frames.FifoEntries - now.FifoFree + unseen <= depth)
                     return;
-                board.NextInStream();
+                board.NextInStream(now.Sequence);
                 unseen = 0;
             }
         }
@@ -143,9 +143,10 @@ namespace Ecmsk
             try
             {
                 board.DrainForStream();
+                Snapshot now = board.Snapshot;
                 for (int i = 0; i < FinishReports; i++)
                 {
-                    Snapshot now = board.NextInStream();
+                    now = board.NextInStream(now.Sequence);
                     Board.RequireOp("the end of a stream", now);
                     if (now.FifoFree == Ecmsk.Frames.FifoEntries)
                         return;

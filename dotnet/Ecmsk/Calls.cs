@@ -191,14 +191,14 @@ namespace Ecmsk
         void SwitchOff(int[] axes, TimeSpan limit)
         {
             Dictionary<int, Slot> commands = ForAxes(Command.ServoOff, axes);
-            Send(commands);
+            long before = Send(commands);
             Drain();
             // An axis that is off may still have an earlier SV_ON in the FIFO, and then this command behind it.
             Snapshot sent = Snapshot;
             RequireOp("ServoOff", sent);
             long executed = sent.Sequence + Frames.FifoEntries - sent.FifoFree + 1 + ServoReports;
             // Outside OP drives are off.
-            Await("switching off", DriveHint, limit, commands, true, Words(axes), report =>
+            Await("switching off", DriveHint, limit, commands, true, before, Words(axes), report =>
                 report.State.State != MasterState.Op || report.Sequence >= executed && !axes.Any(report.IsEnabled));
         }
 
@@ -297,14 +297,14 @@ namespace Ecmsk
             }
         }
 
-        internal Snapshot NextInStream()
+        internal Snapshot NextInStream(long before)
         {
-            return Next("a stream", options.ReadLimit, CancellationToken.None);
+            return Next("a stream", options.ReadLimit, CancellationToken.None, before);
         }
 
         internal void DrainForStream()
         {
-            Drain();
+            Drain(false);
         }
 
         // The configuration of the axis of a slave.
@@ -393,8 +393,7 @@ namespace Ecmsk
             slaves = list;
             cycleUs = cycle;
             // The present report is decoded with them, too.
-            lock (newestGate)
-                newest = new Snapshot(newest, list);
+            DecodeNewest(list);
         }
 
         static Slot Of(Command command, uint data1 = 0, uint data2 = 0)
@@ -437,19 +436,21 @@ namespace Ecmsk
             Func<Snapshot, string> seen, Func<Snapshot, bool> isDone, Action mayBeSent = null)
         {
             Drain();
-            Send(commands, mayBeSent);
-            return Await(what, hint, limit, commands, mayResend, seen, isDone, mayBeSent);
+            long before = Send(commands, mayBeSent);
+            return Await(what, hint, limit, commands, mayResend, before, seen, isDone, mayBeSent);
         }
 
-        // Reads reports until one shows the effect of commands that were sent.
+        // Reads reports until one shows the effect of commands that were sent when the report with the number `before` was the
+        // newest one.
         Snapshot Await(
-            string what, string hint, TimeSpan limit, IDictionary<int, Slot> commands, bool mayResend,
+            string what, string hint, TimeSpan limit, IDictionary<int, Slot> commands, bool mayResend, long before,
             Func<Snapshot, string> seen, Func<Snapshot, bool> isDone, Action mayBeSent = null)
         {
             var clock = Stopwatch.StartNew();
             for (long reports = 1;; reports++)
             {
-                Snapshot report = Next(what, options.ReadLimit, CancellationToken.None);
+                Snapshot report = Next(what, options.ReadLimit, CancellationToken.None, before);
+                before = report.Sequence;
                 if (isDone(report))
                     return report;
                 TimeSpan waited = isVirtual ? TimeSpan.FromMilliseconds(reports * cycleUs / 1000.0) : clock.Elapsed;

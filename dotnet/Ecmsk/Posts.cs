@@ -19,6 +19,8 @@ namespace Ecmsk
         {
             public IDictionary<int, Slot> Commands;
             public bool IsWritten;
+            // The number of the newest report when it was written.
+            public long SentAt;
         }
 
         // The commands that wait, in the order of their calls. Locked while frames of calls and of the stream are written, so that
@@ -29,9 +31,9 @@ namespace Ecmsk
         readonly Dictionary<int, int> offs = new Dictionary<int, int>();
         readonly Dictionary<int, int> offsUnderWay = new Dictionary<int, int>();
 
-        // Returns as soon as a frame with these commands was written. If that fails, they are in no later one. `mayBeSent` is
-        // called before each frame and ends the call by an exception.
-        void Send(IDictionary<int, Slot> commands, Action mayBeSent = null)
+        // Returns as soon as a frame with these commands was written: the number of the newest report then. If that fails, they are
+        // in no later one. `mayBeSent` is called before each frame and ends the call by an exception.
+        long Send(IDictionary<int, Slot> commands, Action mayBeSent = null)
         {
             var post = new Post { Commands = commands };
             lock (posts)
@@ -55,6 +57,7 @@ namespace Ecmsk
                     posts.Remove(post);
                 }
             }
+            return post.SentAt;
         }
 
         // Writes a frame with the commands that wait, in the place of what it has in their slots. A slot has room for one command:
@@ -76,10 +79,12 @@ namespace Ecmsk
                         full[command.Key] = command.Value;
                     taken.Add(post);
                 }
+                long before = NewestSequence;
                 Write(full);
                 foreach (Post post in taken)
                 {
                     post.IsWritten = true;
+                    post.SentAt = before;
                     posts.Remove(post);
                 }
                 if (taken.Count > 0)

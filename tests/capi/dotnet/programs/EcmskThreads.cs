@@ -96,6 +96,7 @@ static class EcmskThreads
         AHandlerThatThrows();
         OffDuringOn();
         AProgramThatWaits();
+        AReaderBesideCalls();
         Console.WriteLine("ok");
         return 0;
     }
@@ -261,6 +262,43 @@ static class EcmskThreads
                     board.Write(new CommandFrame(board.SlotSize));
                 That(Ends(() => stream.Csp(1, at)) is AlarmException, "the alarm is seen");
             }
+        }
+    }
+
+    // What a report of one cycle alone shows is missed by no call, whoever reads it.
+    static void AReaderBesideCalls()
+    {
+        using (Board board = InOp())
+        {
+            bool isDone = false;
+            Exception end = null;
+            var reader = new Thread(() =>
+            {
+                long last = 0;
+                while (!Volatile.Read(ref isDone))
+                {
+                    long now = board.Read().Sequence;
+                    That(now > last, "reports come in their order");
+                    last = now;
+                }
+            });
+            reader.Start();
+            var caller = new Thread(() =>
+            {
+                end = Ends(() =>
+                {
+                    for (ushort n = 1; n <= 30; n++)
+                        board.SetOutputs(3, n);
+                });
+                Volatile.Write(ref isDone, true);
+            });
+            caller.Start();
+            using (AxisStream stream = board.Stream(10))
+                while (!Volatile.Read(ref isDone))
+                    stream.Step();
+            caller.Join();
+            reader.Join();
+            That(end == null, "outputs beside a stream and a reader: " + end);
         }
     }
 }

@@ -29,6 +29,9 @@ namespace Ecmsk
         volatile bool isDone;
         // Whether no target was set since the last step, so that the program may have waited since.
         bool hasStepped;
+        // The number of the report that Step has looked at last, and how many frames were written since.
+        long seen;
+        int unseen;
         // When the last frame was written, by the Stopwatch. Under the lock of the board's posts.
         long steppedAt = Stopwatch.GetTimestamp();
 
@@ -119,16 +122,20 @@ namespace Ecmsk
             hasStepped = true;
             Frames++;
             board.DrainForStream();
-            // The newest report may be older than the frame.
-            int unseen = 1;
-            for (;;)
+            unseen++;
+            for (bool hasWaited = false;; hasWaited = true)
             {
                 Snapshot now = board.Snapshot;
                 Board.RequireOp("a stream", now);
+                if (now.Sequence != seen)
+                {
+                    // Without a wait the report may be older than the frame.
+                    seen = now.Sequence;
+                    unseen = hasWaited ? 0 : 1;
+                }
                 if (Ecmsk.Frames.FifoEntries - now.FifoFree + unseen <= depth)
                     return;
                 board.NextInStream(now.Sequence);
-                unseen = 0;
             }
         }
 

@@ -294,8 +294,11 @@ static class EcmskThreads
             });
             caller.Start();
             using (AxisStream stream = board.Stream(10))
+            {
                 while (!Volatile.Read(ref isDone))
                     stream.Step();
+                That(stream.Losses == 0, "the stream keeps to its depth");
+            }
             caller.Join();
             reader.Join();
             That(end == null, "outputs beside a stream and a reader: " + end);

@@ -137,7 +137,7 @@ namespace Ecmsk
             for (int i = 0; i < axes.Length; i++)
                 if (now[i] != before[i])
                     throw EcmskException.Of(
-                        ErrorKind.NotEnabled, "switching on: ServoOff in another thread was for slave {0}; call ServoOn again after it",
+                        ErrorKind.NotEnabled, "switching on: another thread has called ServoOff for slave {0}; call ServoOn again after that",
                         axes[i]);
         }
 

@@ -1,6 +1,7 @@
 // Targets for axes in CSP, a frame for each cycle.
 
 using System;
+using System.Diagnostics;
 using System.Threading;
 
 namespace Ecmsk
@@ -24,8 +25,15 @@ namespace Ecmsk
         readonly int depth;
         readonly CommandFrame frame;
         readonly int fullBefore;
-        int thread = Thread.CurrentThread.ManagedThreadId;
-        bool isDone;
+        volatile int thread = Thread.CurrentThread.ManagedThreadId;
+        volatile bool isDone;
+        // Whether no target was set since the last step, so that the program may have waited since.
+        bool hasStepped;
+        // The number of the report that Step has looked at last, and how many frames were written since.
+        long seen;
+        int unseen;
+        // When the last frame was written, by the Stopwatch. Under the lock of the board's posts.
+        long steppedAt = Stopwatch.GetTimestamp();
 
         internal AxisStream(Board board, int depth)
         {
@@ -35,9 +43,13 @@ namespace Ecmsk
             fullBefore = board.Snapshot.FullCount;
         }
 
-        internal bool IsOfThisThread
+        // For how much longer a call in this thread waits for a frame of this stream, if it makes no step for `pause`.
+        internal TimeSpan TakesPostsFor(TimeSpan pause)
         {
-            get { return thread == Thread.CurrentThread.ManagedThreadId; }
+            if (isDone || thread == Thread.CurrentThread.ManagedThreadId)
+                return TimeSpan.Zero;
+            double ticks = Stopwatch.GetTimestamp() - steppedAt;
+            return pause - TimeSpan.FromSeconds(ticks / Stopwatch.Frequency);
         }
 
         /// <summary>The newest report.</summary>
@@ -70,6 +82,11 @@ namespace Ecmsk
             if (axis.Mode != Mode.Csp)
                 throw EcmskException.Of(
                     ErrorKind.WrongKind, "slave {0} runs in {1}, not in Csp; change its mode in the configuration", slave, axis.Mode);
+            if (hasStepped)
+            {
+                board.DrainForStream();
+                hasStepped = false;
+            }
             Snapshot now = board.Snapshot;
             if (now.HasFault(slave))
                 throw now.Alarm(slave);
@@ -100,22 +117,25 @@ namespace Ecmsk
         {
             CheckOpen();
             thread = Thread.CurrentThread.ManagedThreadId;
-            board.TakePosts(frame);
-            board.Write(frame);
+            board.WriteStep(frame, ref steppedAt);
             frame.Clear();
+            hasStepped = true;
             Frames++;
             board.DrainForStream();
-            // The newest report may be older than the frame.
-            int unseen = 1;
-            for (;;)
+            unseen++;
+            for (bool hasWaited = false;; hasWaited = true)
             {
                 Snapshot now = board.Snapshot;
-                if (now.State.State != MasterState.Op)
-                    throw Board.WrongState("a stream", "OP", now.State);
+                Board.RequireOp("a stream", now);
+                if (now.Sequence != seen)
+                {
+                    // Without a wait the report may be older than the frame.
+                    seen = now.Sequence;
+                    unseen = hasWaited ? 0 : 1;
+                }
                 if (Ecmsk.Frames.FifoEntries - now.FifoFree + unseen <= depth)
                     return;
-                board.NextInStream();
-                unseen = 0;
+                board.NextInStream(now.Sequence);
             }
         }
 
@@ -126,14 +146,15 @@ namespace Ecmsk
             if (isDone)
                 return;
             isDone = true;
+            board.WakePosts();
             try
             {
                 board.DrainForStream();
+                Snapshot now = board.Snapshot;
                 for (int i = 0; i < FinishReports; i++)
                 {
-                    Snapshot now = board.NextInStream();
-                    if (now.State.State != MasterState.Op)
-                        throw Board.WrongState("the end of a stream", "OP", now.State);
+                    now = board.NextInStream(now.Sequence);
+                    Board.RequireOp("the end of a stream", now);
                     if (now.FifoFree == Ecmsk.Frames.FifoEntries)
                         return;
                 }

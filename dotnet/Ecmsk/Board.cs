@@ -25,25 +25,17 @@ namespace Ecmsk
 
     /// <summary>An open board. Threads may share it.</summary>
     /// <remarks>
-    /// Opening and disposing send nothing: a board in OP goes on. A board makes one report in each cycle. Each report goes to one
-    /// of the calls that wait for reports. The link keeps 32 reports that nobody has read, and drops the oldest first.
+    /// Opening and disposing send nothing: a board in OP goes on. A board makes one report in each cycle. Each report goes to all
+    /// calls that wait for one then. The link keeps 32 reports that nobody has read, and drops the oldest first.
     /// </remarks>
     public sealed partial class Board : IDisposable
     {
-        // [OURS] How long a read that can be cancelled waits before it looks whether it was.
-        const long SliceMs = 50;
         // [OURS] Reports that are read at most to find the size of a slot.
         const int ProbeReports = 3;
-        // More than the link keeps.
-        const int DrainReports = 64;
 
         readonly Native native;
         readonly BoardHandle handle;
         readonly BoardOptions options;
-        readonly object newestGate = new object();
-        Snapshot newest;
-        long sequence;
-        long badCrc;
         volatile Slave[] slaves = new Slave[0];
         volatile int cycleUs = 1000;
         bool isVirtual;
@@ -105,7 +97,7 @@ namespace Ecmsk
             LinkName = NameOfLink();
             isVirtual = LinkName.Contains("clock=virtual");
             SlotSize = options.SlotSize ?? SizeInLink() ?? SizeByCrc();
-            Next("opening", options.ReadLimit, CancellationToken.None);
+            Next("opening", options.ReadLimit, CancellationToken.None, 0);
         }
 
         /// <summary>
@@ -135,16 +127,6 @@ namespace Ecmsk
         /// </summary>
         public event EventHandler<StateChangedEventArgs> StateChanged;
 
-        /// <summary>The newest report that was read. Nothing is read for it.</summary>
-        public Snapshot Snapshot
-        {
-            get
-            {
-                lock (newestGate)
-                    return newest;
-            }
-        }
-
         /// <summary>Waits for the next report. Those with a wrong CRC are discarded and counted.</summary>
         /// <param name="limit">
         /// How long; null: <see cref="BoardOptions.ReadLimit"/>; <see cref="Timeout.InfiniteTimeSpan"/>: without an end. On a
@@ -157,7 +139,7 @@ namespace Ecmsk
         /// <exception cref="ObjectDisposedException">The board was disposed of before.</exception>
         public Snapshot Read(TimeSpan? limit = null, CancellationToken cancel = default(CancellationToken))
         {
-            Snapshot snapshot = Next("the next cycle", limit ?? options.ReadLimit, cancel);
+            Snapshot snapshot = Next("the next cycle", limit ?? options.ReadLimit, cancel, NewestSequence);
             cancel.ThrowIfCancellationRequested();
             return snapshot;
         }
@@ -178,11 +160,13 @@ namespace Ecmsk
         /// <see cref="Read"/>.</exception>
         public IEnumerable<Snapshot> Reports(CancellationToken cancel = default(CancellationToken))
         {
+            long before = NewestSequence;
             while (!cancel.IsCancellationRequested)
             {
-                Snapshot snapshot = Next("the next cycle", options.ReadLimit, cancel);
+                Snapshot snapshot = Next("the next cycle", options.ReadLimit, cancel, before);
                 if (snapshot == null)
                     yield break;
+                before = snapshot.Sequence;
                 yield return snapshot;
             }
         }
@@ -271,71 +255,6 @@ namespace Ecmsk
             throw EcmskException.Of(
                 ErrorKind.SlotUnknown,
                 "`{0}` does not say how many bytes a slot has; put `slot=12` or `slot=16` (CONFIG2 high) into the link", LinkName);
-        }
-
-        // The next report; null if the wait was cancelled.
-        Snapshot Next(string what, TimeSpan limit, CancellationToken cancel)
-        {
-            CheckOpen();
-            long left = Milliseconds(limit);
-            bool isEndless = left == Native.WaitForever;
-            for (;;)
-            {
-                if (cancel.IsCancellationRequested)
-                    return null;
-                long slice = cancel.CanBeCanceled && (isEndless || left > SliceMs) ? SliceMs : left;
-                Snapshot snapshot;
-                int result = ReadOnce(slice, out snapshot);
-                if (snapshot != null)
-                    return snapshot;
-                if (result < 0 && result != (int)ErrorKind.Timeout)
-                    throw native.Error(result);
-                // A report with a wrong CRC has taken about a cycle of 1 ms.
-                left -= result < 0 ? slice : 1;
-                if (!isEndless && left <= 0)
-                    throw EcmskException.Of(
-                        ErrorKind.Timeout,
-                        "{0}: no usable report for {1} ms ({2} with a wrong CRC since it was opened); "
-                        + "check the cable to the first slave and the board's power",
-                        what, Milliseconds(limit), Interlocked.Read(ref badCrc));
-            }
-        }
-
-        // The library's result, and a report if there is one. One with a wrong CRC is none.
-        int ReadOnce(long timeoutMs, out Snapshot snapshot)
-        {
-            snapshot = null;
-            var report = new byte[Frames.MaxLength];
-            int result = native.Read(handle, report, (UIntPtr)report.Length, timeoutMs);
-            if (result < 0)
-                return result;
-            // Byte 3 is 0 if the board fills in no CRC.
-            byte crc = Frames.CrcFound(report);
-            if (crc != 0 && crc != Frames.Crc(report, SlotSize))
-            {
-                Interlocked.Increment(ref badCrc);
-                return result;
-            }
-            Snapshot before;
-            lock (newestGate)
-            {
-                before = newest;
-                newest = snapshot = new Snapshot(report, SlotSize, slaves, ++sequence);
-            }
-            EventHandler<StateChangedEventArgs> changed = StateChanged;
-            if (changed != null && before != null && !before.State.Equals(snapshot.State))
-                changed(this, new StateChangedEventArgs(before.State, snapshot));
-            return result;
-        }
-
-        // Reads what the link has kept, so that the next report is a new one.
-        void Drain()
-        {
-            CheckOpen();
-            Snapshot snapshot;
-            for (int i = 0; i < DrainReports && ReadOnce(0, out snapshot) >= 0; i++)
-            {
-            }
         }
 
         static long Milliseconds(TimeSpan limit)

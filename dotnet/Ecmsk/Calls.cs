@@ -17,11 +17,13 @@ namespace Ecmsk
         const string LostHint = "see whether frames get lost (GetStats), then try again";
         const string DriveHint = "look at the drive's display; mains power, enable inputs and alarms keep a drive off";
 
-        // Held by the call that is under way.
+        // [OURS] Reports from a command's execution until a drive shows what it does.
+        const int ServoReports = 3;
+        // [OURS] How long axes may take to go off after they did not come on.
+        static readonly TimeSpan OffLimit = TimeSpan.FromSeconds(1);
+
+        // Held by the call that is under way. What switches axes off does without.
         readonly object calls = new object();
-        // Commands that ride in the next frame of the stream, by slot; and its lock.
-        readonly Dictionary<int, Slot> posts = new Dictionary<int, Slot>();
-        volatile AxisStream stream;
         // An SDO transfer was not answered: its answer may still come.
         bool isSdoLate;
 
@@ -116,19 +118,25 @@ namespace Ecmsk
 
         /// <summary>
         /// Switches axes on and waits until all are in Operation enabled. Axes that are on get no command. If one does not come on,
-        /// all that got a command are switched off again.
+        /// or the call ends by another exception, all that got a command are switched off again.
         /// </summary>
         /// <param name="axes">The numbers of their slaves, from 1.</param>
         /// <remarks>A report shows the first channel of a pulse module alone.</remarks>
         /// <exception cref="AlarmException">An axis has an alarm.</exception>
-        /// <exception cref="EcmskException">An axis does not come on within <see cref="BoardOptions.ServoLimit"/>, the network is
-        /// not in OP, or a slave has no axis.</exception>
+        /// <exception cref="EcmskException">An axis does not come on within <see cref="BoardOptions.ServoLimit"/>, another thread
+        /// has called <see cref="ServoOff"/> for it since this call began, the network is not in OP, or a slave has no
+        /// axis.</exception>
         /// <exception cref="ObjectDisposedException">The board was disposed of before.</exception>
         public void ServoOn(params int[] axes)
         {
+            // What is switched off while this call waits for its turn stays off.
+            int[] before = Offs(axes);
+            Action mayBeSent = () => RefuseSwitchedOff(axes, before);
             lock (calls)
             {
+                AwaitOffs(axes);
                 Snapshot now = InOp("ServoOn", axes);
+                mayBeSent();
                 RefuseAlarm(now, axes);
                 Dictionary<int, Slot> commands = ForAxes(Command.ServoOn, axes.Where(axis => !now.IsEnabled(axis)));
                 if (commands.Count == 0)
@@ -137,16 +145,23 @@ namespace Ecmsk
                 {
                     Run("switching on", DriveHint, options.ServoLimit, commands, true, Words(axes), report =>
                     {
+                        mayBeSent();
+                        RequireOp("ServoOn", report);
                         RefuseAlarm(report, axes);
                         return axes.All(report.IsEnabled);
-                    });
+                    }, mayBeSent);
                 }
-                catch (EcmskException error)
+                catch
                 {
-                    // A drive that comes late must not come on by itself.
-                    bool isThere = error.Kind == ErrorKind.Timeout || error.Kind == ErrorKind.Alarm;
-                    if (isThere)
-                        Send(ForAxes(Command.ServoOff, commands.Keys));
+                    // A drive that comes late must not come on by itself, whatever has ended this call.
+                    try
+                    {
+                        SwitchOff(commands.Keys.ToArray(), OffLimit);
+                    }
+                    catch (Exception)
+                    {
+                        // The first exception says more.
+                    }
                     throw;
                 }
             }
@@ -154,17 +169,37 @@ namespace Ecmsk
 
         /// <summary>Switches axes off and waits until none is in Operation enabled. A vertical axis without a brake drops.</summary>
         /// <param name="axes">The numbers of their slaves, from 1.</param>
+        /// <remarks>
+        /// It waits for no other call: its command is sent at once, or in the next frame of a stream that another thread steps. A
+        /// <see cref="ServoOn"/> of these axes in another thread ends.
+        /// </remarks>
         /// <exception cref="EcmskException">As for <see cref="ServoOn"/>, except for alarms: a drive with one is off.</exception>
         /// <exception cref="ObjectDisposedException">The board was disposed of before.</exception>
         public void ServoOff(params int[] axes)
         {
-            lock (calls)
-            {
+            CheckOpen();
+            // Reading comes second: what it raises in a program must not keep axes on.
+            if (axes.Length == 0 || Snapshot.State.State != MasterState.Op)
                 InOp("ServoOff", axes);
-                if (axes.Length > 0)
-                    Run("switching off", DriveHint, options.ServoLimit, ForAxes(Command.ServoOff, axes), true, Words(axes),
-                        report => !axes.Any(report.IsEnabled));
-            }
+            foreach (int axis in axes)
+                Axis(axis, "ServoOff");
+            int[] all = axes.Distinct().ToArray();
+            if (all.Length > 0)
+                CountOffs(all, () => SwitchOff(all, options.ServoLimit));
+        }
+
+        void SwitchOff(int[] axes, TimeSpan limit)
+        {
+            Dictionary<int, Slot> commands = ForAxes(Command.ServoOff, axes);
+            long before = Send(commands);
+            Drain();
+            // An axis that is off may still have an earlier SV_ON in the FIFO, and then this command behind it.
+            Snapshot sent = Snapshot;
+            RequireOp("ServoOff", sent);
+            long executed = sent.Sequence + Frames.FifoEntries - sent.FifoFree + 1 + ServoReports;
+            // Outside OP drives are off.
+            Await("switching off", DriveHint, limit, commands, true, before, Words(axes), report =>
+                report.State.State != MasterState.Op || report.Sequence >= executed && !axes.Any(report.IsEnabled));
         }
 
         /// <summary>Resets the alarms of axes. They are off after it. Axes without an alarm get no command.</summary>
@@ -182,8 +217,11 @@ namespace Ecmsk
                     return;
                 try
                 {
-                    Run("an alarm clear", DriveHint, options.ServoLimit, commands, true, Words(axes),
-                        report => !axes.Any(report.HasFault));
+                    Run("an alarm clear", DriveHint, options.ServoLimit, commands, true, Words(axes), report =>
+                    {
+                        RequireOp("ClearAlarm", report);
+                        return !axes.Any(report.HasFault);
+                    });
                 }
                 catch (EcmskException error)
                 {
@@ -205,8 +243,11 @@ namespace Ecmsk
             {
                 RequireIo("Inputs", slave);
                 var command = new Dictionary<int, Slot> { { slave, Of(Command.IoRead) } };
-                Snapshot report = Run("IO_RD", LostHint, options.ServoLimit, command, true, InState,
-                    seen => seen[slave].Id == (byte)Command.IoRead);
+                Snapshot report = Run("IO_RD", LostHint, options.ServoLimit, command, true, InState, seen =>
+                {
+                    RequireOp("Inputs", seen);
+                    return seen[slave].Id == (byte)Command.IoRead;
+                });
                 return (ushort)report[slave].Data1;
             }
         }
@@ -222,8 +263,11 @@ namespace Ecmsk
             {
                 RequireIo("SetOutputs", slave);
                 var command = new Dictionary<int, Slot> { { slave, Of(Command.IoWrite, bits) } };
-                Run("IO_WR", LostHint, options.ServoLimit, command, true, InState,
-                    seen => seen[slave].Id == (byte)Command.IoWrite && (ushort)seen[slave].Data1 == bits);
+                Run("IO_WR", LostHint, options.ServoLimit, command, true, InState, seen =>
+                {
+                    RequireOp("SetOutputs", seen);
+                    return seen[slave].Id == (byte)Command.IoWrite && (ushort)seen[slave].Data1 == bits;
+                });
             }
         }
 
@@ -244,38 +288,23 @@ namespace Ecmsk
             lock (calls)
             {
                 InOp("a stream");
-                if (stream != null)
-                    throw new EcmskException(ErrorKind.Busy, "the stream is in use; dispose of the other one first");
-                return stream = new AxisStream(this, depth);
+                lock (posts)
+                {
+                    if (stream != null)
+                        throw new EcmskException(ErrorKind.Busy, "the stream is in use; dispose of the other one first");
+                    return stream = new AxisStream(this, depth);
+                }
             }
         }
 
-        internal void EndStream()
+        internal Snapshot NextInStream(long before)
         {
-            stream = null;
-            lock (posts)
-                posts.Clear();
-        }
-
-        // Puts the commands of calls into a frame of the stream, in the place of what the frame has in their slots.
-        internal void TakePosts(CommandFrame frame)
-        {
-            lock (posts)
-            {
-                foreach (KeyValuePair<int, Slot> post in posts)
-                    frame[post.Key] = post.Value;
-                posts.Clear();
-            }
-        }
-
-        internal Snapshot NextInStream()
-        {
-            return Next("a stream", options.ReadLimit, CancellationToken.None);
+            return Next("a stream", options.ReadLimit, CancellationToken.None, before);
         }
 
         internal void DrainForStream()
         {
-            Drain();
+            Drain(false);
         }
 
         // The configuration of the axis of a slave.
@@ -293,7 +322,7 @@ namespace Ecmsk
             return network[slave - 1];
         }
 
-        internal static EcmskException WrongState(string what, string needs, StateByte found)
+        static EcmskException WrongState(string what, string needs, StateByte found)
         {
             return EcmskException.Of(
                 ErrorKind.WrongState, "{0} needs {1}, the board is in {2}; use SetState first", what, needs, found);
@@ -304,11 +333,17 @@ namespace Ecmsk
         {
             Drain();
             Snapshot now = Snapshot;
-            if (now.State.State != MasterState.Op)
-                throw WrongState(what, "OP", now.State);
+            RequireOp(what, now);
             foreach (int axis in axes)
                 Axis(axis, what);
             return now;
+        }
+
+        // Outside OP slots of slaves are not refreshed.
+        internal static void RequireOp(string what, Snapshot report)
+        {
+            if (report.State.State != MasterState.Op)
+                throw WrongState(what, "OP", report.State);
         }
 
         void RequireIo(string what, int slave)
@@ -358,8 +393,7 @@ namespace Ecmsk
             slaves = list;
             cycleUs = cycle;
             // The present report is decoded with them, too.
-            lock (newestGate)
-                newest = new Snapshot(newest, list);
+            DecodeNewest(list);
         }
 
         static Slot Of(Command command, uint data1 = 0, uint data2 = 0)
@@ -399,14 +433,24 @@ namespace Ecmsk
         // Sends commands, each in its slot, and reads reports until one shows the effect. The caller holds `calls`.
         Snapshot Run(
             string what, string hint, TimeSpan limit, IDictionary<int, Slot> commands, bool mayResend,
-            Func<Snapshot, string> seen, Func<Snapshot, bool> isDone)
+            Func<Snapshot, string> seen, Func<Snapshot, bool> isDone, Action mayBeSent = null)
         {
             Drain();
-            Send(commands);
+            long before = Send(commands, mayBeSent);
+            return Await(what, hint, limit, commands, mayResend, before, seen, isDone, mayBeSent);
+        }
+
+        // Reads reports until one shows the effect of commands that were sent when the report with the number `before` was the
+        // newest one.
+        Snapshot Await(
+            string what, string hint, TimeSpan limit, IDictionary<int, Slot> commands, bool mayResend, long before,
+            Func<Snapshot, string> seen, Func<Snapshot, bool> isDone, Action mayBeSent = null)
+        {
             var clock = Stopwatch.StartNew();
             for (long reports = 1;; reports++)
             {
-                Snapshot report = Next(what, options.ReadLimit, CancellationToken.None);
+                Snapshot report = Next(what, options.ReadLimit, CancellationToken.None, before);
+                before = report.Sequence;
                 if (isDone(report))
                     return report;
                 TimeSpan waited = isVirtual ? TimeSpan.FromMilliseconds(reports * cycleUs / 1000.0) : clock.Elapsed;
@@ -414,25 +458,8 @@ namespace Ecmsk
                     throw EcmskException.Of(
                         ErrorKind.Timeout, "{0}: not done after {1:0} ms, {2}; {3}", what, waited.TotalMilliseconds, seen(report), hint);
                 if (mayResend && reports % ResendReports == 0)
-                    Send(commands);
+                    Send(commands, mayBeSent);
             }
-        }
-
-        // While another thread steps a stream, commands ride in its frames: a frame without targets would be a gap in the motion.
-        void Send(IDictionary<int, Slot> commands)
-        {
-            AxisStream open = stream;
-            if (open != null && !open.IsOfThisThread)
-            {
-                lock (posts)
-                    foreach (KeyValuePair<int, Slot> command in commands)
-                        posts[command.Key] = command.Value;
-                return;
-            }
-            var frame = new CommandFrame(SlotSize);
-            foreach (KeyValuePair<int, Slot> command in commands)
-                frame[command.Key] = command.Value;
-            Write(frame);
         }
     }
 }

@@ -103,6 +103,12 @@ namespace Ecmsk
             Bytes = new byte[Frames.Length(size)];
         }
 
+        internal CommandFrame(CommandFrame of)
+        {
+            SlotSize = of.SlotSize;
+            Bytes = (byte[])of.Bytes.Clone();
+        }
+
         /// <summary>The size of the slots.</summary>
         public SlotSize SlotSize { get; private set; }
 

@@ -48,7 +48,7 @@ namespace Ecmsk
         SdoAborted = 9,
         /// <summary>A target is further from the actual position than the guard of the axis allows.</summary>
         TooFar = 10,
-        /// <summary>The axis is not in Operation enabled.</summary>
+        /// <summary>The axis is not in Operation enabled, or another call has switched it off while it was switched on.</summary>
         NotEnabled = 11,
         /// <summary>A value is outside of what the call takes.</summary>
         Setting = 12,

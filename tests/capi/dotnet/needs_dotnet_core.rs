@@ -84,6 +84,12 @@ fn errors_on_the_package() {
     packages::errors(Core);
 }
 
+/// What stops an axis on the package Ecmsk waits for no other call, and no command is lost or left over.
+#[test]
+fn threads_on_the_package() {
+    packages::threads(Core);
+}
+
 /// .NET Core finds the package Ecmsk and its library in the folder of packages.
 #[test]
 fn restored_package() {

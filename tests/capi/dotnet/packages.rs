@@ -91,6 +91,23 @@ pub fn errors(runtime: Runtime) {
     );
 }
 
+/// Calls of several threads, and calls that end by exceptions. The script is that of the program.
+pub fn threads(runtime: Runtime) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let program = published("EcmskThreads", folder.path());
+    let script = folder.path().join("script");
+    let events = [
+        "at 10s io 3 inputs 1",
+        "at 10s full for 1s",
+        "at 10s sdo-delay 1 800ms",
+        "at 10500ms mute 2 for 100ms",
+        "at 20s alarm 1 0x7500",
+    ];
+    fs::write(&script, events.join("\n")).expect("a script");
+    let ended = run(runtime, &program, &[&format!("{WITH_IO}&script={}", script.display())]);
+    assert_eq!((ended.stderr.as_str(), ended.stdout.as_str()), ("", "ok\n"), "{runtime:?}");
+}
+
 /// The program on the front page of the package.
 pub fn front_page(runtime: Runtime) {
     let page = fs::read_to_string(unpacked("Ecmsk").join("README.md")).expect("the page");

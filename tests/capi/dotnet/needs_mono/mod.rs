@@ -115,6 +115,12 @@ fn errors_on_the_package() {
     packages::errors(Mono);
 }
 
+/// What stops an axis on the package Ecmsk waits for no other call, and no command is lost or left over.
+#[test]
+fn threads_on_the_package() {
+    packages::threads(Mono);
+}
+
 /// The program on the front page of the package Ecmsk runs.
 #[test]
 fn the_front_page_of_the_package() {

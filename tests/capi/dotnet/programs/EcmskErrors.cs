@@ -138,8 +138,48 @@ static class EcmskErrors
                 lies.Read();
             That(lies.GetStats().BadCrc > 5 && lies.GetStats().ReadFaults.Corrupted > 5, "reports are discarded");
         }
+        // They count as a cycle each for the limit of a read, however long that is.
+        var twelve = new BoardOptions { SlotSize = SlotSize.Bytes12 };
+        using (Board noisy = Board.Open(link + "&fault.corrupt.read=0.9&fault.seed=1", twelve))
+        {
+            noisy.Adopt(new[] { Slave.Drive(), Slave.Drive() }, 4000);
+            long bad = 0;
+            Exception late = null;
+            while (late == null)
+            {
+                bad = noisy.GetStats().BadCrc;
+                late = Ends(() => noisy.Read(TimeSpan.FromMilliseconds(20)));
+            }
+            That(noisy.GetStats().BadCrc == bad + 5, "20 ms are 5 cycles of 4 ms");
+        }
+
+        // The network leaves OP while a call waits.
+        using (Board leaves = Board.Open(link + "&name=leaves"))
+        {
+            leaves.SetState(MasterState.PreOp);
+            leaves.Configure(new[] { Slave.Drive(), Slave.Drive() });
+            leaves.SetState(MasterState.Op);
+            var down = new CommandFrame(leaves.SlotSize);
+            down[0] = new Slot { Id = 0x01, Data1 = 0x02 };
+            leaves.Write(down);
+            var wrong = Ends(() => leaves.ServoOn(1)) as EcmskException;
+            That(wrong != null && wrong.Kind == ErrorKind.WrongState, "at once: " + wrong);
+        }
         Console.WriteLine("ok");
         return 0;
+    }
+
+    static Exception Ends(Action call)
+    {
+        try
+        {
+            call();
+            return null;
+        }
+        catch (Exception error)
+        {
+            return error;
+        }
     }
 
     // A read that waits is ended by the disposal of the board, whatever it does at that moment.

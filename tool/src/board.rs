@@ -119,7 +119,7 @@ impl Args {
 
     /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory, otherwise that of the
     /// server of the link; `None` if there is none. A verb that only reads or looks passes over such a file of another
-    /// user.
+    /// user, and one that switches axes off also over one that cannot be used, unless `--machine` names it.
     ///
     /// # Errors
     /// The file cannot be read, or its content is not that of a machine file. The verb may move axes, and would pass over
@@ -132,15 +132,32 @@ impl Args {
                 next: format!("say --machine {FILE_NAME} to use it, or --machine none to move without its limits"),
             });
         }
-        Ok(machine_option::of_link(self.machine.as_deref(), self.link.as_ref())?)
+        let given = self.machine.as_deref();
+        let loaded = match board_use {
+            BoardUse::Switches => machine_option::load_or_pass_over(given)?,
+            _ => machine_option::load(given)?,
+        };
+        Ok(machine_option::or_of_server(loaded, given, self.named_link()?.as_ref()))
     }
 
     /// The board that the options, the environment, the machine file or the configuration name.
     ///
     /// # Errors
-    /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
+    /// `ECMSK_LINK` or `ecmsk.toml` is invalid. The machine file was passed over, and may name the board.
     pub fn chosen(&self, machine: Option<&MachineFile>) -> Result<ChosenLink, BoardError> {
-        Ok(ChosenLink::find_with(self.link.as_ref(), machine)?)
+        Ok(ChosenLink::find_with(self.named_link()?.as_ref(), machine)?)
+    }
+
+    /// The link of `--link`, otherwise that of a machine file that was passed over.
+    fn named_link(&self) -> Result<Option<LinkUri>, BoardError> {
+        if self.link.is_some() || self.machine.is_some() {
+            return Ok(self.link.clone());
+        }
+        machine_option::link_passed_over().map_err(|error| BoardError::Refused {
+            what: "finding the board".into(),
+            why: format!("the machine file may name it, and cannot be used: {error}"),
+            next: "or name the board with --link".into(),
+        })
     }
 
     /// The slot size, if an option gives it.

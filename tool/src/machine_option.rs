@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, Once, PoisonError};
 
 use ecmsk::cia402::error_name;
-use ecmsk::link::config::find;
+use ecmsk::link::config::{LINK_VARIABLE, find};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::tcp;
 use ecmsk::link::uri::LinkUri;
@@ -77,14 +77,68 @@ pub fn carried(machine: &MachineFile) -> Option<CarriedFile> {
     Some(CarriedFile::new(&machine.path, &text))
 }
 
+/// As [`load`], for a verb that stops axes or switches them off. It must not fail because of a file that nobody has named: one
+/// that cannot be used is passed over, with a warning. \[OURS]
+///
+/// # Errors
+/// As [`load`] for a file that the option names.
+pub fn load_or_pass_over(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileError> {
+    static SAID: Once = Once::new();
+    match load(given) {
+        Err(error) if given.is_none() => {
+            SAID.call_once(|| say("warning", &format_args!("the machine file is passed over: {error}")));
+            Ok(None)
+        }
+        loaded => loaded,
+    }
+}
+
+/// The link in the machine file of the working directory, if [`load_or_pass_over`] passes over that file. So a wrong field
+/// elsewhere in it does not lead to another board. `None`: there is no such file, or `ECMSK_LINK` comes before its link, or it
+/// has none.
+///
+/// # Errors
+/// The file is no text with fields, so that its link is not known.
+pub fn link_passed_over() -> Result<Option<LinkUri>, MachineFileError> {
+    #[derive(serde::Deserialize)]
+    struct OnlyLink {
+        link: Option<String>,
+    }
+    let path = Path::new(FILE_NAME);
+    let is_variable_set = std::env::var_os(LINK_VARIABLE).is_some_and(|value| !value.is_empty());
+    if is_variable_set || path.symlink_metadata().is_err() || is_of_another_user(path) {
+        return Ok(None);
+    }
+    match MachineFile::load(path) {
+        Ok(_) => Ok(None),
+        Err(error @ (MachineFileError::Unreadable { .. } | MachineFileError::Syntax { .. })) => Err(error),
+        Err(error) => {
+            let text = std::fs::read_to_string(path).unwrap_or_default();
+            match toml::from_str(&text) {
+                Ok(OnlyLink { link: None }) => Ok(None),
+                Ok(OnlyLink { link: Some(link) }) => LinkUri::parse(&link).map(Some).map_err(|_| error),
+                Err(_) => Err(error),
+            }
+        }
+    }
+}
+
 /// The machine file for a board: that of the option or of the working directory, as [`load`] has it, otherwise that of the
 /// server of the link.
 ///
 /// # Errors
 /// As [`load`].
 pub fn of_link(given: Option<&Path>, link: Option<&LinkUri>) -> Result<Option<MachineFile>, MachineFileError> {
-    let machine = load(given)?;
-    Ok(if machine.is_none() && given.is_none() { of_server(link) } else { machine })
+    Ok(or_of_server(load(given)?, given, link))
+}
+
+/// The machine file that was loaded; without one, unless the option says `none`, that of the server of the link.
+pub fn or_of_server(
+    loaded: Option<MachineFile>,
+    given: Option<&Path>,
+    link: Option<&LinkUri>,
+) -> Option<MachineFile> {
+    if loaded.is_none() && given.is_none() { of_server(link) } else { loaded }
 }
 
 /// The machine file of the server of a link `tcp:`, about which a note is printed once. `None`: the link is another one, or

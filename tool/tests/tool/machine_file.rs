@@ -440,3 +440,40 @@ fn a_server_tells_its_machine_file() {
     let none = elsewhere.run(&["move", "X=2", "--link", &link]);
     assert!(none.code == Some(1) && none.err.contains("there is no machine file"), "{none:?}");
 }
+
+/// `stop` and `servo off` do not fail because of a machine file that nobody has named: they pass over one that cannot be used, and
+/// find the board by `--link`, or by the link in the file as far as that can be read. Other verbs do not begin.
+#[cfg(unix)]
+#[test]
+fn a_wrong_machine_file_keeps_nothing_from_being_stopped() {
+    let (server, _) = support::tcp::serve("sim:?slaves=drive*2&clock=virtual");
+    let link = support::tcp::uri(&server, "");
+    let half = format!("format = 1\nlink = \"{link}\"\n[axes]\nX = {{ slave = 1, unit = \"mm\" }}\n");
+    let folder = Folder::new(&half);
+    let passed = "warning: the machine file is passed over: machine.toml, line 4: axes.X.per: it is missing";
+    let words = ["servo", "on", "1,2", "--up", "--link", &link, "--machine", "none"];
+    assert_eq!(folder.run(&words).code, Some(0));
+    for (axis, given) in [("1", &["--link", &link] as &[&str]), ("2", &[])] {
+        let off = folder.run(&[&["servo", "off", axis], given].concat());
+        assert!(off.err.starts_with(passed) && off.err.matches(passed).count() == 1, "{off:?}");
+        assert_eq!((off.code, off.out), (Some(0), format!("axis {axis}: off, Switched on (0x0233)\n")), "{}", off.err);
+        let stop = folder.run(&[&["stop"], given].concat());
+        assert!(stop.code == Some(0) && stop.err.starts_with(passed), "{stop:?}");
+        assert_eq!(stop.out, "axes stand still; no program was writing\n");
+    }
+    folder.run(&["move", "1=5", "--link", &link]).expect_failure(1, &["axes.X.per: it is missing"], "");
+    folder.run(&["stop", "--machine", "machine.toml", "--link", &link]).expect_failure(1, &["axes.X.per: it is missing"], "");
+    // Without a readable link it is not known which board the file means. Another one is not stopped in its place.
+    folder.write("machine.toml", "format = 1\nlink = \n");
+    let next = "or name the board with --link";
+    for verb in [&["stop"] as &[&str], &["servo", "off", "1"]] {
+        let ran = folder.run(verb);
+        let why = "error: finding the board: the machine file may name it, and cannot be used: machine.toml, line 2";
+        assert!(ran.code == Some(1) && ran.err.contains(why) && ran.err.contains(next), "{ran:?}");
+        assert_eq!(folder.run(&[verb, &["--link", &link]].concat()).code, Some(0));
+    }
+    std::fs::remove_file(folder.path("machine.toml")).expect("it is there");
+    let made = std::process::Command::new("mkfifo").arg(folder.path("machine.toml")).status().expect("it starts");
+    assert!(made.success());
+    assert_eq!(folder.run(&["stop", "--link", &link]).code, Some(0));
+}

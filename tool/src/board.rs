@@ -165,7 +165,8 @@ impl Args {
         slot_size::given(self.slot_size, self.slot)
     }
 
-    /// The link `uri`, with the recording of `--record` if there is one, which carries the machine file.
+    /// The link `uri`, with the recording of `--record` if there is one, which carries the machine file, unless that is the
+    /// server's.
     ///
     /// # Errors
     /// The recording cannot be made.
@@ -175,6 +176,7 @@ impl Args {
             Some(file) => {
                 let recorded = record_option::with_record(uri, file)?;
                 record_option::make_room(file, self.overwrite)?;
+                let machine = machine.filter(|machine| machine_option::is_on_disk(self.machine.as_deref(), machine));
                 Ok(machine.map_or(recorded.clone(), |machine| recorded.with_axes(&machine.path.display().to_string())))
             }
         }

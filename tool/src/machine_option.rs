@@ -63,7 +63,8 @@ pub fn of_recording(
         match MachineFile::parse(carried.name(), carried.text()) {
             Ok(machine) => {
                 SAID.call_once(|| say("note", &format_args!("machine file {} of the recording", carried.name())));
-                return Ok(Some(machine));
+                // Its link is left out, as that of a server's file is.
+                return Ok(Some(MachineFile { link: None, ..machine }));
             }
             Err(error) => say("note", &format_args!("the machine file of the recording is passed over: {error}")),
         }
@@ -143,6 +144,9 @@ pub fn or_of_server(
 
 /// The machine file of the server of a link `tcp:`, about which a note is printed once. `None`: the link is another one, or
 /// the server has no such file. A server that cannot be reached is no error here: opening the link reports it.
+///
+/// Its link is that of the server to its board, and is left out: on this machine it would lead to another board, and open
+/// files that somebody else has chosen. \[OURS]
 fn of_server(link: Option<&LinkUri>) -> Option<MachineFile> {
     static ASKED: Mutex<Option<(LinkUri, Option<MachineFile>)>> = Mutex::new(None);
     let configured = || LinkUri::parse(&find(&environment()).ok()?.link).ok();
@@ -155,7 +159,7 @@ fn of_server(link: Option<&LinkUri>) -> Option<MachineFile> {
     let machine = served.and_then(|file| match MachineFile::parse(file.name(), file.text()) {
         Ok(machine) => {
             say("note", &format_args!("machine file {} of the server", file.name()));
-            Some(machine)
+            Some(MachineFile { link: None, path: of_server_name(&file), ..machine })
         }
         Err(error) => {
             say("note", &format_args!("the machine file of the server is passed over: {error}"));
@@ -164,6 +168,17 @@ fn of_server(link: Option<&LinkUri>) -> Option<MachineFile> {
     });
     *asked = Some((uri, machine.clone()));
     machine
+}
+
+/// The path of a machine file of a server, for messages. No file on this machine is meant by it.
+fn of_server_name(file: &CarriedFile) -> PathBuf {
+    format!("{} of the server", file.name()).into()
+}
+
+/// Whether a machine file was read from this machine's disk, by the option or from the working directory, and not from a
+/// server.
+pub fn is_on_disk(given: Option<&Path>, machine: &MachineFile) -> bool {
+    machine.path == given.unwrap_or(Path::new(FILE_NAME))
 }
 
 /// A number with a unit directly behind it or after spaces: `0.5mm`, `500 counts`.

@@ -441,6 +441,35 @@ fn a_server_tells_its_machine_file() {
     assert!(none.code == Some(1) && none.err.contains("there is no machine file"), "{none:?}");
 }
 
+/// The link in a server's machine file is the server's: verbs of a client stay on the link that they have, also if it is that of
+/// `ecmsk.toml`, and open no file that the server names. A recording of such a verb does not name the file either.
+#[test]
+fn a_servers_machine_file_leads_to_no_other_board() {
+    let elsewhere = Folder(tempfile::tempdir().expect("a folder"));
+    let trap = elsewhere.path("trap.pcapng");
+    let text = MACHINE.replace("clock=virtual", &format!("clock=virtual&record={}", trap.display()));
+    let (options, _) = support::tcp::options();
+    let options = ServeOptions { machine: Some(Arc::new(CarriedFile::new(Path::new("machine.toml"), &text))), ..options };
+    let server = support::tcp::serve_with("sim:?slaves=drive*2,io&clock=virtual", options);
+    let link = support::tcp::uri(&server, "");
+    elsewhere.write("ecmsk.toml", &format!("link = \"{link}\"\n"));
+    let ran = elsewhere.run(&["move", "X=2.5", "--up"]);
+    assert!(ran.code == Some(0) && ran.out.starts_with("axis X: at 2.5 mm"), "{ran:?}");
+    for words in [&["info", "--json"] as &[&str], &["servo", "off", "X"]] {
+        let ran = elsewhere.run(words);
+        assert!(ran.code == Some(0), "{words:?} {ran:?}");
+    }
+    assert!(!trap.exists());
+    // The board behind the server has moved.
+    let ran = elsewhere.run(&["info", "--link", &link, "--machine", "none"]);
+    assert!(ran.out.contains("2500"), "{ran:?}");
+    let ran = elsewhere.run(&["move", "X=3", "--link", &link, "--record", "own.ecmrec"]);
+    assert!(ran.code == Some(0) && elsewhere.path("own.ecmrec").exists(), "{ran:?}");
+    assert_eq!(elsewhere.run(&["recording", "info", "own.ecmrec", "--json"]).json()["machine"], serde_json::Value::Null);
+    let ran = elsewhere.run(&["move", "X=251"]);
+    assert!(ran.err.contains("or correct max in machine.toml of the server"), "{ran:?}");
+}
+
 /// `stop` and `servo off` do not fail because of a machine file that nobody has named: they pass over one that cannot be used, and
 /// find the board by `--link`, or by the link in the file as far as that can be read. Other verbs do not begin.
 #[cfg(unix)]

@@ -38,6 +38,7 @@ pub use session::{Board, BoardUse, NEAR_COUNTS, StepSource, in_mode, numbered, s
 pub use slaves::SlaveList;
 
 use super::link_option::ChosenLink;
+use super::machine_option::ServedFileError;
 use super::{machine_option, record_option, slot_size};
 use network::Network;
 
@@ -123,7 +124,7 @@ impl Args {
     ///
     /// # Errors
     /// The file cannot be read, or its content is not that of a machine file. The verb may move axes, and would pass over
-    /// the limits in a file of another user.
+    /// the limits in a file of another user, or in that of a server which does not give it.
     pub fn machine(&self, board_use: BoardUse) -> Result<Option<MachineFile>, BoardError> {
         if board_use == BoardUse::Moves && machine_option::passes_over(self.machine.as_deref()) {
             return Err(BoardError::Refused {
@@ -137,7 +138,17 @@ impl Args {
             BoardUse::Switches => machine_option::load_or_pass_over(given)?,
             _ => machine_option::load(given)?,
         };
-        Ok(machine_option::or_of_server(loaded, given, self.named_link()?.as_ref()))
+        if board_use != BoardUse::Moves || loaded.is_some() || given.is_some() {
+            return Ok(machine_option::or_of_server(loaded, given, self.named_link()?.as_ref()));
+        }
+        machine_option::of_server(self.link.as_ref()).map_err(|error| match error {
+            ServedFileError::Link(error) => error.into(),
+            ServedFileError::File(error) => BoardError::Refused {
+                what: "moving axes".into(),
+                why: format!("the machine file of the server may have limits, and cannot be used: {error}"),
+                next: "or say --machine none to move without its limits".into(),
+            },
+        })
     }
 
     /// The board that the options, the environment, the machine file or the configuration name.

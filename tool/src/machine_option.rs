@@ -6,7 +6,7 @@ use std::sync::{Mutex, Once, PoisonError};
 use ecmsk::cia402::error_name;
 use ecmsk::link::config::{LINK_VARIABLE, find};
 use ecmsk::link::keys::Scheme;
-use ecmsk::link::tcp;
+use ecmsk::link::{LinkError, tcp};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
 use ecmsk::recording::CarriedFile;
@@ -133,46 +133,62 @@ pub fn of_link(given: Option<&Path>, link: Option<&LinkUri>) -> Result<Option<Ma
     Ok(or_of_server(load(given)?, given, link))
 }
 
-/// The machine file that was loaded; without one, unless the option says `none`, that of the server of the link.
+/// The machine file that was loaded; without one, unless the option says `none`, that of the server of the link. A server that
+/// cannot be reached is no error here: opening the link reports it. A file that cannot be used is passed over, with a note.
 pub fn or_of_server(
     loaded: Option<MachineFile>,
     given: Option<&Path>,
     link: Option<&LinkUri>,
 ) -> Option<MachineFile> {
-    if loaded.is_none() && given.is_none() { of_server(link) } else { loaded }
+    if loaded.is_some() || given.is_some() {
+        return loaded;
+    }
+    of_server(link).unwrap_or_else(|error| {
+        if let ServedFileError::File(error) = error {
+            say("note", &format_args!("the machine file of the server is passed over: {error}"));
+        }
+        None
+    })
+}
+
+/// Why the machine file of a server is not known.
+#[derive(Debug)]
+pub enum ServedFileError {
+    /// The server cannot be reached, or does not give the file.
+    Link(LinkError),
+    /// The file cannot be used.
+    File(MachineFileError),
 }
 
 /// The machine file of the server of a link `tcp:`, about which a note is printed once. `None`: the link is another one, or
-/// the server has no such file. A server that cannot be reached is no error here: opening the link reports it.
+/// the server has no such file.
 ///
 /// Its link is that of the server to its board, and is left out: on this machine it would lead to another board, and open
 /// files that somebody else has chosen. \[OURS]
-fn of_server(link: Option<&LinkUri>) -> Option<MachineFile> {
+///
+/// # Errors
+/// [`ServedFileError`]: whether the server has a file, and which limits are in it, is not known.
+pub fn of_server(link: Option<&LinkUri>) -> Result<Option<MachineFile>, ServedFileError> {
     static ASKED: Mutex<Option<(LinkUri, Option<MachineFile>)>> = Mutex::new(None);
     let configured = || LinkUri::parse(&find(&environment()).ok()?.link).ok();
-    let uri = link.cloned().or_else(configured).filter(|uri| uri.scheme() == Scheme::Tcp)?;
+    let link = link.cloned().or_else(configured);
+    let Some(uri) = link.filter(|uri| uri.scheme() == Scheme::Tcp) else { return Ok(None) };
     let mut asked = ASKED.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((_, machine)) = asked.as_ref().filter(|(of, _)| *of == uri) {
-        return machine.clone();
+        return Ok(machine.clone());
     }
-    let served = tcp::machine(&uri).ok().flatten();
-    let machine = served.and_then(|file| match MachineFile::parse(file.name(), file.text()) {
-        Ok(machine) => {
-            say("note", &format_args!("machine file {} of the server", file.name()));
-            Some(MachineFile { link: None, path: of_server_name(&file), ..machine })
+    let machine = match tcp::machine(&uri).map_err(ServedFileError::Link)? {
+        Some(file) => {
+            // No file on this machine is meant by its name.
+            let name = format!("{} of the server", file.name());
+            let machine = MachineFile::parse(&name, file.text()).map_err(ServedFileError::File)?;
+            say("note", &format_args!("machine file {name}"));
+            Some(MachineFile { link: None, ..machine })
         }
-        Err(error) => {
-            say("note", &format_args!("the machine file of the server is passed over: {error}"));
-            None
-        }
-    });
+        None => None,
+    };
     *asked = Some((uri, machine.clone()));
-    machine
-}
-
-/// The path of a machine file of a server, for messages. No file on this machine is meant by it.
-fn of_server_name(file: &CarriedFile) -> PathBuf {
-    format!("{} of the server", file.name()).into()
+    Ok(machine)
 }
 
 /// Whether a machine file was read from this machine's disk, by the option or from the working directory, and not from a

@@ -257,6 +257,7 @@ mod needs_root {
     use std::os::unix::fs::chown;
 
     use super::{Folder, MACHINE};
+    use crate::common::exec::ExecFolder;
     use crate::common::{Ran, ecmsk};
 
     const NOBODY: u32 = 65534;
@@ -288,6 +289,24 @@ mod needs_root {
             let ran = run(words);
             let passes = ran.err.contains("machine.toml is another user's and is passed over; name it with --machine");
             assert!(ran.code == Some(0) && passes, "{ran:?}");
+        }
+    }
+
+    /// A program under `exec` may move axes, and is not started without the limits of another user's file either.
+    #[test]
+    fn exec_passes_over_no_limits_of_another_user() {
+        let place = ExecFolder::new();
+        let file = place.path().join("machine.toml");
+        std::fs::write(&file, MACHINE).expect("a file");
+        chown(&file, Some(NOBODY), None).expect("tests in needs_root run as root");
+        let ran = place.run(&["--link", LINK[1]], "echo started");
+        assert_eq!((ran.code, ran.out.as_str()), (Some(125), ""), "{ran:?}");
+        for word in ["machine.toml in this folder is another user's", "say --machine machine.toml to use it, or --machine none"] {
+            assert!(ran.err.contains(word), "{ran:?}");
+        }
+        for machine in ["machine.toml", "none"] {
+            let ran = place.run(&["--link", LINK[1], "--machine", machine], "echo started");
+            assert_eq!((ran.code, ran.out.as_str()), (Some(0), "started\n"), "{ran:?}");
         }
     }
 }
@@ -441,6 +460,29 @@ fn a_server_tells_its_machine_file() {
     assert!(none.code == Some(1) && none.err.contains("there is no machine file"), "{none:?}");
 }
 
+/// What a server with a machine file records carries the file.
+#[cfg(all(unix, feature = "web"))]
+#[test]
+fn the_flight_recorder_of_a_server_carries_its_machine_file() {
+    let folder = Folder::new(MACHINE);
+    let (machine, flight) = (folder.path("machine.toml").display().to_string(), folder.path("flight"));
+    let words = ["--machine", &machine, "--flight", &flight.display().to_string()];
+    let server = crate::common::page::Serving::start("tcp", &words);
+    let link = format!("tcp://{}", server.address());
+    let elsewhere = Folder(tempfile::tempdir().expect("a folder"));
+    // The limits of the file are for programs, and not for the server and its brake.
+    let ran = elsewhere.run(&["move", "1=251000", "--velocity", "200000", "--up", "--link", &link, "--machine", "none", "--slaves", "drive*2,io"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    server.end();
+    let files = std::fs::read_dir(&flight).expect("it is there").map(|file| file.expect("a file").path());
+    let files: Vec<_> = files.filter(|file| file.extension().is_some_and(|end| end == "ecmrec")).collect();
+    assert!(!files.is_empty());
+    for file in files {
+        let text = elsewhere.run(&["recording", "info", &file.display().to_string(), "--machine-file"]);
+        assert_eq!(text.out, MACHINE, "{text:?}");
+    }
+}
+
 /// The link in a server's machine file is the server's: verbs of a client stay on the link that they have, also if it is that of
 /// `ecmsk.toml`, and open no file that the server names. A recording of such a verb does not name the file either.
 #[test]
@@ -468,6 +510,55 @@ fn a_servers_machine_file_leads_to_no_other_board() {
     assert_eq!(elsewhere.run(&["recording", "info", "own.ecmrec", "--json"]).json()["machine"], serde_json::Value::Null);
     let ran = elsewhere.run(&["move", "X=251"]);
     assert!(ran.err.contains("or correct max in machine.toml of the server"), "{ran:?}");
+}
+
+/// A verb that moves axes does not begin if the server's machine file is not known: one of a newer format, or if the connection
+/// that asks for it ends. Without the file there would be no limits.
+#[test]
+fn no_axis_moves_without_the_limits_of_the_server() {
+    let elsewhere = Folder(tempfile::tempdir().expect("a folder"));
+    let (options, _) = support::tcp::options();
+    let newer = CarriedFile::new(Path::new("machine.toml"), &MACHINE.replace("format = 1", "format = 2"));
+    let options = ServeOptions { machine: Some(Arc::new(newer)), ..options };
+    let server = support::tcp::serve_with("sim:?slaves=drive*2,io&clock=virtual", options);
+    let link = support::tcp::uri(&server, "");
+    let words = ["move", "1=260000", "--velocity", "200000", "--up", "--link"];
+    let ran = elsewhere.run(&[&words, &[&*link][..]].concat());
+    ran.expect_failure(
+        1,
+        &["the machine file of the server may have limits", "machine.toml of the server, line 2: format: it is 2"],
+        "or say --machine none to move without its limits",
+    );
+    // A verb that moves nothing goes on.
+    assert_eq!(elsewhere.run(&["info", "--link", &link]).code, Some(0));
+
+    let server = support::tcp::serve_with("sim:?slaves=drive*2,io&clock=virtual", support::tcp::options().0);
+    let link = closes_the_first(&server);
+    let ran = elsewhere.run(&[&words, &[&*link][..]].concat());
+    assert!(ran.code == Some(1) && ran.out.is_empty(), "{ran:?}");
+    assert!(ran.err.starts_with("error: no board at `tcp://") && ran.err.contains("has closed the connection"), "{ran:?}");
+}
+
+/// The link to a server through somebody who closes the first connection, and passes on the others.
+fn closes_the_first(server: &ecmsk::port::tcp::Server) -> String {
+    use std::net::{TcpListener, TcpStream};
+    let (listener, to) = (TcpListener::bind("127.0.0.1:0").expect("a port"), server.address());
+    let link = format!("tcp://{}", listener.local_addr().expect("it has one"));
+    std::thread::spawn(move || {
+        drop(listener.accept());
+        for client in listener.incoming().flatten() {
+            let Ok(server) = TcpStream::connect(to) else { return };
+            for (mut from, mut to) in [(&client, &server), (&server, &client)]
+                .map(|(from, to)| (from.try_clone().expect("a copy"), to.try_clone().expect("a copy")))
+            {
+                std::thread::spawn(move || {
+                    let _ = std::io::copy(&mut from, &mut to);
+                    let _ = to.shutdown(std::net::Shutdown::Both);
+                });
+            }
+        }
+    });
+    link
 }
 
 /// `stop` and `servo off` do not fail because of a machine file that nobody has named: they pass over one that cannot be used, and

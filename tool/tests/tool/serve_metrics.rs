@@ -258,7 +258,7 @@ fn a_crowd_does_not_slow_the_board() {
     board.serving.end();
 }
 
-/// Connections that say nothing do not keep a check of the health from its answer: the oldest of them makes room.
+/// TOOL-200 Connections that say nothing do not keep a check of the health from its answer: the oldest of them makes room.
 #[test]
 fn silent_connections_do_not_close_the_check_of_the_health() {
     let board = Metrics::start("tcp", &["--link", "sim:?slaves=drive"]);

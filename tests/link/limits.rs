@@ -69,8 +69,8 @@ fn is_beyond(error: &EcmError) -> bool {
     matches!(error, EcmError::Link(LinkError::BeyondLimit { .. }))
 }
 
-/// Axis 1 ends at its limit at full speed, so that its ramp to a standstill would lead beyond it. It stops at the limit, and
-/// closing goes on: axis 2 is braked, and both are switched off.
+/// Axis 1 comes to its limit at full speed, and its next target is refused. It stops at the limit, and closing works on: axis 2 is
+/// braked, and both are switched off.
 #[test]
 fn closing_stops_all_axes_at_a_limit_and_switches_them_off() {
     for (how, is_on) in [(Close::Hold, true), (Close::ServoOff, false)] {
@@ -82,6 +82,9 @@ fn closing_stops_all_axes_at_a_limit_and_switches_them_off() {
             stream.csv(2, 50_000).unwrap();
             stream.step().unwrap();
         }
+        stream.csp(1, 20_050).unwrap();
+        stream.csv(2, 60_000).unwrap();
+        assert!(is_beyond(&stream.step().unwrap_err()));
         std::mem::forget(stream);
         ecm.close(how).unwrap();
         let (moved, position, on) = board.look();

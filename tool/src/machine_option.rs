@@ -63,8 +63,7 @@ pub fn of_recording(
         match MachineFile::parse(carried.name(), carried.text()) {
             Ok(machine) => {
                 SAID.call_once(|| say("note", &format_args!("machine file {} of the recording", carried.name())));
-                // Its link is left out, as that of a server's file is.
-                return Ok(Some(MachineFile { link: None, ..machine }));
+                return Ok(Some(of_elsewhere(machine)));
             }
             Err(error) => say("note", &format_args!("the machine file of the recording is passed over: {error}")),
         }
@@ -163,9 +162,6 @@ pub enum ServedFileError {
 /// The machine file of the server of a link `tcp:`, about which a note is printed once. `None`: the link is another one, or
 /// the server has no such file.
 ///
-/// Its link is that of the server to its board, and is left out: on this machine it would lead to another board, and open
-/// files that somebody else has chosen. \[OURS]
-///
 /// # Errors
 /// [`ServedFileError`]: whether the server has a file, and which limits are in it, is not known.
 pub fn of_server(link: Option<&LinkUri>) -> Result<Option<MachineFile>, ServedFileError> {
@@ -183,12 +179,19 @@ pub fn of_server(link: Option<&LinkUri>) -> Result<Option<MachineFile>, ServedFi
             let name = format!("{} of the server", file.name());
             let machine = MachineFile::parse(&name, file.text()).map_err(ServedFileError::File)?;
             say("note", &format_args!("machine file {name}"));
-            Some(MachineFile { link: None, ..machine })
+            Some(of_elsewhere(machine))
         }
         None => None,
     };
     *asked = Some((uri, machine.clone()));
     Ok(machine)
+}
+
+/// A machine file of a server or of a recording, as it is used here: without its link. On this machine that would lead to another
+/// board, and open files that somebody else has chosen. \[OURS]
+fn of_elsewhere(mut machine: MachineFile) -> MachineFile {
+    machine.link = None;
+    machine
 }
 
 /// Whether a machine file was read from this machine's disk, by the option or from the working directory, and not from a

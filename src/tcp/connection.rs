@@ -395,7 +395,9 @@ impl Shared {
         let bytes = frame.bytes();
         let answered = self.request(Dir::Write, wait, |request| Message::Write { request, wait, frame: bytes }).1;
         // A frame with a target beyond a limit was sent without its targets, and those leave nothing in force.
-        if let (Ok(Answer::Written(_)) | Err(LinkError::BeyondLimit { .. }), Some(in_force)) = (&answered, &self.in_force) {
+        if let (Ok(Answer::Written(_)) | Err(LinkError::BeyondLimit { .. }), Some(in_force)) =
+            (&answered, &self.in_force)
+        {
             in_force.wrote(frame);
         }
         match answered? {

@@ -6,8 +6,8 @@ use std::sync::{Mutex, Once, PoisonError};
 use ecmsk::cia402::error_name;
 use ecmsk::link::config::{LINK_VARIABLE, find};
 use ecmsk::link::keys::Scheme;
-use ecmsk::link::{LinkError, tcp};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{LinkError, tcp};
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
 use ecmsk::recording::CarriedFile;
 
@@ -134,11 +134,7 @@ pub fn of_link(given: Option<&Path>, link: Option<&LinkUri>) -> Result<Option<Ma
 
 /// The machine file that was loaded; without one, unless the option says `none`, that of the server of the link. A server that
 /// cannot be reached is no error here: opening the link reports it. A file that cannot be used is passed over, with a note.
-pub fn or_of_server(
-    loaded: Option<MachineFile>,
-    given: Option<&Path>,
-    link: Option<&LinkUri>,
-) -> Option<MachineFile> {
+pub fn or_of_server(loaded: Option<MachineFile>, given: Option<&Path>, link: Option<&LinkUri>) -> Option<MachineFile> {
     if loaded.is_some() || given.is_some() {
         return loaded;
     }

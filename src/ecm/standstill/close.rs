@@ -46,7 +46,8 @@ impl Ecm {
         let ramped = if off { deadline.saturating_sub(SWITCH_OFF_TIME) } else { deadline };
         let stood = super::to_standstill(self, &mut session, ramped, left);
         session.targets.clear();
-        let is_silent = matches!(&stood, Err(error) if error.is_of_link() || matches!(error, EcmError::NoReport { .. }));
+        let is_silent =
+            matches!(&stood, Err(error) if error.is_of_link() || matches!(error, EcmError::NoReport { .. }));
         if !off || !session.in_op() || is_silent {
             return stood;
         }

@@ -118,7 +118,8 @@ fn homing_forgets_where_the_axis_was() {
 #[test]
 fn what_stops_axes_is_sent_beside_a_target_beyond_a_limit() {
     let (board, link) = board(0, 100);
-    let others = [SlaveCommand::ServoOff, SlaveCommand::AbortHome, SlaveCommand::Csv(Motion::to(0)), SlaveCommand::Cst(0)];
+    let others =
+        [SlaveCommand::ServoOff, SlaveCommand::AbortHome, SlaveCommand::Csv(Motion::to(0)), SlaveCommand::Cst(0)];
     let masters = [MasterCommand::SetFifo(FifoAction::Clear), MasterCommand::SetState(MasterState::Init)];
     for (other, master) in others.into_iter().zip(masters.into_iter().cycle()) {
         for has_crc in [false, true] {
@@ -135,7 +136,11 @@ fn what_stops_axes_is_sent_beside_a_target_beyond_a_limit() {
             }
             let error = link.write(&written, Wait::Forever).unwrap_err();
             let LinkError::BeyondLimit { at_ns: 7, why } = error else { panic!("{error}") };
-            assert!(why.starts_with("axis X: a target of 101 counts at ") && why.contains("max = 100 counts of machine.toml"), "{why}");
+            assert!(
+                why.starts_with("axis X: a target of 101 counts at ")
+                    && why.contains("max = 100 counts of machine.toml"),
+                "{why}"
+            );
             assert!(why.contains("; the frame was sent without its targets (CSP); "), "{why}");
             assert_eq!(board.sent.lock().pop().as_ref(), Some(&expected));
         }

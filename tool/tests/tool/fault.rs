@@ -239,7 +239,8 @@ fn a_control_socket_without_a_descriptor_does_not_spin() {
 
 /// The processor time that the thread of a process with this name has had, in ticks.
 fn ticks_of(process: u32, name: &str) -> u64 {
-    let threads = std::fs::read_dir(format!("/proc/{process}/task")).expect("it runs").flatten().map(|task| task.path());
+    let threads =
+        std::fs::read_dir(format!("/proc/{process}/task")).expect("it runs").flatten().map(|task| task.path());
     let read = |path: &std::path::Path, file: &str| std::fs::read_to_string(path.join(file)).unwrap_or_default();
     let thread = threads.into_iter().find(|thread| read(thread, "comm").trim() == name).expect("the thread");
     let stat = read(&thread, "stat");

@@ -301,7 +301,9 @@ mod needs_root {
         chown(&file, Some(NOBODY), None).expect("tests in needs_root run as root");
         let ran = place.run(&["--link", LINK[1]], "echo started");
         assert_eq!((ran.code, ran.out.as_str()), (Some(125), ""), "{ran:?}");
-        for word in ["machine.toml in this folder is another user's", "say --machine machine.toml to use it, or --machine none"] {
+        for word in
+            ["machine.toml in this folder is another user's", "say --machine machine.toml to use it, or --machine none"]
+        {
             assert!(ran.err.contains(word), "{ran:?}");
         }
         for machine in ["machine.toml", "none"] {
@@ -471,7 +473,19 @@ fn the_flight_recorder_of_a_server_carries_its_machine_file() {
     let link = format!("tcp://{}", server.address());
     let elsewhere = Folder(tempfile::tempdir().expect("a folder"));
     // The limits of the file are for programs, and not for the server and its brake.
-    let ran = elsewhere.run(&["move", "1=251000", "--velocity", "200000", "--up", "--link", &link, "--machine", "none", "--slaves", "drive*2,io"]);
+    let ran = elsewhere.run(&[
+        "move",
+        "1=251000",
+        "--velocity",
+        "200000",
+        "--up",
+        "--link",
+        &link,
+        "--machine",
+        "none",
+        "--slaves",
+        "drive*2,io",
+    ]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     server.end();
     let files = std::fs::read_dir(&flight).expect("it is there").map(|file| file.expect("a file").path());
@@ -491,7 +505,8 @@ fn a_servers_machine_file_leads_to_no_other_board() {
     let trap = elsewhere.path("trap.pcapng");
     let text = MACHINE.replace("clock=virtual", &format!("clock=virtual&record={}", trap.display()));
     let (options, _) = support::tcp::options();
-    let options = ServeOptions { machine: Some(Arc::new(CarriedFile::new(Path::new("machine.toml"), &text))), ..options };
+    let options =
+        ServeOptions { machine: Some(Arc::new(CarriedFile::new(Path::new("machine.toml"), &text))), ..options };
     let server = support::tcp::serve_with("sim:?slaves=drive*2,io&clock=virtual", options);
     let link = support::tcp::uri(&server, "");
     elsewhere.write("ecmsk.toml", &format!("link = \"{link}\"\n"));
@@ -507,7 +522,10 @@ fn a_servers_machine_file_leads_to_no_other_board() {
     assert!(ran.out.contains("2500"), "{ran:?}");
     let ran = elsewhere.run(&["move", "X=3", "--link", &link, "--record", "own.ecmrec"]);
     assert!(ran.code == Some(0) && elsewhere.path("own.ecmrec").exists(), "{ran:?}");
-    assert_eq!(elsewhere.run(&["recording", "info", "own.ecmrec", "--json"]).json()["machine"], serde_json::Value::Null);
+    assert_eq!(
+        elsewhere.run(&["recording", "info", "own.ecmrec", "--json"]).json()["machine"],
+        serde_json::Value::Null
+    );
     let ran = elsewhere.run(&["move", "X=251"]);
     assert!(ran.err.contains("or correct max in machine.toml of the server"), "{ran:?}");
 }
@@ -536,7 +554,10 @@ fn no_axis_moves_without_the_limits_of_the_server() {
     let link = closes_the_first(&server);
     let ran = elsewhere.run(&[&words, &[&*link][..]].concat());
     assert!(ran.code == Some(1) && ran.out.is_empty(), "{ran:?}");
-    assert!(ran.err.starts_with("error: no board at `tcp://") && ran.err.contains("has closed the connection"), "{ran:?}");
+    assert!(
+        ran.err.starts_with("error: no board at `tcp://") && ran.err.contains("has closed the connection"),
+        "{ran:?}"
+    );
 }
 
 /// The link to a server through somebody who closes the first connection, and passes on the others.
@@ -582,7 +603,11 @@ fn a_wrong_machine_file_keeps_nothing_from_being_stopped() {
         assert_eq!(stop.out, "axes stand still; no program was writing\n");
     }
     folder.run(&["move", "1=5", "--link", &link]).expect_failure(1, &["axes.X.per: it is missing"], "");
-    folder.run(&["stop", "--machine", "machine.toml", "--link", &link]).expect_failure(1, &["axes.X.per: it is missing"], "");
+    folder.run(&["stop", "--machine", "machine.toml", "--link", &link]).expect_failure(
+        1,
+        &["axes.X.per: it is missing"],
+        "",
+    );
     // Without a readable link it is not known which board the file means. Another one is not stopped in its place.
     folder.write("machine.toml", "format = 1\nlink = \n");
     let next = "or name the board with --link";

@@ -110,7 +110,7 @@ fn a_program_that_goes_on_with_a_wrong_target_stops_and_switches_off() {
             let error = stream.step().unwrap_err();
             assert!(is_beyond(&error), "{error}");
         }
-        assert!(position() > 10_000);
+        assert!(position() > 5_000);
     }
     drop(stream);
     ecm.servo_off(&[1, 2]).unwrap();

@@ -100,7 +100,7 @@ fn a_servers_machine_file_leads_to_no_other_board() {
     // The board behind the server has moved.
     let ran = elsewhere.run(&["info", "--link", &link, "--machine", "none"]);
     assert!(ran.out.contains("2500"), "{ran:?}");
-    let ran = elsewhere.run(&["move", "X=3", "--link", &link, "--record", "own.ecmrec"]);
+    let ran = elsewhere.run(&["move", "X=3", "--up", "--link", &link, "--record", "own.ecmrec"]);
     assert!(ran.code == Some(0) && elsewhere.path("own.ecmrec").exists(), "{ran:?}");
     assert_eq!(
         elsewhere.run(&["recording", "info", "own.ecmrec", "--json"]).json()["machine"],

@@ -48,7 +48,8 @@ fn a_server_tells_its_machine_file() {
 fn the_flight_recorder_of_a_server_carries_its_machine_file() {
     let folder = Folder::new(MACHINE);
     let (machine, flight) = (folder.path("machine.toml").display().to_string(), folder.path("flight"));
-    let words = ["--machine", &machine, "--flight", &flight.display().to_string()];
+    let link = "sim:?slaves=drive*2,io&clock=virtual";
+    let words = ["--link", link, "--machine", &machine, "--flight", &flight.display().to_string()];
     let server = crate::common::page::Serving::start("tcp", &words);
     let link = format!("tcp://{}", server.address());
     let elsewhere = Folder(tempfile::tempdir().expect("a folder"));

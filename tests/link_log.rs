@@ -274,7 +274,8 @@ fn a_target_beyond_a_limit_is_not_sent_if_the_file_says_so() {
         stream.step().err()
     });
     let error = error.expect("it is refused").to_string();
-    assert!(error.contains("the frame was not sent: axis X: a target of 2.51 mm at "), "{error}");
+    assert!(error.contains("axis X: a target of 2.51 mm at "), "{error}");
+    assert!(error.contains("; the frame was sent without its targets (CSP); "), "{error}");
     drop(stream);
     let told = lines_with(&["axis X: a target of ", "it is not sent"]);
     assert_eq!(told.len(), 1, "{told:?}");

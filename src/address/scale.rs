@@ -61,12 +61,12 @@ impl SoftLimits {
     /// Every position is allowed.
     pub const NONE: Self = Self { min: i32::MIN, max: i32::MAX };
 
-    /// How far a position is beyond the limits, counts; 0 within them.
-    pub const fn beyond(self, position_counts: i32) -> u32 {
+    /// How far a position is beyond the limits, counts: above 0 beyond `max`, below 0 beyond `min`, and 0 within them.
+    pub const fn excess(self, position_counts: i32) -> i64 {
         if position_counts < self.min {
-            position_counts.abs_diff(self.min)
+            position_counts as i64 - self.min as i64
         } else if position_counts > self.max {
-            position_counts.abs_diff(self.max)
+            position_counts as i64 - self.max as i64
         } else {
             0
         }

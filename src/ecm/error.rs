@@ -197,6 +197,11 @@ impl EcmError {
     pub(super) const fn wrong_kind(slave: u8, kind: SlaveKind, what: &'static str, wanted: &'static str) -> Self {
         Self::WrongKind { slave, kind: kind.name(), what, wanted }
     }
+
+    /// Whether the link has failed, so that nothing more can be sent.
+    pub(super) const fn is_of_link(&self) -> bool {
+        matches!(self, Self::Link(error) if !matches!(error, LinkError::BeyondLimit { .. }))
+    }
 }
 
 /// The slave that probably prevents a change of state. It is found by reading an object from each slave by SDO that its

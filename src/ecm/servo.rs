@@ -54,7 +54,7 @@ impl Ecm {
     /// Switches off the axes of `commands` after `servo_on` has failed. Returns `error`. The text of a timeout then also
     /// says whether switching off has succeeded.
     fn switch_off_again(&self, commands: &[(usize, RawSlot)], error: EcmError) -> EcmError {
-        if matches!(error, EcmError::Link(_)) {
+        if error.is_of_link() {
             return error;
         }
         let size = match self.exchange.lock() {

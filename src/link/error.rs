@@ -95,6 +95,16 @@ pub enum LinkError {
         /// How the connection ended.
         reason: String,
     },
+    /// A target of an axis is beyond a limit of the machine file, which says that such a target is not sent. The board has
+    /// got the frame without its targets (CSP), so that axes in CSP hold their last ones; all other commands of the frame
+    /// were sent. The link works on.
+    #[error("{why}")]
+    BeyondLimit {
+        /// The board's time at which the rest of the frame was sent, in nanoseconds.
+        at_ns: u64,
+        /// The axis with its target and its limit, and what the user can do.
+        why: String,
+    },
     /// The link was closed, by this thread or another one.
     #[error("the link is closed; open it first")]
     Closed,

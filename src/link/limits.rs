@@ -2,9 +2,14 @@
 //! the soft limits of the file.
 //!
 //! A target beyond a limit is reported in the log, once for each excursion: until the axis has a target within its limits
-//! again. If the file says so (`[limits] program = "stop"`), a frame with a target that leads further out is not sent,
-//! and the write fails. So the axis holds its last target, and so do the others. A target that leads back is sent, so that
-//! an axis that stands outside can return. \[OURS]
+//! again. If the file says so (`[limits] program = "stop"`), a frame with a target that leads further out is sent without
+//! its targets, and the write fails with [`LinkError::BeyondLimit`]. So the axis holds its last target, and so do the
+//! others that run in CSP, while all other commands of the frame reach the board: a program may switch axes off, abort
+//! homing, clear the FIFO or brake an axis in CSV in that frame, and does not look at the result of a write. A target that
+//! leads back is sent, so that an axis that stands outside can return. \[OURS]
+
+#[cfg(test)]
+mod tests;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,7 +22,7 @@ use crate::address::scale::SoftLimits;
 use crate::address::uri::UriError;
 use crate::machine_file::{MachineAxis, MachineFile, ProgramLimits, axes_of_link};
 use crate::recording::{CarriedFile, SizeFinder};
-use crate::sk::{CommandId, DriveResponse, FRAME_LEN, Frame, SlotSize};
+use crate::sk::{CommandId, CrcPolicy, DriveResponse, FRAME_LEN, Frame, RawSlot, SlotSize};
 use crate::span::Seconds;
 
 /// The machine file that the options of a link name.
@@ -77,15 +82,40 @@ struct State {
     axes: Vec<AxisState>,
 }
 
-/// How far an axis is beyond its limits, counts; 0 within them.
+/// How far an axis is beyond its limits, see [`SoftLimits::excess`].
 #[derive(Clone, Copy, Debug, Default)]
 struct AxisState {
     /// The last target that was sent.
-    target: u32,
+    target: i64,
     /// The position of the newest report.
-    position: u32,
+    position: i64,
     /// Whether the present excursion was reported.
     is_reported: bool,
+}
+
+impl AxisState {
+    /// Whether a target with this excess leads no further out: the axis stands, or is on its way, at least as far out on
+    /// the same side.
+    fn allows(self, excess: i64) -> bool {
+        let covers = |known: i64| known.signum() == excess.signum() && known.abs() >= excess.abs();
+        excess == 0 || covers(self.target) || covers(self.position)
+    }
+}
+
+/// A copy of a frame without the targets of axes (CSP). A slot keeps its index, by which reports show that the board has
+/// executed the frame. A CRC that was right, is right.
+pub(crate) fn without_targets(frame: &Frame, size: SlotSize) -> Frame {
+    let mut rest = frame.clone();
+    for slave in 1..=size.max_slaves() {
+        let slot = frame.slot(size, slave);
+        if slot.id == CommandId::Csp.code() {
+            rest.put(size, slave, &RawSlot { index: slot.index, ..RawSlot::ZERO });
+        }
+    }
+    if frame.check_crc(size, CrcPolicy::Strict).is_ok() {
+        rest.fill_crc(size);
+    }
+    rest
 }
 
 impl LimitLink {
@@ -112,34 +142,27 @@ impl LimitLink {
         )
     }
 
-    /// Checks the targets of a frame that is to be sent.
-    ///
-    /// # Errors
-    /// A target leads further out, and the file says that such targets are not sent.
-    fn check(&self, frame: &Frame) -> Result<(), LinkError> {
+    /// Checks the targets of a frame that is to be sent. If one of them leads further out, and the file says that such
+    /// targets are not sent: what the write fails with, and what is sent instead of the frame.
+    fn refused(&self, frame: &Frame) -> Option<(String, Frame)> {
         if self.program_limits != ProgramLimits::Stop {
-            return Ok(());
+            return None;
         }
         let mut state = self.state.lock();
         let size = state.sizes.size_of(frame, FRAME_LEN).0;
-        for (place, axis) in self.slots(size) {
+        let beyond = self.slots(size).find_map(|(place, axis)| {
             let slot = frame.slot(size, usize::from(axis.slave));
             let target = slot.data1 as i32;
-            let AxisState { target: last, position, is_reported } = state.axes[place];
-            if slot.id != CommandId::Csp.code() || axis.limits.beyond(target) <= last.max(position) {
-                continue;
-            }
-            let words = self.words(axis, target, state.now);
-            if !is_reported {
-                log::warn!("{words}; it is not sent, and the axes hold their last targets");
-                state.axes[place].is_reported = true;
-            }
-            return Err(LinkError::Io {
-                what: "the frame was not sent".to_owned(),
-                message: format!("{words}; correct the program, or the limit"),
-            });
+            let passes = slot.id != CommandId::Csp.code() || state.axes[place].allows(axis.limits.excess(target));
+            (!passes).then_some((place, axis, target))
+        });
+        let (place, axis, target) = beyond?;
+        let words = self.words(axis, target, state.now);
+        if !std::mem::replace(&mut state.axes[place].is_reported, true) {
+            log::warn!("{words}; it is not sent, and the axes hold their last targets");
         }
-        Ok(())
+        let why = format!("{words}; the frame was sent without its targets (CSP); correct the program, or the limit");
+        Some((why, without_targets(frame, size)))
     }
 
     /// Notes the targets of a frame that was sent at the time `at`, and reports those beyond a limit.
@@ -152,17 +175,17 @@ impl LimitLink {
             let known = &mut state.axes[place];
             if slot.id == CommandId::GoHome.code() {
                 // The axis gets new coordinates.
-                known.target = 0;
+                (known.target, known.position) = (0, 0);
             }
             if slot.id != CommandId::Csp.code() {
                 continue;
             }
             let target = slot.data1 as i32;
-            known.target = axis.limits.beyond(target);
-            if known.target > 0 && !known.is_reported {
+            known.target = axis.limits.excess(target);
+            if known.target != 0 && !known.is_reported {
                 log::warn!("{}", self.words(axis, target, at));
             }
-            known.is_reported = known.target > 0;
+            known.is_reported = known.target != 0;
         }
     }
 }
@@ -173,10 +196,14 @@ impl Layer for LimitLink {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        self.check(frame)?;
-        let at = self.inner.write(frame, wait)?;
-        self.sent(frame, at);
-        Ok(at)
+        let refused = self.refused(frame);
+        let sent = refused.as_ref().map_or(frame, |(_, rest)| rest);
+        let at = self.inner.write(sent, wait)?;
+        self.sent(sent, at);
+        match refused {
+            None => Ok(at),
+            Some((why, _)) => Err(LinkError::BeyondLimit { at_ns: at.0, why }),
+        }
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
@@ -186,7 +213,7 @@ impl Layer for LimitLink {
         let size = state.sizes.size_of(out, FRAME_LEN).0;
         for (place, axis) in self.slots(size) {
             let position = DriveResponse::decode(&out.slot(size, usize::from(axis.slave))).position;
-            state.axes[place].position = axis.limits.beyond(position);
+            state.axes[place].position = axis.limits.excess(position);
         }
         Ok(meta)
     }

@@ -10,7 +10,7 @@ pub use crate::address::{Fraction, config, slaves, travel, uri};
 pub use crate::hardware::spi;
 #[cfg(feature = "sim")]
 pub use crate::open::model;
-pub use crate::open::{open, open_uncounted};
+pub use crate::open::{open, open_carrying, open_uncounted};
 pub use crate::own_board::engine;
 #[cfg(all(feature = "tcp", any(unix, windows)))]
 /// The link `tcp:` and its protocol.

@@ -9,7 +9,7 @@ use crate::address::keys::Scheme;
 use crate::address::uri;
 use crate::link::common_options::CommonOptions;
 use crate::link::{Link, LinkError, Share, fault, limits, record};
-use crate::recording::RecordMeta;
+use crate::recording::{CarriedFile, RecordMeta};
 use crate::summary::FlightEvents;
 
 pub use help::help;
@@ -33,7 +33,16 @@ pub use help::help;
 /// [`LinkError::NoBoard`] if no board answers, [`LinkError::InUse`] if another program has the board, [`LinkError::Io`]
 /// for an error of the system.
 pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
-    open_with(uri, share, false)
+    open_with(uri, share, false, None)
+}
+
+/// Like [`open`], with a machine file that recordings of the link carry if the link names none (`axes=`). Its limits are not
+/// looked at.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn open_carrying(uri: &str, share: Share, machine: Arc<CarriedFile>) -> Result<Arc<dyn Link>, LinkError> {
+    open_with(uri, share, false, Some(machine))
 }
 
 /// Like [`open`], for callers that do not need an exact
@@ -44,10 +53,15 @@ pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
 /// # Errors
 /// Those of [`open`].
 pub fn open_uncounted(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
-    open_with(uri, share, true)
+    open_with(uri, share, true, None)
 }
 
-fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
+fn open_with(
+    uri: &str,
+    share: Share,
+    uncounted: bool,
+    machine: Option<Arc<CarriedFile>>,
+) -> Result<Arc<dyn Link>, LinkError> {
     let uri = uri::LinkUri::parse(uri)?;
     let options = CommonOptions::from_uri(&uri)?;
     let is_recorded = options.record.is_some() || options.flight.is_some();
@@ -57,11 +71,10 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
     }
     let info = link.info();
     let mut meta = RecordMeta::now(&info, info.opened_at);
-    if let Some(axes) = limits::Axes::of(&options)? {
-        meta.machine = Some(axes.carried());
-        link = axes.around(link);
-    }
-    // The recorders are put around the fault injection, so the recordings have the frames as the program saw them.
+    let axes = limits::Axes::of(&options)?;
+    meta.machine = axes.as_ref().map(limits::Axes::carried).or(machine);
+    // The recorders are put around the fault injection, so the recordings have the frames as the program saw them, and
+    // within the limits, so that of a frame with a target beyond one they have what was sent.
     if let Some(flight) = &options.flight {
         let watch = Box::new(FlightEvents::new(info.slot, flight.following_error));
         link = Arc::new(record::RecordLink::to_flight(link, flight, &meta, watch)?);
@@ -69,7 +82,10 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
     if let Some(path) = &options.record {
         link = Arc::new(record::RecordLink::new(link, path, &meta)?);
     }
-    Ok(link)
+    Ok(match axes {
+        Some(axes) => axes.around(link),
+        None => link,
+    })
 }
 
 /// The simulated board of a `sim:` or `xf-sim:` link, without the link. It was just powered on, and its time advances

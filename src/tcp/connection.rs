@@ -393,13 +393,15 @@ impl Shared {
             });
         }
         let bytes = frame.bytes();
-        match self.request(Dir::Write, wait, |request| Message::Write { request, wait, frame: bytes }).1? {
-            Answer::Written(at) => {
-                if let Some(in_force) = &self.in_force {
-                    in_force.wrote(frame);
-                }
-                Ok(at)
-            }
+        let answered = self.request(Dir::Write, wait, |request| Message::Write { request, wait, frame: bytes }).1;
+        // A frame with a target beyond a limit was sent without its targets, and those leave nothing in force.
+        if let (Ok(Answer::Written(_)) | Err(LinkError::BeyondLimit { .. }), Some(in_force)) =
+            (&answered, &self.in_force)
+        {
+            in_force.wrote(frame);
+        }
+        match answered? {
+            Answer::Written(at) => Ok(at),
             _ => Err(self.unexpected_answer()),
         }
     }

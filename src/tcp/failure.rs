@@ -10,6 +10,8 @@ const LOST: u8 = 3;
 const CANCELLED: u8 = 4;
 const CLOSED: u8 = 5;
 const OTHER: u8 = 6;
+/// A client that does not know this code takes it as [`OTHER`].
+const BEYOND_LIMIT: u8 = 7;
 
 impl<'a> Failure<'a> {
     /// The failure to send to the client for an error of the server's link; `text` is a buffer for its text.
@@ -24,6 +26,10 @@ impl<'a> Failure<'a> {
             }
             LinkError::Cancelled { .. } => (CANCELLED, [0; 2]),
             LinkError::Closed => (CLOSED, [0; 2]),
+            LinkError::BeyondLimit { at_ns, why } => {
+                text.push_str(why);
+                (BEYOND_LIMIT, [*at_ns, 0])
+            }
             other => {
                 text.push_str(&other.to_string());
                 (OTHER, [0; 2])
@@ -39,6 +45,7 @@ impl<'a> Failure<'a> {
             TIMEOUT => LinkError::timed_out(dir, wait),
             SILENT => LinkError::Silent { since_ns: self.numbers[0], cycles: self.numbers[1] },
             LOST => LinkError::Lost { name: name.to_owned(), reason: self.text.to_owned().into() },
+            BEYOND_LIMIT => LinkError::BeyondLimit { at_ns: self.numbers[0], why: self.text.to_owned() },
             CANCELLED => LinkError::Cancelled { dir },
             CLOSED => LinkError::Lost { name: name.to_owned(), reason: "the server has closed its link".into() },
             _ => LinkError::Io { what: format!("{dir} on the server of `{name}`"), message: self.text.to_owned() },

@@ -30,7 +30,7 @@ pub fn machine(uri: &LinkUri) -> Result<Option<CarriedFile>, LinkError> {
     let mut connected = connect(&name, &options)?;
     let file = ask(&mut connected).map_err(|error| LinkError::Io {
         what: format!("cannot get the machine file of `{name}`"),
-        message: format!("{error}; name a file with --machine"),
+        message: format!("{error}; name a file with --machine, or say --machine none"),
     })?;
     let Connected { channel, out, .. } = &mut connected;
     // The file is there. An error of saying goodbye would only say that the connection has ended already.

@@ -6,6 +6,7 @@
 //! - `uri.rs`, `travel.rs`: the URI, its keys, and the travel of simulated axes
 //! - `in_build.rs`: the schemes that a build opens, and the tables of features
 //! - `chip_usb.rs`: `xf-usb:`
+//! - `limits.rs`: the limits of `axes=`
 //! - `rate.rs`: `rate=`
 //! - `fault.rs`: `fault.*`
 //! - `script.rs`, `script_slaves.rs`, `script_text.rs`: `script=`: events of the board, of slaves, and the syntax
@@ -22,6 +23,7 @@ mod control;
 mod fault;
 mod flight;
 mod in_build;
+mod limits;
 mod rate;
 mod record;
 mod record_blocks;

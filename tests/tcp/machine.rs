@@ -1,15 +1,17 @@
-//! A client that asks for the machine file of the server, as the tool does for the names of axes.
+//! The machine file of a server: for a client that asks for it, as the tool does for the names of axes, and its limits.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;
 
+use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, Slave};
 use ecmsk::link::tcp::machine;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{CarriedFile, LinkError};
 use ecmsk::port::tcp::ServeOptions;
-use support::tcp::{Puppet, connect, options, serve_link, uri};
+use ecmsk::sk::MasterState;
+use support::tcp::{LIMIT, Puppet, connect, connect_next, options, serve, serve_link, uri};
 
 /// The file comes whole, however long it is and whoever else is connected; a client that asks takes no place of others.
 #[test]
@@ -48,4 +50,43 @@ fn a_server_from_before_refuses_who_asks() {
     let error = machine(&link).unwrap_err();
     assert!(error.to_string().contains("its server did not understand"), "{error}");
     assert_eq!(server.join().unwrap(), 3, "the role");
+}
+
+/// A server whose board's link has limits for programs (`axes=`): a writer's target beyond one fails with the same error as in one
+/// process, and what is beside it in the frame is sent. The server knows it: when the writer vanishes, it brakes that axis.
+#[test]
+fn a_server_with_limits_refuses_a_target_and_sends_the_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("machine.toml");
+    let text = "format = 1\n[axes]\nX = { slave = 1, max = 20000 }\n[limits]\nprogram = \"stop\"\n";
+    std::fs::write(&file, text).unwrap();
+    let (server, _told) = serve(&format!("sim:?slaves=drive,drive:csv&clock=virtual&axes={}", file.display()));
+    let config = Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV)], ..Config::default() };
+    let link = connect(&server, "");
+    let ecm = Ecm::over(Arc::clone(&link), Options::default()).unwrap();
+    ecm.configure(&config).unwrap();
+    ecm.set_state(MasterState::Op).unwrap();
+    ecm.servo_on(&[1, 2]).unwrap();
+    let mut stream = ecm.stream(16).unwrap();
+    for _ in 0..200 {
+        stream.csp(1, 20_001).unwrap();
+        stream.csv(2, 50_000).unwrap();
+        match stream.step().unwrap_err() {
+            EcmError::Link(LinkError::BeyondLimit { at_ns: 1.., why }) => {
+                assert!(why.starts_with("axis X: a target of 20001 counts at "), "{why}");
+            }
+            error => panic!("{error}"),
+        }
+    }
+    std::mem::forget(stream);
+    assert!(ecm.snapshot().unwrap().position(2).unwrap() > 5000);
+    link.vanish();
+    drop(ecm);
+    let next = Ecm::over(connect_next(&server, ""), Options { close: Close::Leave, ..Options::default() }).unwrap();
+    next.adopt(&config).unwrap();
+    let positions = |ecm: &Ecm| [1, 2].map(|axis| ecm.snapshot().unwrap().position(axis).unwrap());
+    let before = positions(&next);
+    (0..100).for_each(|_| drop(next.next_cycle(LIMIT).unwrap()));
+    let moved = [0, 1].map(|axis| positions(&next)[axis] - before[axis]);
+    assert!(moved.iter().all(|counts| counts.abs() <= 2) && before[0] <= 5, "{moved:?} {before:?}");
 }

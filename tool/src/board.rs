@@ -38,6 +38,7 @@ pub use session::{Board, BoardUse, NEAR_COUNTS, StepSource, in_mode, numbered, s
 pub use slaves::SlaveList;
 
 use super::link_option::ChosenLink;
+use super::machine_option::ServedFileError;
 use super::{machine_option, record_option, slot_size};
 use network::Network;
 
@@ -119,11 +120,11 @@ impl Args {
 
     /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory, otherwise that of the
     /// server of the link; `None` if there is none. A verb that only reads or looks passes over such a file of another
-    /// user.
+    /// user, and one that switches axes off also over one that cannot be used, unless `--machine` names it.
     ///
     /// # Errors
     /// The file cannot be read, or its content is not that of a machine file. The verb may move axes, and would pass over
-    /// the limits in a file of another user.
+    /// the limits in a file of another user, or in that of a server which does not give it.
     pub fn machine(&self, board_use: BoardUse) -> Result<Option<MachineFile>, BoardError> {
         if board_use == BoardUse::Moves && machine_option::passes_over(self.machine.as_deref()) {
             return Err(BoardError::Refused {
@@ -132,15 +133,42 @@ impl Args {
                 next: format!("say --machine {FILE_NAME} to use it, or --machine none to move without its limits"),
             });
         }
-        Ok(machine_option::of_link(self.machine.as_deref(), self.link.as_ref())?)
+        let given = self.machine.as_deref();
+        let loaded = match board_use {
+            BoardUse::Switches => machine_option::load_or_pass_over(given)?,
+            _ => machine_option::load(given)?,
+        };
+        if board_use != BoardUse::Moves || loaded.is_some() || given.is_some() {
+            return Ok(machine_option::or_of_server(loaded, given, self.named_link()?.as_ref()));
+        }
+        machine_option::of_server(self.link.as_ref()).map_err(|error| match error {
+            ServedFileError::Link(error) => error.into(),
+            ServedFileError::File(error) => BoardError::Refused {
+                what: "moving axes".into(),
+                why: format!("the machine file of the server may have limits, and cannot be used: {error}"),
+                next: "or say --machine none to move without its limits".into(),
+            },
+        })
     }
 
     /// The board that the options, the environment, the machine file or the configuration name.
     ///
     /// # Errors
-    /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
+    /// `ECMSK_LINK` or `ecmsk.toml` is invalid. The machine file was passed over, and may name the board.
     pub fn chosen(&self, machine: Option<&MachineFile>) -> Result<ChosenLink, BoardError> {
-        Ok(ChosenLink::find_with(self.link.as_ref(), machine)?)
+        Ok(ChosenLink::find_with(self.named_link()?.as_ref(), machine)?)
+    }
+
+    /// The link of `--link`, otherwise that of a machine file that was passed over.
+    fn named_link(&self) -> Result<Option<LinkUri>, BoardError> {
+        if self.link.is_some() || self.machine.is_some() {
+            return Ok(self.link.clone());
+        }
+        machine_option::link_passed_over().map_err(|error| BoardError::Refused {
+            what: "finding the board".into(),
+            why: format!("the machine file may name it, and cannot be used: {error}"),
+            next: "or name the board with --link".into(),
+        })
     }
 
     /// The slot size, if an option gives it.
@@ -148,7 +176,8 @@ impl Args {
         slot_size::given(self.slot_size, self.slot)
     }
 
-    /// The link `uri`, with the recording of `--record` if there is one, which carries the machine file.
+    /// The link `uri`, with the recording of `--record` if there is one, which carries the machine file, unless that is the
+    /// server's.
     ///
     /// # Errors
     /// The recording cannot be made.
@@ -158,6 +187,7 @@ impl Args {
             Some(file) => {
                 let recorded = record_option::with_record(uri, file)?;
                 record_option::make_room(file, self.overwrite)?;
+                let machine = machine.filter(|machine| machine_option::is_on_disk(self.machine.as_deref(), machine));
                 Ok(machine.map_or(recorded.clone(), |machine| recorded.with_axes(&machine.path.display().to_string())))
             }
         }

@@ -19,7 +19,7 @@ use std::process::{Command, ExitCode};
 use clap::ValueHint;
 use ecmsk::link::config::{ConfigError, LINK_VARIABLE, OPENED_VARIABLE};
 use ecmsk::link::uri::{LinkUri, UriError};
-use ecmsk::machine_file::MachineFileError;
+use ecmsk::machine_file::{FILE_NAME, MachineFileError};
 use ecmsk::summary::writer::FILE_VARIABLE;
 
 use super::flight_option::{FlightArgs, FlightOptionError};
@@ -175,6 +175,12 @@ pub enum ExecError {
     /// The machine file cannot be used.
     #[error(transparent)]
     MachineFile(#[from] MachineFileError),
+    /// The machine file of the working directory is another user's. The program would move axes without its limits.
+    #[error(
+        "{FILE_NAME} in this folder is another user's, and may have limits; say --machine {FILE_NAME} to use it, or --machine \
+         none to run the program without its limits"
+    )]
+    LimitsOfAnother,
     /// The board gets no control socket.
     #[error(transparent)]
     Control(#[from] control_option::ControlOptionError),
@@ -246,6 +252,9 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     // clap requires at least one word, so there is a first one.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
     let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
+    if machine_option::passes_over(args.machine.as_deref()) {
+        return Err(ExecError::LimitsOfAnother);
+    }
     let machine = machine_option::load(args.machine.as_deref())?;
     let link = link::for_program(args, machine, Path::new(program), &file)?;
     if let Some(file) = &args.record {

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, Once, PoisonError};
 
 use ecmsk::cia402::error_name;
-use ecmsk::link::config::find;
+use ecmsk::link::config::{LINK_VARIABLE, find};
 use ecmsk::link::keys::Scheme;
-use ecmsk::link::tcp;
 use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{LinkError, tcp};
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
 use ecmsk::recording::CarriedFile;
 
@@ -63,7 +63,7 @@ pub fn of_recording(
         match MachineFile::parse(carried.name(), carried.text()) {
             Ok(machine) => {
                 SAID.call_once(|| say("note", &format_args!("machine file {} of the recording", carried.name())));
-                return Ok(Some(machine));
+                return Ok(Some(of_elsewhere(machine)));
             }
             Err(error) => say("note", &format_args!("the machine file of the recording is passed over: {error}")),
         }
@@ -77,39 +77,123 @@ pub fn carried(machine: &MachineFile) -> Option<CarriedFile> {
     Some(CarriedFile::new(&machine.path, &text))
 }
 
+/// As [`load`], for a verb that stops axes or switches them off. It must not fail because of a file that nobody has named: one
+/// that cannot be used is passed over, with a warning. \[OURS]
+///
+/// # Errors
+/// As [`load`] for a file that the option names.
+pub fn load_or_pass_over(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileError> {
+    static SAID: Once = Once::new();
+    match load(given) {
+        Err(error) if given.is_none() => {
+            SAID.call_once(|| say("warning", &format_args!("the machine file is passed over: {error}")));
+            Ok(None)
+        }
+        loaded => loaded,
+    }
+}
+
+/// The link in the machine file of the working directory, if [`load_or_pass_over`] passes over that file. So a wrong field
+/// elsewhere in it does not lead to another board. `None`: there is no such file, or `ECMSK_LINK` comes before its link, or it
+/// has none.
+///
+/// # Errors
+/// The file is no text with fields, so that its link is not known.
+pub fn link_passed_over() -> Result<Option<LinkUri>, MachineFileError> {
+    #[derive(serde::Deserialize)]
+    struct OnlyLink {
+        link: Option<String>,
+    }
+    let path = Path::new(FILE_NAME);
+    let is_variable_set = std::env::var_os(LINK_VARIABLE).is_some_and(|value| !value.is_empty());
+    if is_variable_set || path.symlink_metadata().is_err() || is_of_another_user(path) {
+        return Ok(None);
+    }
+    match MachineFile::load(path) {
+        Ok(_) => Ok(None),
+        Err(error @ (MachineFileError::Unreadable { .. } | MachineFileError::Syntax { .. })) => Err(error),
+        Err(error) => {
+            let text = std::fs::read_to_string(path).unwrap_or_default();
+            match toml::from_str(&text) {
+                Ok(OnlyLink { link: None }) => Ok(None),
+                Ok(OnlyLink { link: Some(link) }) => LinkUri::parse(&link).map(Some).map_err(|_| error),
+                Err(_) => Err(error),
+            }
+        }
+    }
+}
+
 /// The machine file for a board: that of the option or of the working directory, as [`load`] has it, otherwise that of the
 /// server of the link.
 ///
 /// # Errors
 /// As [`load`].
 pub fn of_link(given: Option<&Path>, link: Option<&LinkUri>) -> Result<Option<MachineFile>, MachineFileError> {
-    let machine = load(given)?;
-    Ok(if machine.is_none() && given.is_none() { of_server(link) } else { machine })
+    Ok(or_of_server(load(given)?, given, link))
+}
+
+/// The machine file that was loaded; without one, unless the option says `none`, that of the server of the link. A server that
+/// cannot be reached is no error here: opening the link reports it. A file that cannot be used is passed over, with a note.
+pub fn or_of_server(loaded: Option<MachineFile>, given: Option<&Path>, link: Option<&LinkUri>) -> Option<MachineFile> {
+    if loaded.is_some() || given.is_some() {
+        return loaded;
+    }
+    of_server(link).unwrap_or_else(|error| {
+        if let ServedFileError::File(error) = error {
+            say("note", &format_args!("the machine file of the server is passed over: {error}"));
+        }
+        None
+    })
+}
+
+/// Why the machine file of a server is not known.
+#[derive(Debug)]
+pub enum ServedFileError {
+    /// The server cannot be reached, or does not give the file.
+    Link(LinkError),
+    /// The file cannot be used.
+    File(MachineFileError),
 }
 
 /// The machine file of the server of a link `tcp:`, about which a note is printed once. `None`: the link is another one, or
-/// the server has no such file. A server that cannot be reached is no error here: opening the link reports it.
-fn of_server(link: Option<&LinkUri>) -> Option<MachineFile> {
+/// the server has no such file.
+///
+/// # Errors
+/// [`ServedFileError`]: whether the server has a file, and which limits are in it, is not known.
+pub fn of_server(link: Option<&LinkUri>) -> Result<Option<MachineFile>, ServedFileError> {
     static ASKED: Mutex<Option<(LinkUri, Option<MachineFile>)>> = Mutex::new(None);
     let configured = || LinkUri::parse(&find(&environment()).ok()?.link).ok();
-    let uri = link.cloned().or_else(configured).filter(|uri| uri.scheme() == Scheme::Tcp)?;
+    let link = link.cloned().or_else(configured);
+    let Some(uri) = link.filter(|uri| uri.scheme() == Scheme::Tcp) else { return Ok(None) };
     let mut asked = ASKED.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((_, machine)) = asked.as_ref().filter(|(of, _)| *of == uri) {
-        return machine.clone();
+        return Ok(machine.clone());
     }
-    let served = tcp::machine(&uri).ok().flatten();
-    let machine = served.and_then(|file| match MachineFile::parse(file.name(), file.text()) {
-        Ok(machine) => {
-            say("note", &format_args!("machine file {} of the server", file.name()));
-            Some(machine)
+    let machine = match tcp::machine(&uri).map_err(ServedFileError::Link)? {
+        Some(file) => {
+            // No file on this machine is meant by its name.
+            let name = format!("{} of the server", file.name());
+            let machine = MachineFile::parse(&name, file.text()).map_err(ServedFileError::File)?;
+            say("note", &format_args!("machine file {name}"));
+            Some(of_elsewhere(machine))
         }
-        Err(error) => {
-            say("note", &format_args!("the machine file of the server is passed over: {error}"));
-            None
-        }
-    });
+        None => None,
+    };
     *asked = Some((uri, machine.clone()));
+    Ok(machine)
+}
+
+/// A machine file of a server or of a recording, as it is used here: without its link. On this machine that would lead to another
+/// board, and open files that somebody else has chosen. \[OURS]
+fn of_elsewhere(mut machine: MachineFile) -> MachineFile {
+    machine.link = None;
     machine
+}
+
+/// Whether a machine file was read from this machine's disk, by the option or from the working directory, and not from a
+/// server.
+pub fn is_on_disk(given: Option<&Path>, machine: &MachineFile) -> bool {
+    machine.path == given.unwrap_or(Path::new(FILE_NAME))
 }
 
 /// A number with a unit directly behind it or after spaces: `0.5mm`, `500 counts`.

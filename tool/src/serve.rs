@@ -166,7 +166,8 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let mut watch = args.watch.begin("tcp")?;
     let controlled = control_option::controlled(link, args.control.as_deref())?;
     let recorded = args.flight.added_to(&controlled)?;
-    let board_watch = watch.board(&recorded);
+    let carried = machine.as_ref().and_then(machine_option::carried).map(Arc::new);
+    let board_watch = watch.board_carrying(&recorded, carried.clone());
     let options = ServeOptions {
         listen: args.listen,
         secret: Secret::find(args.secret_file.as_deref()).map_err(ServeError::from)?,
@@ -176,7 +177,7 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
             slaves: args.slaves.clone().unwrap_or_default(),
             counts_per_unit: args.counts_per_unit.clone().unwrap_or_default(),
         },
-        machine: machine.as_ref().and_then(machine_option::carried).map(Arc::new),
+        machine: carried,
         tell: Arc::new(|line| say("serve", &line)),
         ..ServeOptions::default()
     };

@@ -12,7 +12,6 @@ use serde_json::json;
 
 use super::board::network::Network;
 use super::board::{self, Board, BoardError, BoardUse, Interrupt, Reporter, StepSource};
-use super::link_option::ChosenLink;
 use super::{machine_option, slot_size};
 
 const WHAT: &str = "stop";
@@ -67,8 +66,8 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 }
 
 fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>) -> Result<(), BoardError> {
-    let machine = machine_option::load(args.machine.as_deref())?;
-    let chosen = ChosenLink::find_with(args.link.as_ref(), machine.as_ref())?;
+    let machine = machine_option::load_or_pass_over(args.machine.as_deref())?;
+    let chosen = board::Args::for_stop(args).chosen(machine.as_ref())?;
     if chosen.uri.scheme() != Scheme::Tcp {
         return args.stop_free_board(None, interrupt);
     }

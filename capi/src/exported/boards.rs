@@ -237,6 +237,6 @@ fn link_code(error: &LinkError) -> EcmskResult {
         LinkError::Silent { .. } => ECMSK_ERROR_SILENT,
         LinkError::Lost { .. } | LinkError::Unsure { .. } => ECMSK_ERROR_LOST,
         LinkError::Closed | LinkError::Cancelled { .. } => ECMSK_ERROR_CLOSED,
-        LinkError::Io { .. } => ECMSK_ERROR_IO,
+        LinkError::Io { .. } | LinkError::BeyondLimit { .. } => ECMSK_ERROR_IO,
     }
 }

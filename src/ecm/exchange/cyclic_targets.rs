@@ -2,7 +2,7 @@
 //! frame.
 
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
-use crate::sk::{Frame, RawSlot, SlaveCommand, SlotCommand, SlotSize};
+use crate::sk::{CommandId, Frame, RawSlot, SlaveCommand, SlotCommand, SlotSize};
 
 const SLOTS: usize = SlotSize::Bytes12.slots();
 
@@ -105,6 +105,17 @@ impl CyclicTargets {
         for slave in hsps.intersection(self.set).iter() {
             self.note_outputs(slave, self.last(slave));
         }
+    }
+
+    /// As [`stepped`](Self::stepped), for a frame whose targets in CSP were not sent: those of the last frame stay.
+    pub fn stepped_without_csp(&mut self, hsps: SlaveSet) {
+        for slave in self.set.iter() {
+            if self.next.slot(self.size, slave.into()).id == CommandId::Csp.code() {
+                let last = self.last.slot(self.size, slave.into());
+                self.next.put(self.size, slave.into(), &last);
+            }
+        }
+        self.stepped(hsps);
     }
 
     fn note_outputs(&mut self, slave: u8, command: Option<SlaveCommand>) {

@@ -50,7 +50,7 @@ use super::EcmError;
 use super::config::Config;
 use super::network::Network;
 use super::options::Options;
-use crate::link::{Link, LinkError, LinkInfo, Wait};
+use crate::link::{Link, LinkError, LinkInfo, Stamp, Wait};
 use crate::sk::{RawSlot, SlotSize};
 
 /// \[OURS] If an open stream makes no step for this long, the calls of other threads write frames of their own instead of
@@ -283,6 +283,16 @@ impl Exchange {
                     self.changed();
                 }
                 Ok(())
+            }
+            // The board has got the frame without its targets.
+            Err(LinkError::BeyondLimit { at_ns, why }) => {
+                let hsps = session.network.hsps;
+                session.targets.stepped_without_csp(hsps);
+                session.wrote(Stamp(at_ns));
+                if session.fifo_clears != clears {
+                    self.changed();
+                }
+                Err(LinkError::BeyondLimit { at_ns, why }.into())
             }
             // The frame was not written, so its targets are taken back. Its commands stay queued for the next frame,
             // unless the call that queued them withdraws them.

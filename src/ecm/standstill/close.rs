@@ -46,7 +46,9 @@ impl Ecm {
         let ramped = if off { deadline.saturating_sub(SWITCH_OFF_TIME) } else { deadline };
         let stood = super::to_standstill(self, &mut session, ramped, left);
         session.targets.clear();
-        if !off || !session.in_op() || matches!(stood, Err(EcmError::NoReport { .. } | EcmError::Link(_))) {
+        let is_silent =
+            matches!(&stood, Err(error) if error.is_of_link() || matches!(error, EcmError::NoReport { .. }));
+        if !off || !session.in_op() || is_silent {
             return stood;
         }
         let slot = SlotCommand::from(SlaveCommand::ServoOff).encode(session.size);

@@ -26,6 +26,7 @@ use super::config::Slave;
 use super::exchange::{Session, ahead_of_the_board};
 use super::{Ecm, EcmError};
 use crate::ethercat::SlaveSet;
+use crate::link::LinkError;
 use crate::sk::{FIFO_ENTRIES, FifoAction, MasterCommand, SlaveCommand, SlotCommand, SlotSize};
 
 /// \[OURS] How many frames of a ramp wait in the board's FIFO at most. The next frame is written when fewer wait.
@@ -76,7 +77,7 @@ pub fn to_standstill(
 ) -> Result<(), EcmError> {
     let mut stop = Stop::new(ecm, session, deadline, left);
     let stood = stop.until_all_stand();
-    if matches!(&stood, Err(error) if !matches!(error, EcmError::Link(_))) {
+    if matches!(&stood, Err(error) if !error.is_of_link()) {
         // The stop has failed. Its error is returned, since it says why axes are not stationary. One more frame is sent as a
         // last resort; an error of that frame would say less, so it is dropped.
         let _ = stop.in_one_step();
@@ -273,7 +274,7 @@ impl<'a, 's> Stop<'a, 's> {
             // frame. So the queued commands in it are written again.
             let posts = self.session.posts.slots();
             aim(self.session);
-            self.ecm.exchange.write(self.session, self.deadline)?;
+            self.write_frame()?;
             if self.unlocked && has_room {
                 return Ok(());
             }
@@ -285,7 +286,16 @@ impl<'a, 's> Stop<'a, 's> {
             self.read()?;
         }
         aim(self.session);
-        self.ecm.exchange.write(self.session, self.deadline)
+        self.write_frame()
+    }
+
+    /// Writes the next frame. A ramp may lead beyond a limit of the machine file. The board has got such a frame without its
+    /// targets, so that axes in CSP stand, and the stop goes on.
+    fn write_frame(&mut self) -> Result<(), EcmError> {
+        match self.ecm.exchange.write(self.session, self.deadline) {
+            Err(EcmError::Link(LinkError::BeyondLimit { .. })) => Ok(()),
+            done => done,
+        }
     }
 
     /// Waits until the FIFO is empty and all axes are stationary. Returns false if an executed entry has started an

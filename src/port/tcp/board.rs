@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use parking_lot::Mutex;
 
 use crate::ecm::Watch;
+use crate::link::limits::without_targets;
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::port::passing_frames::PassingFrames;
 use crate::sk::{Frame, SlotSize};
@@ -57,12 +58,25 @@ impl Board {
 
     /// Writes a command frame to the board, and updates the observed state of the network.
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let at = self.link.write(frame, wait)?;
+        let written = self.link.write(frame, wait);
+        match &written {
+            Ok(at) => self.note_command(frame, *at),
+            // The board has got the frame without its targets.
+            Err(LinkError::BeyondLimit { at_ns, .. }) => {
+                if let Some(size) = self.size() {
+                    self.note_command(&without_targets(frame, size), Stamp(*at_ns));
+                }
+            }
+            Err(_) => {}
+        }
+        written
+    }
+
+    fn note_command(&self, frame: &Frame, at: Stamp) {
         self.passing.lock().command(frame, at);
         if let Some(troubles) = &mut *self.troubles.lock() {
             troubles.command(at.nanoseconds(), frame);
         }
-        Ok(at)
     }
 
     /// The slot size, from the board's link or from a report; `None`: it is not known yet.

@@ -21,6 +21,8 @@ use crate::threads;
 const REQUEST_LIMIT: Duration = Duration::from_secs(2);
 /// The longest line of a client, bytes. \[OURS]
 const REQUEST_BYTES_MAX: usize = 4096;
+/// The time before the next client is accepted after an error, such as too many open files. \[OURS]
+const AFTER_ERROR: Duration = Duration::from_millis(100);
 /// How often the thread looks whether a cycle has taken the event. \[OURS]
 const LOOK_INTERVAL: Duration = Duration::from_millis(1);
 /// How long the end of the thread may take; it waits for nothing else than its end.
@@ -95,9 +97,13 @@ enum Waited {
 impl Thread {
     fn run(self) {
         while self.wait(self.socket.listener(), None) != Waited::Ended {
-            if let Ok((client, _)) = self.socket.listener().accept() {
+            match self.socket.listener().accept() {
                 // A client that has gone, or sends no line, needs no answer.
-                let _ = self.serve(client);
+                Ok((client, _)) => drop(self.serve(client)),
+                // Without a free descriptor the client stays in the queue, and the socket readable.
+                Err(_) => {
+                    self.wait(&self.ended, Some(AFTER_ERROR));
+                }
             }
         }
     }

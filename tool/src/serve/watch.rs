@@ -26,6 +26,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use ecmsk::link::CarriedFile;
 use ecmsk::link::uri::LinkUri;
 
 pub use board::BoardWatch;
@@ -176,12 +177,17 @@ impl Watch {
 
     /// Watches the board of a link, which the server opens by [`BoardWatch::open`].
     pub fn board(&mut self, uri: &LinkUri) -> Arc<BoardWatch> {
+        self.board_carrying(uri, None)
+    }
+
+    /// As [`Self::board`], with the machine file that recordings of the link carry.
+    pub fn board_carrying(&mut self, uri: &LinkUri, machine: Option<Arc<CarriedFile>>) -> Arc<BoardWatch> {
         let wanted = match (&self.listener, self.manager.watchdog()) {
             (Some(_), _) => Wanted::Metrics,
             (None, Some(_)) => Wanted::Life,
             (None, None) => Wanted::Nothing,
         };
-        let board = BoardWatch::new(uri, wanted);
+        let board = BoardWatch::new(uri, machine, wanted);
         self.boards.push(Arc::clone(&board));
         board
     }
@@ -244,7 +250,8 @@ impl Watch {
         let answering = Arc::clone(&shared);
         let stop = Arc::default();
         let start = |listener| {
-            HttpServer::start(listener, "metrics", CONNECTIONS_MAX, stop, move |stream| site::serve(stream, &answering))
+            let serve = move |stream, request| site::serve(stream, &request, &answering);
+            HttpServer::start(listener, "metrics", CONNECTIONS_MAX, stop, serve)
         };
         let site = self.listener.take().map(start).transpose()?;
         Ok(Running { shared, site, thread })

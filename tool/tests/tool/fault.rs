@@ -210,3 +210,40 @@ fn serve_tcp_lets_faults_happen() {
     let _ = server.wait();
     ran.expect_code(0);
 }
+
+/// A server without a free file descriptor does not spin at its control socket, and takes events when it has one again.
+#[test]
+fn a_control_socket_without_a_descriptor_does_not_spin() {
+    use rustix::process::{Pid, Resource, Rlimit, prlimit};
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("board").display().to_string();
+    let words = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive", "--control", &path];
+    let mut server = ecmsk(words).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("the tool starts");
+    let mut line = String::new();
+    BufReader::new(server.stdout.take().expect("a pipe")).read_line(&mut line).expect("it says where it listens");
+    let id = Pid::from_child(&server);
+    // Descriptors that are open stay so.
+    let maximum = rustix::process::getrlimit(Resource::Nofile).maximum;
+    let before = prlimit(Some(id), Resource::Nofile, Rlimit { current: Some(3), maximum });
+    let client = std::os::unix::net::UnixStream::connect(&path).expect("it listens");
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    let ticks = ticks_of(server.id(), "ecmsk-control");
+    drop(client);
+    prlimit(Some(id), Resource::Nofile, before.expect("a limit")).expect("the old limit");
+    let ran = run(["fault", &path, "alarm 1 0x7500"]);
+    let _ = server.kill();
+    let _ = server.wait();
+    assert!(ticks < 5, "{ticks} ticks of 10 ms in 500 ms");
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+}
+
+/// The processor time that the thread of a process with this name has had, in ticks.
+fn ticks_of(process: u32, name: &str) -> u64 {
+    let threads =
+        std::fs::read_dir(format!("/proc/{process}/task")).expect("it runs").flatten().map(|task| task.path());
+    let read = |path: &std::path::Path, file: &str| std::fs::read_to_string(path.join(file)).unwrap_or_default();
+    let thread = threads.into_iter().find(|thread| read(thread, "comm").trim() == name).expect("the thread");
+    let stat = read(&thread, "stat");
+    let fields: Vec<_> = stat.rsplit(") ").next().expect("fields").split(' ').collect();
+    [11, 12].map(|field| fields[field].parse::<u64>().expect("ticks")).iter().sum()
+}

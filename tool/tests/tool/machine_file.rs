@@ -2,16 +2,13 @@
 //! checks it.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use ecmsk::link::CarriedFile;
-use ecmsk::port::tcp::ServeOptions;
 use tempfile::TempDir;
 
 use crate::common::board::RecordedTraffic;
 use crate::common::{Ran, ecmsk, json_lines};
 
-const MACHINE: &str = r#"
+pub const MACHINE: &str = r#"
 format = 1
 link = "sim:?clock=virtual"
 
@@ -27,30 +24,30 @@ texts = { 0x7500 = "the red cable" }
 "#;
 
 /// A folder with a machine file in it, in which the tool is started.
-struct Folder(TempDir);
+pub struct Folder(pub TempDir);
 
 impl Folder {
-    fn new(machine: &str) -> Self {
+    pub fn new(machine: &str) -> Self {
         let folder = Self(tempfile::tempdir().expect("a folder"));
         std::fs::write(folder.path("machine.toml"), machine).expect("a file");
         folder
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
     /// Runs the tool in this folder.
-    fn run(&self, words: &[&str]) -> Ran {
+    pub fn run(&self, words: &[&str]) -> Ran {
         ecmsk(words).current_dir(self.0.path()).output().expect("the tool starts").into()
     }
 
-    fn write(&self, name: &str, text: &str) {
+    pub fn write(&self, name: &str, text: &str) {
         std::fs::write(self.path(name), text).expect("a file");
     }
 }
 
-const SAID: &str = "note: machine file machine.toml in this folder\n";
+pub const SAID: &str = "note: machine file machine.toml in this folder\n";
 
 const PROGRAM: &str = "\
 state op
@@ -257,6 +254,7 @@ mod needs_root {
     use std::os::unix::fs::chown;
 
     use super::{Folder, MACHINE};
+    use crate::common::exec::ExecFolder;
     use crate::common::{Ran, ecmsk};
 
     const NOBODY: u32 = 65534;
@@ -288,6 +286,26 @@ mod needs_root {
             let ran = run(words);
             let passes = ran.err.contains("machine.toml is another user's and is passed over; name it with --machine");
             assert!(ran.code == Some(0) && passes, "{ran:?}");
+        }
+    }
+
+    /// A program under `exec` may move axes, and is not started without the limits of another user's file either.
+    #[test]
+    fn exec_passes_over_no_limits_of_another_user() {
+        let place = ExecFolder::new();
+        let file = place.path().join("machine.toml");
+        std::fs::write(&file, MACHINE).expect("a file");
+        chown(&file, Some(NOBODY), None).expect("tests in needs_root run as root");
+        let ran = place.run(&["--link", LINK[1]], "echo started");
+        assert_eq!((ran.code, ran.out.as_str()), (Some(125), ""), "{ran:?}");
+        for word in
+            ["machine.toml in this folder is another user's", "say --machine machine.toml to use it, or --machine none"]
+        {
+            assert!(ran.err.contains(word), "{ran:?}");
+        }
+        for machine in ["machine.toml", "none"] {
+            let ran = place.run(&["--link", LINK[1], "--machine", machine], "echo started");
+            assert_eq!((ran.code, ran.out.as_str()), (Some(0), "started\n"), "{ran:?}");
         }
     }
 }
@@ -407,36 +425,43 @@ fn exec_gives_the_program_the_machine_file() {
     assert!(ran.code == Some(125) && ran.err.contains("missing.toml"), "{ran:?}");
 }
 
-/// A server tells its machine file to those who move its axes, who have their names and units without a file of their own.
+/// `stop` and `servo off` do not fail because of a machine file that nobody has named: they pass over one that cannot be used, and
+/// find the board by `--link`, or by the link in the file as far as that can be read. Other verbs do not begin.
+#[cfg(unix)]
 #[test]
-fn a_server_tells_its_machine_file() {
-    let folder = Folder::new(MACHINE);
-    let (options, _) = support::tcp::options();
-    // Longer than a message of the protocol.
-    let long = format!("{MACHINE}{}", "# a comment\n".repeat(500));
-    let file = CarriedFile::new(Path::new("portal.toml"), &long);
-    let options = ServeOptions { machine: Some(Arc::new(file.clone())), ..options };
-    let server = support::tcp::serve_with("sim:?slaves=drive*2,io&clock=virtual", options);
+fn a_wrong_machine_file_keeps_nothing_from_being_stopped() {
+    let (server, _) = support::tcp::serve("sim:?slaves=drive*2&clock=virtual");
     let link = support::tcp::uri(&server, "");
-    assert_eq!(ecmsk::link::tcp::machine(&link.parse().expect("a link")).expect("an answer"), Some(file));
-    let elsewhere = Folder(tempfile::tempdir().expect("a folder"));
-    let said = "note: machine file portal.toml of the server\n";
-    let ran = elsewhere.run(&["move", "X=12.5", "--up", "--link", &link]);
-    assert!(ran.code == Some(0) && ran.err.starts_with(said) && ran.err.matches(said).count() == 1, "{ran:?}");
-    assert_eq!(ran.out, "axis X: at 12.5 mm (12500 counts)\n");
-    let ran = elsewhere.run(&["move", "X=250.5", "--link", &link]);
-    assert!(ran.code == Some(1) && ran.err.contains("max = 250 mm"), "{ran:?}");
-    elsewhere.write("program", "move X=1\nexpect position X=1\n");
-    let ran = elsewhere.run(&["run", "program", "--link", &link]);
-    assert!(ran.code == Some(0) && ran.err.matches(said).count() == 1, "{ran:?}");
-    let none = elsewhere.run(&["move", "X=2", "--link", &link, "--machine", "none"]);
-    assert!(none.code == Some(1) && none.err.contains("there is no machine file"), "{none:?}");
-    // The own file comes first.
-    assert!(folder.run(&["move", "X=2", "--up", "--link", &link]).err.starts_with(SAID));
-
-    let (server, _) = support::tcp::serve("sim:?slaves=drive*2,io&clock=virtual");
-    let link = support::tcp::uri(&server, "");
-    assert_eq!(ecmsk::link::tcp::machine(&link.parse().expect("a link")).expect("an answer"), None);
-    let none = elsewhere.run(&["move", "X=2", "--link", &link]);
-    assert!(none.code == Some(1) && none.err.contains("there is no machine file"), "{none:?}");
+    let half = format!("format = 1\nlink = \"{link}\"\n[axes]\nX = {{ slave = 1, unit = \"mm\" }}\n");
+    let folder = Folder::new(&half);
+    let passed = "warning: the machine file is passed over: machine.toml, line 4: axes.X.per: it is missing";
+    let words = ["servo", "on", "1,2", "--up", "--link", &link, "--machine", "none"];
+    assert_eq!(folder.run(&words).code, Some(0));
+    for (axis, given) in [("1", &["--link", &link] as &[&str]), ("2", &[])] {
+        let off = folder.run(&[&["servo", "off", axis], given].concat());
+        assert!(off.err.starts_with(passed) && off.err.matches(passed).count() == 1, "{off:?}");
+        assert_eq!((off.code, off.out), (Some(0), format!("axis {axis}: off, Switched on (0x0233)\n")), "{}", off.err);
+        let stop = folder.run(&[&["stop"], given].concat());
+        assert!(stop.code == Some(0) && stop.err.starts_with(passed), "{stop:?}");
+        assert_eq!(stop.out, "axes stand still; no program was writing\n");
+    }
+    folder.run(&["move", "1=5", "--link", &link]).expect_failure(1, &["axes.X.per: it is missing"], "");
+    folder.run(&["stop", "--machine", "machine.toml", "--link", &link]).expect_failure(
+        1,
+        &["axes.X.per: it is missing"],
+        "",
+    );
+    // Without a readable link it is not known which board the file means. Another one is not stopped in its place.
+    folder.write("machine.toml", "format = 1\nlink = \n");
+    let next = "or name the board with --link";
+    for verb in [&["stop"] as &[&str], &["servo", "off", "1"]] {
+        let ran = folder.run(verb);
+        let why = "error: finding the board: the machine file may name it, and cannot be used: machine.toml, line 2";
+        assert!(ran.code == Some(1) && ran.err.contains(why) && ran.err.contains(next), "{ran:?}");
+        assert_eq!(folder.run(&[verb, &["--link", &link]].concat()).code, Some(0));
+    }
+    std::fs::remove_file(folder.path("machine.toml")).expect("it is there");
+    let made = std::process::Command::new("mkfifo").arg(folder.path("machine.toml")).status().expect("it starts");
+    assert!(made.success());
+    assert_eq!(folder.run(&["stop", "--link", &link]).code, Some(0));
 }

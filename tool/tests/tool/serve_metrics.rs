@@ -258,6 +258,18 @@ fn a_crowd_does_not_slow_the_board() {
     board.serving.end();
 }
 
+/// TOOL-200 Connections that say nothing do not keep a check of the health from its answer: the oldest of them makes room.
+#[test]
+fn silent_connections_do_not_close_the_check_of_the_health() {
+    let board = Metrics::start("tcp", &["--link", "sim:?slaves=drive"]);
+    let silent: Vec<_> = (0..20).map(|_| TcpStream::connect(&board.host).expect("it listens")).collect();
+    for _ in 0..3 {
+        assert_eq!(board.health().0, "200");
+    }
+    drop(silent);
+    board.serving.end();
+}
+
 /// `serve usbip` and `serve web` have the same metrics: of each board, and of a board at another server. `serve xf` has those of a
 /// chip.
 #[test]

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
+use ecmsk::link::{self, CarriedFile, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Share, Stamp, Wait};
 use ecmsk::sk::{Frame, StateByte};
 
 use super::frames::{Frames, Shown};
@@ -29,6 +29,8 @@ pub struct BoardWatch {
     /// Where the link records, with the word for each: `record` or `flight`.
     pub recordings: Vec<(&'static str, PathBuf)>,
     uri: LinkUri,
+    /// The machine file that recordings of the link carry.
+    machine: Option<Arc<CarriedFile>>,
     wanted: Wanted,
     calls: Calls,
     open: Mutex<Open>,
@@ -121,13 +123,14 @@ struct WatchedLink {
 
 impl BoardWatch {
     /// The watch of the board of this link, which is not open yet.
-    pub fn new(uri: &LinkUri, wanted: Wanted) -> Arc<Self> {
+    pub fn new(uri: &LinkUri, machine: Option<Arc<CarriedFile>>, wanted: Wanted) -> Arc<Self> {
         let recordings = [("record", "record"), ("flight", "flight")];
         let recordings = recordings.into_iter().filter_map(|(key, word)| Some((word, PathBuf::from(uri.value(key)?))));
         Arc::new(Self {
             scheme: uri.scheme().name(),
             recordings: recordings.collect(),
             uri: uri.clone(),
+            machine,
             wanted,
             calls: Calls::default(),
             open: Mutex::new(Open::No { since: None, why: "it was not opened yet".to_owned() }),
@@ -144,7 +147,12 @@ impl BoardWatch {
     /// Those of [`link::open`].
     pub fn open(self: &Arc<Self>) -> Result<Arc<dyn Link>, LinkError> {
         *lock(&self.open) = Open::No { since: Some(Instant::now()), why: String::new() };
-        match link::open(&self.uri.to_string(), Share::ByUri) {
+        let uri = self.uri.to_string();
+        let opened = match &self.machine {
+            Some(machine) => link::open_carrying(&uri, Share::ByUri, Arc::clone(machine)),
+            None => link::open(&uri, Share::ByUri),
+        };
+        match opened {
             Ok(link) => Ok(self.around(link)),
             Err(error) => {
                 *lock(&self.open) = Open::No { since: None, why: error.to_string() };
@@ -309,7 +317,7 @@ mod tests {
     #[test]
     fn a_reader_holds_up_no_exchange() {
         let uri = LinkUri::parse("sim:?slaves=drive&clock=virtual").expect("a link");
-        let board = BoardWatch::new(&uri, Wanted::Metrics);
+        let board = BoardWatch::new(&uri, None, Wanted::Metrics);
         assert!(board.look().trouble.is_some_and(|why| why.contains("not open")));
         let link = board.open().expect("a board");
         let read = || link.read(&mut Frame::new(), Wait::For(SILENT)).expect("a report");

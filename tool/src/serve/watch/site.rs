@@ -18,10 +18,9 @@ const NOT_FOUND: Refusal = Refusal { status: "404 Not Found", text: "Here are /m
 /// Answers a request.
 ///
 /// # Errors
-/// The client sends no request in time, or does not take the answer.
-pub fn serve(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
-    let request = http::read(&mut stream)?;
-    match wish(&request, shared.is_loopback) {
+/// The client does not take the answer.
+pub fn serve(mut stream: TcpStream, request: &Request, shared: &Shared) -> io::Result<()> {
+    match wish(request, shared.is_loopback) {
         Err(refusal) => http::refuse(&mut stream, refusal)?,
         Ok(Wish::Metrics) => http::send_text(&mut stream, "200 OK", CONTENT_TYPE, &shared.metrics())?,
         Ok(Wish::Health) => match shared.trouble() {

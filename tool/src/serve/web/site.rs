@@ -51,7 +51,8 @@ impl Site {
         let token = HEXLOWER.encode(&random);
         let shared = Shared { token: token.clone(), content, stop: Arc::default() };
         let stop = Arc::clone(&shared.stop);
-        let server = HttpServer::start(listener, "web", CONNECTIONS_MAX, stop, move |stream| shared.serve(stream));
+        let serve = move |stream, request| shared.serve(stream, &request);
+        let server = HttpServer::start(listener, "web", CONNECTIONS_MAX, stop, serve);
         Ok(Self { server: server.map_err(|error| system("start a thread", error.to_string()))?, token })
     }
 
@@ -93,9 +94,8 @@ enum Wish {
 }
 
 impl Shared {
-    fn serve(&self, mut stream: TcpStream) -> io::Result<()> {
-        let request = http::read(&mut stream)?;
-        let answered = match wish(&request, &self.token) {
+    fn serve(&self, mut stream: TcpStream, request: &Request) -> io::Result<()> {
+        let answered = match wish(request, &self.token) {
             Err(refusal) => http::refuse(&mut stream, refusal),
             Ok(Wish::Page) => match &self.content {
                 Content::Recording(page) => http::send_page(&mut stream, &page.html, &page.policy),

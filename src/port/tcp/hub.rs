@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use parking_lot::{Condvar, Mutex};
 
-use super::ServeOptions;
+use super::{OnVanish, ServeOptions};
 use super::board::Board;
 use super::client::Client;
 use super::report_queue::ReportQueue;
@@ -38,8 +38,17 @@ struct State {
     /// How many stops that clients have asked for are not answered yet. Meanwhile no client becomes the writer, because
     /// its frames could move the axes before the answer says that they stand.
     stops: usize,
+    /// The axes that the server has to stop when the board is back, if it is lost or gets lost now.
+    left_moving: Option<LeftMoving>,
     is_stopping: bool,
     is_over: bool,
+}
+
+/// Axes that may move, and that the server could not stop: their writer has not closed its link.
+pub(super) struct LeftMoving {
+    /// The writer, or the stop that a client has asked for.
+    pub(super) who: String,
+    pub(super) on_vanish: OnVanish,
 }
 
 impl State {
@@ -116,6 +125,7 @@ impl Hub {
             standstills: 0,
             newest_standstill: None,
             stops: 0,
+            left_moving: None,
             is_stopping: false,
             is_over: false,
         };
@@ -156,14 +166,32 @@ impl Hub {
 
     /// Makes an opened board the one that is served.
     pub(super) fn attach(&self, link: Arc<dyn Link>) -> Arc<Board> {
-        let board = Arc::new(Board::new(link));
+        let board = self.opened(link, None);
+        self.state.lock().board = Ok(Arc::clone(&board));
+        board
+    }
+
+    /// Makes the board `lost`, which was opened again, the one that is served. If axes have to be stopped the server is the
+    /// writer from now on, until [`end_standstill`](Self::end_standstill), and these axes are returned.
+    pub(super) fn attach_again(&self, link: Arc<dyn Link>, lost: &Board) -> (Arc<Board>, Option<LeftMoving>) {
+        let board = self.opened(link, Some(lost));
+        let mut state = self.state.lock();
+        let left = state.left_moving.take();
+        if let Some(left) = &left {
+            state.begin_standstill(&format!("after {}", left.who));
+        }
+        state.board = Ok(Arc::clone(&board));
+        (board, left)
+    }
+
+    fn opened(&self, link: Arc<dyn Link>, lost: Option<&Board>) -> Arc<Board> {
+        let board = Arc::new(Board::new(link, lost));
         if board.size().is_none() {
             self.tell(
                 "no report has shown yet how wide the board's slots are: until then the axes of a writer that vanishes cannot be \
                  stopped; if the board fills in no CRC, give slot=12 or slot=16 in its link",
             );
         }
-        self.state.lock().board = Ok(Arc::clone(&board));
         board
     }
 
@@ -185,6 +213,12 @@ impl Hub {
         drop(state);
         self.changed.notify_all();
         self.tell(&line);
+    }
+
+    /// Whether no client is connected, and the server stops no axes.
+    pub(super) fn is_quiet(&self) -> bool {
+        let state = self.state.lock();
+        state.clients.is_empty() && state.server_reports.is_none()
     }
 
     /// Whether this board is still the one that is served.
@@ -226,6 +260,7 @@ impl Hub {
         let (who, channel) = (std::mem::take(&mut joining.who), joining.channel.take());
         if role == Role::Writer {
             state.writer = Some(who.clone());
+            state.left_moving = None;
         }
         let client = Arc::new(Client::new(who, role, keepalive, channel, board.dropped()));
         let network = board.network(&self.options.network);
@@ -245,8 +280,8 @@ impl Hub {
         Ok((client, board))
     }
 
-    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, no thread
-    /// could be started to serve it, or the board is lost. Otherwise, if the client was the writer, the server itself
+    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, or no thread
+    /// could be started to serve it. Otherwise, if the client was the writer, the server itself
     /// becomes the writer until [`end_standstill`](Self::end_standstill), and the queue of reports for the server is
     /// returned. In all other cases the result is `None`.
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
@@ -264,10 +299,12 @@ impl Hub {
     }
 
     /// The server is no longer the writer, since it has brought the axes to a standstill: a client can become the
-    /// writer again. `ended`: how that has ended; `None`: the axes were left as they are, or the board is lost.
-    pub(super) fn end_standstill(&self, ended: Option<Standstill>) {
+    /// writer again. `ended`: how that has ended; `None`: the axes were left as they are, or the board is lost. `left`: the
+    /// axes that have to be stopped when the board is back.
+    pub(super) fn end_standstill(&self, ended: Option<Standstill>, left: Option<LeftMoving>) {
         let mut state = self.state.lock();
         (state.writer, state.server_reports) = (None, None);
+        state.left_moving = left;
         if ended.is_some() {
             state.standstills += 1;
             state.newest_standstill = ended;

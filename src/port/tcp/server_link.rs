@@ -13,7 +13,8 @@ use crate::sk::Frame;
 pub(super) struct ServerLink {
     pub(super) hub: Arc<Hub>,
     pub(super) board: Arc<Board>,
-    pub(super) queue: Arc<ReportQueue>,
+    /// The reports that the thread of the board reads; `None`: this link is used in that thread, and reads them itself.
+    pub(super) queue: Option<Arc<ReportQueue>>,
 }
 
 /// The longest wait in a call of this link: for a write without a limit of its own, and for every read in real time. So
@@ -44,7 +45,17 @@ impl Link for ServerLink {
         }
         let limit = wait.limit().unwrap_or(WAIT_MAX).min(WAIT_MAX);
         let timeout = LinkError::Timeout { dir: Dir::Read, waited: limit, what: "no report came" };
-        self.queue.pop(out, limit).ok_or(timeout)
+        let Some(queue) = &self.queue else {
+            // The end of the server cancels reads. It waits until the axes stand, so the read goes on.
+            let read = match self.board.link.read(out, Wait::at_most(limit)) {
+                Err(LinkError::Cancelled { .. }) => self.board.link.read(out, Wait::at_most(limit)),
+                read => read,
+            };
+            let meta = read?;
+            self.hub.publish(&self.board, out, meta);
+            return Ok(meta);
+        };
+        queue.pop(out, limit).ok_or(timeout)
     }
 
     fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {

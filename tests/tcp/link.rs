@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use ecmsk::ecm::{Close, Config, Ecm, Options};
 use ecmsk::engine::Counters;
-use ecmsk::link::{self, Dir, Layer, Link, LinkError, LinkStats, ReadMeta, Share, Wait};
+use ecmsk::link::{self, Dir, Layer, Link, LinkError, LinkStats, ReadMeta, Share, Stamp, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
 use support::tcp::{LIMIT, Puppet, SIZE, connect, frame, options, own, refused, serve, serve_link, until, uri};
 
@@ -192,6 +192,51 @@ fn closing_ends_every_wait() {
     assert_eq!(link.check(), Err(LinkError::Closed));
     assert_eq!(link.read(&mut Frame::new(), Wait::Forever), Err(LinkError::Closed));
     assert_eq!(puppet.taken(), []);
+}
+
+/// A board whose writes take frames at once, and end when the test wants it.
+struct Late {
+    puppet: Arc<Puppet>,
+    is_held: AtomicBool,
+}
+
+impl Layer for Late {
+    fn inner(&self) -> &dyn Link {
+        self.puppet.as_ref()
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let done = self.puppet.write(frame, wait);
+        until("end of the hold", || (!self.is_held.load(Ordering::Acquire)).then_some(()));
+        done
+    }
+}
+
+/// A frame that the board has taken is answered before the connection ends, also if the server is stopped or loses the
+/// board while it is being written: the write has succeeded, and no program sends the frame again.
+#[test]
+fn a_frame_that_was_taken_is_answered_before_the_end() {
+    for is_stopped in [false, true] {
+        let puppet = Puppet::new();
+        let late = Arc::new(Late { puppet: puppet.clone(), is_held: AtomicBool::new(true) });
+        let server = serve_link(late.clone(), options().0);
+        let (writer, reader) = (connect(&server, ""), connect(&server, "role=reader"));
+        let writing = thread::spawn({
+            let writer = Arc::clone(&writer);
+            move || writer.write(&frame(1), Wait::For(LIMIT))
+        });
+        until("frame", || (puppet.taken().len() == 1).then_some(()));
+        let stopping = is_stopped.then(|| thread::spawn(move || server.stop()));
+        if !is_stopped {
+            puppet.lose("its cable was pulled");
+        }
+        until("end of the reader", || reader.check().err());
+        late.is_held.store(false, Ordering::Release);
+        let written = writing.join().unwrap();
+        assert!(written.is_ok(), "{is_stopped}: {written:?}");
+        until("end of the writer", || writer.check().err());
+        stopping.into_iter().for_each(|thread| thread.join().unwrap());
+    }
 }
 
 /// A server that is stopped tells its clients, and closes the board.

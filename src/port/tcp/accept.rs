@@ -323,7 +323,7 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
     let patience = patience(client.keepalive);
     let mut is_drained = false;
     loop {
-        if let Err(left) = session.check_overruled() {
+        if let Err(left) = session.check_dismissed() {
             return left;
         }
         // The inbox may already contain messages that arrived together with the Hello.

@@ -195,7 +195,7 @@ impl Hub {
         board
     }
 
-    /// Handles the loss of the board: notifies and disconnects all clients.
+    /// Handles the loss of the board: has all clients notified and disconnected.
     pub(super) fn lose(&self, board: &Arc<Board>, error: &LinkError) {
         let reason = match error {
             LinkError::Lost { reason, .. } => reason.to_string(),
@@ -206,7 +206,7 @@ impl Hub {
             return;
         }
         for client in &state.clients {
-            client.finish(End::Lost, &reason);
+            client.dismiss(End::Lost, &reason);
         }
         let line = format!("the board is gone: {reason}");
         state.board = Err(reason);
@@ -359,12 +359,12 @@ impl Hub {
         }
     }
 
-    /// Accepts no more clients, and sends a Bye to those that are connected.
+    /// Accepts no more clients, and has those that are connected notified and disconnected.
     pub(super) fn stop(&self) {
         let mut state = self.state.lock();
         state.is_stopping = true;
         for client in &state.clients {
-            client.finish(End::Stopped, "");
+            client.dismiss(End::Stopped, "");
         }
     }
 

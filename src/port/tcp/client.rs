@@ -33,6 +33,8 @@ pub(super) struct Client {
     finished: AtomicBool,
     /// Why this client's own thread has to end the connection.
     dismissal: OnceLock<Dismissal>,
+    /// Whether a stop that this client has asked for is being carried out.
+    is_stopping: AtomicBool,
 }
 
 /// Why a connection has to end, which another thread than the client's own has found.
@@ -64,6 +66,7 @@ impl Client {
             blocked: AtomicBool::new(false),
             finished: AtomicBool::new(false),
             dismissal: OnceLock::new(),
+            is_stopping: AtomicBool::new(false),
         }
     }
 
@@ -84,6 +87,16 @@ impl Client {
         {
             channel.wake();
         }
+    }
+
+    /// Notes whether a stop that this client has asked for is being carried out.
+    pub(super) fn set_stopping(&self, is_stopping: bool) {
+        self.is_stopping.store(is_stopping, Ordering::Release);
+    }
+
+    /// Whether a stop that this client has asked for is being carried out.
+    pub(super) fn is_stopping(&self) -> bool {
+        self.is_stopping.load(Ordering::Acquire)
     }
 
     /// Why this client's thread has to end the connection; `None`: it need not.

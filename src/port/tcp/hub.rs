@@ -20,7 +20,7 @@ use crate::tcp::{Channel, PROOF_LEN, Secret};
 /// How many clients that ask for a stop are served at once, beside the other clients. \[OURS]
 const STOPPERS_MAX: usize = 4;
 /// The most clients at a time that ask for the machine file. \[OURS]
-const ASKERS_MAX: usize = 4;
+const ASKERS_MAX: usize = 16;
 
 struct State {
     /// The board, or the reason why none is open.
@@ -59,6 +59,21 @@ impl State {
         self.server_reports = Some(Arc::clone(&queue));
         queue
     }
+
+    /// How many clients have this role, without those whose connection ends.
+    fn count(&self, role: Role) -> usize {
+        self.clients.iter().filter(|client| client.role == role && client.dismissal().is_none()).count()
+    }
+
+    /// Makes room for a client that asks for a stop, or for the machine file: the oldest one of its kind for which the server
+    /// does nothing goes. Returns whether there is one.
+    fn make_room(&self, role: Role) -> bool {
+        let is_idle = |client: &&Arc<Client>| {
+            client.role == role && client.dismissal().is_none() && !client.is_stopping()
+        };
+        let oldest = self.clients.iter().find(is_idle);
+        oldest.inspect(|client| client.dismiss(End::Broken, "it asked for nothing, and made room for another")).is_some()
+    }
 }
 
 /// How far a stop that a client has asked for has come. It ends when this value is dropped.
@@ -67,11 +82,13 @@ pub(super) struct StopProgress {
     since: Option<u64>,
     /// The name of the writer that was overruled; empty if there was none.
     pub(super) writer: String,
+    by: Arc<Client>,
     hub: Arc<Hub>,
 }
 
 impl Drop for StopProgress {
     fn drop(&mut self) {
+        self.by.set_stopping(false);
         self.hub.state.lock().stops -= 1;
     }
 }
@@ -237,16 +254,15 @@ impl Hub {
         // While there is no writer, readers cannot have the last free place: it is kept for a writer. Clients that ask for
         // a stop have places of their own, so that the others cannot keep them out.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
-        let count = |role| state.clients.iter().filter(|client| client.role == role).count();
-        let (stoppers, askers) = (count(Role::Stopper), count(Role::Asker));
-        let (taken, places) = match joining.role {
-            Role::Stopper => (stoppers, STOPPERS_MAX),
-            Role::Asker => (askers, ASKERS_MAX),
+        let has_room = match joining.role {
+            Role::Stopper => state.count(Role::Stopper) < STOPPERS_MAX || state.make_room(Role::Stopper),
+            Role::Asker => state.count(Role::Asker) < ASKERS_MAX || state.make_room(Role::Asker),
             Role::Writer | Role::Reader => {
-                (state.clients.len() - stoppers - askers + usize::from(kept), self.options.max_clients)
+                let others = |client: &&Arc<Client>| matches!(client.role, Role::Writer | Role::Reader);
+                state.clients.iter().filter(others).count() + usize::from(kept) < self.options.max_clients
             }
         };
-        if taken >= places {
+        if !has_room {
             return Err((Refusal::Full, String::new()));
         }
         if let (Role::Writer, Some(who)) = (joining.role, &state.writer) {
@@ -313,10 +329,11 @@ impl Hub {
         self.changed.notify_all();
     }
 
-    /// Begins a stop that a client has asked for.
-    pub(super) fn begin_stop(self: &Arc<Self>) -> StopProgress {
+    /// Begins a stop that the client `by` has asked for.
+    pub(super) fn begin_stop(self: &Arc<Self>, by: &Arc<Client>) -> StopProgress {
+        by.set_stopping(true);
         self.state.lock().stops += 1;
-        StopProgress { since: None, writer: String::new(), hub: Arc::clone(self) }
+        StopProgress { since: None, writer: String::new(), by: Arc::clone(by), hub: Arc::clone(self) }
     }
 
     /// The next step of the stop that the client `by` has asked for. A writer is overruled, so that its own thread stops

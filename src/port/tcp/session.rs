@@ -34,6 +34,8 @@ pub(super) enum Left {
     Broken(WireError),
     /// Another client, which the text names, has asked for a stop.
     Overruled(String),
+    /// The client has asked for nothing, and has made room for another one.
+    Displaced,
     /// The server has ended the connection.
     Dismissed,
 }
@@ -119,6 +121,7 @@ impl<'a> Session<'a> {
         self.client.finish(dismissal.end, &dismissal.text);
         Err(match dismissal.end {
             End::Overruled => Left::Overruled(dismissal.text.clone()),
+            End::Broken => Left::Displaced,
             _ => Left::Dismissed,
         })
     }
@@ -146,7 +149,7 @@ impl<'a> Session<'a> {
                 return Ok(());
             }
             Message::Stop { request, off } if self.client.role == Role::Stopper => {
-                self.begin(request, Work::Stop { off, progress: self.hub.begin_stop() });
+                self.begin(request, Work::Stop { off, progress: self.hub.begin_stop(&self.client) });
                 return Ok(());
             }
             Message::Ask { request, from } if self.client.role == Role::Asker => {

@@ -372,6 +372,34 @@ fn a_reader_connects_again() {
     assert!(matches!(&writer, LinkError::Uri(_)) && writer.to_string().contains("role=reader"), "{writer}");
 }
 
+/// While one thread of a reader connects again for as long as it takes, the limit of another one's read counts, and a
+/// cancellation ends both.
+#[test]
+fn a_second_read_does_not_wait_for_the_one_that_connects_again() {
+    let server = serve_link(Puppet::new(), options().0);
+    let reader = connect(&server, "role=reader&reconnect_ms=3600000");
+    server.stop();
+    let read = |wait| {
+        let reader = Arc::clone(&reader);
+        thread::spawn(move || reader.read(&mut Frame::new(), wait))
+    };
+    let mut waiting = vec![read(Wait::Forever)];
+    thread::sleep(Duration::from_millis(300));
+    let limited = read(Wait::For(Duration::from_millis(20)));
+    until("end of a limited read", || limited.is_finished().then_some(()));
+    let limited = limited.join().unwrap();
+    assert!(matches!(limited, Err(LinkError::Timeout { .. })), "{limited:?}");
+    waiting.push(read(Wait::Forever));
+    thread::sleep(Duration::from_millis(50));
+    until("end of the cancelled reads", || {
+        reader.cancel(Dir::Read);
+        waiting.iter().all(thread::JoinHandle::is_finished).then_some(())
+    });
+    for thread in waiting {
+        assert_eq!(thread.join().unwrap(), Err(LinkError::Cancelled { dir: Dir::Read }));
+    }
+}
+
 /// Alarms, and failed changes of state, are in the server's log as texts with their times.
 #[test]
 fn alarms_are_in_the_log() {

@@ -220,16 +220,19 @@ fn a_frame_that_was_taken_is_answered_before_the_end() {
         let puppet = Puppet::new();
         let late = Arc::new(Late { puppet: puppet.clone(), is_held: AtomicBool::new(true) });
         let server = serve_link(late.clone(), options().0);
-        let (writer, reader) = (connect(&server, ""), connect(&server, "role=reader"));
+        let (writer, reader) = (connect(&server, "keepalive_ms=60000"), connect(&server, "role=reader"));
         let writing = thread::spawn({
             let writer = Arc::clone(&writer);
             move || writer.write(&frame(1), Wait::For(LIMIT))
         });
         until("frame", || (puppet.taken().len() == 1).then_some(()));
-        let stopping = is_stopped.then(|| thread::spawn(move || server.stop()));
-        if !is_stopped {
+        let mut server = Some(server);
+        let stopping = if is_stopped {
+            server.take().map(|server| thread::spawn(move || server.stop()))
+        } else {
             puppet.lose("its cable was pulled");
-        }
+            None
+        };
         until("end of the reader", || reader.check().err());
         late.is_held.store(false, Ordering::Release);
         let written = writing.join().unwrap();

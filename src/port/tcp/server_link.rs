@@ -17,6 +17,16 @@ pub(super) struct ServerLink {
     pub(super) queue: Option<Arc<ReportQueue>>,
 }
 
+impl ServerLink {
+    /// Handles the loss of the board, if a call has failed for it.
+    fn noted<T>(&self, done: Result<T, LinkError>) -> Result<T, LinkError> {
+        if let Err(error @ LinkError::Lost { .. }) = &done {
+            self.hub.lose(&self.board, error);
+        }
+        done
+    }
+}
+
 /// The longest wait in a call of this link: for a write without a limit of its own, and for every read in real time. So
 /// the server never hangs on a board.
 const WAIT_MAX: Duration = Duration::from_secs(10);
@@ -31,7 +41,7 @@ impl Link for ServerLink {
         let wait = if wait == Wait::Forever { Wait::For(WAIT_MAX) } else { wait };
         let done = self.board.write(frame, wait);
         self.board.now();
-        done
+        self.noted(done)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
@@ -39,7 +49,7 @@ impl Link for ServerLink {
         if self.board.info.virtual_time {
             let read = self.board.link.read(out, wait);
             self.board.now();
-            let meta = read?;
+            let meta = self.noted(read)?;
             self.hub.publish(&self.board, out, meta);
             return Ok(meta);
         }
@@ -51,7 +61,7 @@ impl Link for ServerLink {
                 Err(LinkError::Cancelled { .. }) => self.board.link.read(out, Wait::at_most(limit)),
                 read => read,
             };
-            let meta = read?;
+            let meta = self.noted(read)?;
             self.hub.publish(&self.board, out, meta);
             return Ok(meta);
         };

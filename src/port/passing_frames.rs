@@ -12,6 +12,8 @@ const CRC_BYTE: usize = 3;
 pub(super) struct PassingFrames {
     size: Option<SlotSize>,
     watch: Watch,
+    /// The slot size of the frames that `watch` has read before the link was opened again.
+    before: Option<SlotSize>,
     /// The sequence number that the board's link will give to the next report. A higher one shows that reports were
     /// dropped.
     next: u64,
@@ -19,7 +21,23 @@ pub(super) struct PassingFrames {
 
 impl PassingFrames {
     pub(super) fn new(size: Option<SlotSize>) -> Self {
-        Self { size, watch: Watch::default(), next: 0 }
+        Self { size, watch: Watch::default(), before: None, next: 0 }
+    }
+
+    /// The same network, after its link was lost and opened again. `size`: the slot size that the link knows now.
+    pub(super) fn reopened(&self, size: Option<SlotSize>) -> Self {
+        let mut passing = Self { size: None, watch: self.watch.clone(), before: self.size.or(self.before), next: 0 };
+        passing.watch.reopened();
+        passing.set_size(size);
+        passing
+    }
+
+    /// Sets the slot size. If it was another one before, this is another board.
+    fn set_size(&mut self, size: Option<SlotSize>) {
+        self.size = size;
+        if size.is_some() && self.before.is_some_and(|before| Some(before) != size) {
+            self.watch = Watch::default();
+        }
     }
 
     /// The slot size; `None`: it is not known yet.
@@ -45,7 +63,7 @@ impl PassingFrames {
     /// Reads a report.
     pub(super) fn report(&mut self, frame: &Frame, meta: ReadMeta) {
         if self.size.is_none() && frame.bytes()[CRC_BYTE] != 0 {
-            self.size = frame.size_by_crc();
+            self.set_size(frame.size_by_crc());
         }
         if let Some(size) = self.size {
             if meta.sequence > self.next {

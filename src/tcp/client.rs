@@ -221,3 +221,43 @@ impl Drop for TcpLink {
         self.vanish();
     }
 }
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use std::sync::mpsc;
+    use std::thread;
+
+    use super::*;
+    use crate::link::{self, Share};
+    use crate::port::tcp::{ServeOptions, Server};
+
+    /// TCP-22 What the program has in force is noted in the order in which the board has taken the frames of its threads: the
+    /// request of a second thread begins after the first one was noted.
+    #[test]
+    fn writes_of_threads_are_noted_in_their_order() {
+        let open = || link::open("sim:?slaves=drive&clock=real&name=noted", Share::ByUri);
+        let options = ServeOptions { listen: ([127, 0, 0, 1], 0).into(), ..ServeOptions::default() };
+        let server = Server::start(open, options).expect("a server");
+        let uri: LinkUri = format!("tcp://{}", server.address()).parse().expect("a link");
+        let options = TcpOptions::from_uri(&uri).expect("its keys");
+        let link = TcpLink::connect(&uri, &options, &CommonOptions::from_uri(&uri).expect("its keys")).expect("a writer");
+        let (frame, noted) = (Frame::new(), Mutex::new(Vec::new()));
+        let write = |note: &dyn Fn()| {
+            let message = |request| Message::Write { request, wait: Wait::Forever, frame: frame.bytes() };
+            link.shared.request_and(Dir::Write, Wait::Forever, message, note).1.expect("it is taken");
+        };
+        let (began, begins) = mpsc::channel();
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                write(&move || {
+                    began.send(()).expect("it is waited for");
+                    thread::sleep(Duration::from_millis(50));
+                    noted.lock().push(1);
+                });
+            });
+            begins.recv().expect("it is noted");
+            write(&|| noted.lock().push(2));
+        });
+        assert_eq!(*noted.lock(), [1, 2]);
+    }
+}

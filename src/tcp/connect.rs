@@ -12,7 +12,7 @@ use super::inbox::Inbox;
 use super::options::TcpOptions;
 use super::proof::{PROOF_LEN, Secret, Side, how_to_give};
 use super::tls;
-use super::wire::{GREETING_LEN, Greeting, Hello, Message, Refusal, Welcome, WireError};
+use super::wire::{GREETING_LEN, Greeting, Hello, Message, Refusal, Role, Welcome, WireError};
 use crate::link::{KnownNetwork, LinkError, Stamp};
 use crate::sk::SlotSize;
 use crate::span::Span;
@@ -193,6 +193,9 @@ fn refused(why: Refusal, text: &str, options: &TcpOptions) -> ConnectError {
     ConnectError::NoBoard(match why {
         Refusal::HasWriter => return ConnectError::InUse(text.to_owned()),
         Refusal::NoBoard => format!("its server has no board: {text}"),
+        Refusal::Full if matches!(options.role, Role::Stopper | Role::Asker) => {
+            "its server is busy with others that ask for the same; try again".to_owned()
+        }
         Refusal::Full => "its server takes no more clients; close one, or give it more (`--max-clients`)".to_owned(),
         Refusal::WrongSecret => format!(
             "its server has another secret than the one given by {}; give the same to both",

@@ -302,6 +302,18 @@ impl Shared {
         wait: Wait,
         message: impl FnOnce(u64) -> Message<'a>,
     ) -> (MutexGuard<'a, State>, Result<Answer, LinkError>) {
+        self.request_and(dir, wait, message, || ())
+    }
+
+    /// As [`Self::request`]. `answered` is called if the server has executed the request, before that of another thread
+    /// begins, so that its calls come in the order of the requests.
+    pub(super) fn request_and<'a>(
+        &'a self,
+        dir: Dir,
+        wait: Wait,
+        message: impl FnOnce(u64) -> Message<'a>,
+        answered: impl FnOnce(),
+    ) -> (MutexGuard<'a, State>, Result<Answer, LinkError>) {
         let limit = wait.deadline();
         let state = self.state();
         let cancels = state.cancels[dir as usize];
@@ -334,8 +346,17 @@ impl Shared {
             (state, done) = self.wait(self.state(), answer_deadline, |state| self.answer(state, dir, cancels, true));
         }
         match done {
-            Some(Ok(answer)) => self.done(state, Ok(answer)),
-            Some(Err(Some(error))) => self.done(state, Err(error)),
+            Some(Ok(answer)) => {
+                answered();
+                self.done(state, Ok(answer))
+            }
+            Some(Err(Some(error))) => {
+                // A frame with a target beyond a limit was sent without its targets, and those leave nothing in force.
+                if matches!(error, LinkError::BeyondLimit { .. }) {
+                    answered();
+                }
+                self.done(state, Err(error))
+            }
             Some(Err(None)) | None => {
                 state.exchange.lose("its server does not answer");
                 drop(state);
@@ -393,14 +414,13 @@ impl Shared {
             });
         }
         let bytes = frame.bytes();
-        let answered = self.request(Dir::Write, wait, |request| Message::Write { request, wait, frame: bytes }).1;
-        // A frame with a target beyond a limit was sent without its targets, and those leave nothing in force.
-        if let (Ok(Answer::Written(_)) | Err(LinkError::BeyondLimit { .. }), Some(in_force)) =
-            (&answered, &self.in_force)
-        {
-            in_force.wrote(frame);
-        }
-        match answered? {
+        let written = || {
+            if let Some(in_force) = &self.in_force {
+                in_force.wrote(frame);
+            }
+        };
+        let message = |request| Message::Write { request, wait, frame: bytes };
+        match self.request_and(Dir::Write, wait, message, written).1? {
             Answer::Written(at) => Ok(at),
             _ => Err(self.unexpected_answer()),
         }

@@ -23,7 +23,8 @@ impl MotionInForce {
         Self { limit, size, slaves: AtomicU64::new(0) }
     }
 
-    /// Notes which slaves have a velocity or torque in force after a command frame that the board has accepted.
+    /// Notes which slaves have a velocity or torque in force after a command frame that the board has accepted. Calls come one
+    /// after the other, in the order in which the board has accepted the frames.
     pub(super) fn wrote(&self, frame: &Frame) {
         let mut slaves = self.slaves.load(Ordering::Relaxed);
         for slave in 1..=self.size.max_slaves() {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use parking_lot::{Condvar, Mutex};
+use parking_lot::{Condvar, Mutex, MutexGuard};
 
 use super::{TcpLink, TcpOptions};
 use crate::address::uri::LinkUri;
@@ -16,6 +16,8 @@ use crate::span::Span;
 
 /// The pause between two attempts to connect again. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(200);
+/// How often a read that waits for the thread that reconnects checks whether it was cancelled. \[OURS]
+const CANCEL_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 
 /// A reader's link that replaces its connection by a new one when it is lost.
 pub(super) struct Reconnecting {
@@ -58,12 +60,33 @@ impl Reconnecting {
         Arc::clone(&self.current.lock())
     }
 
+    /// Waits until no other thread reconnects. Fails with a timeout if `until` comes first, and if the link was closed or the
+    /// read was cancelled.
+    fn turn(&self, cancels_before: u64, until: Option<Instant>) -> Result<MutexGuard<'_, ()>, LinkError> {
+        loop {
+            let now = Instant::now();
+            let slice = now + CANCEL_CHECK_INTERVAL;
+            if let Some(turn) = self.connecting.try_lock_until(until.map_or(slice, |until| until.min(slice))) {
+                return Ok(turn);
+            }
+            if self.closed.load(Ordering::Acquire) {
+                return Err(LinkError::Closed);
+            }
+            if *self.cancels.lock() != cancels_before {
+                return Err(LinkError::Cancelled { dir: Dir::Read });
+            }
+            if until.is_some_and(|until| now >= until) {
+                return Err(LinkError::Timeout { dir: Dir::Read, waited: Duration::ZERO, what: "connecting again" });
+            }
+        }
+    }
+
     /// Replaces the connection `gone`, which has failed with `error`, by a new one, unless another thread has replaced it
     /// already. Fails with `error` after `reconnect_ms=` without a connection, or if the server now has another slot size.
     /// Fails with a timeout if `until` comes first, and if the link was closed or the read was cancelled.
     fn reconnect(&self, gone: &Arc<TcpLink>, error: LinkError, until: Option<Instant>) -> Result<(), LinkError> {
         let cancels_before = *self.cancels.lock();
-        let _connecting = self.connecting.lock();
+        let _connecting = self.turn(cancels_before, until)?;
         if !Arc::ptr_eq(gone, &self.current()) {
             return Ok(());
         }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use ecmsk::ecm::{Close, Config, Ecm, Options};
 use ecmsk::engine::Counters;
-use ecmsk::link::{self, Dir, Layer, Link, LinkError, LinkStats, ReadMeta, Share, Wait};
+use ecmsk::link::{self, Dir, Layer, Link, LinkError, LinkStats, ReadMeta, Share, Stamp, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
 use support::tcp::{LIMIT, Puppet, SIZE, connect, frame, options, own, refused, serve, serve_link, until, uri};
 
@@ -194,6 +194,54 @@ fn closing_ends_every_wait() {
     assert_eq!(puppet.taken(), []);
 }
 
+/// A board whose writes take frames at once, and end when the test wants it.
+struct Late {
+    puppet: Arc<Puppet>,
+    is_held: AtomicBool,
+}
+
+impl Layer for Late {
+    fn inner(&self) -> &dyn Link {
+        self.puppet.as_ref()
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let done = self.puppet.write(frame, wait);
+        until("end of the hold", || (!self.is_held.load(Ordering::Acquire)).then_some(()));
+        done
+    }
+}
+
+/// A frame that the board has taken is answered before the connection ends, also if the server is stopped or loses the
+/// board while it is being written: the write has succeeded, and no program sends the frame again.
+#[test]
+fn a_frame_that_was_taken_is_answered_before_the_end() {
+    for is_stopped in [false, true] {
+        let puppet = Puppet::new();
+        let late = Arc::new(Late { puppet: puppet.clone(), is_held: AtomicBool::new(true) });
+        let server = serve_link(late.clone(), options().0);
+        let (writer, reader) = (connect(&server, "keepalive_ms=60000"), connect(&server, "role=reader"));
+        let writing = thread::spawn({
+            let writer = Arc::clone(&writer);
+            move || writer.write(&frame(1), Wait::For(LIMIT))
+        });
+        until("frame", || (puppet.taken().len() == 1).then_some(()));
+        let mut server = Some(server);
+        let stopping = if is_stopped {
+            server.take().map(|server| thread::spawn(move || server.stop()))
+        } else {
+            puppet.lose("its cable was pulled");
+            None
+        };
+        until("end of the reader", || reader.check().err());
+        late.is_held.store(false, Ordering::Release);
+        let written = writing.join().unwrap();
+        assert!(written.is_ok(), "{is_stopped}: {written:?}");
+        until("end of the writer", || writer.check().err());
+        stopping.into_iter().for_each(|thread| thread.join().unwrap());
+    }
+}
+
 /// A server that is stopped tells its clients, and closes the board.
 #[test]
 fn a_stopped_server_says_so() {
@@ -325,6 +373,34 @@ fn a_reader_connects_again() {
     going.join().unwrap();
     let writer = link::open(&format!("tcp://{address}?reconnect_ms=1"), Share::ByName).err().unwrap();
     assert!(matches!(&writer, LinkError::Uri(_)) && writer.to_string().contains("role=reader"), "{writer}");
+}
+
+/// While one thread of a reader connects again for as long as it takes, the limit of another one's read counts, and a
+/// cancellation ends both.
+#[test]
+fn a_second_read_does_not_wait_for_the_one_that_connects_again() {
+    let server = serve_link(Puppet::new(), options().0);
+    let reader = connect(&server, "role=reader&reconnect_ms=3600000");
+    server.stop();
+    let read = |wait| {
+        let reader = Arc::clone(&reader);
+        thread::spawn(move || reader.read(&mut Frame::new(), wait))
+    };
+    let mut waiting = vec![read(Wait::Forever)];
+    thread::sleep(Duration::from_millis(300));
+    let limited = read(Wait::For(Duration::from_millis(20)));
+    until("end of a limited read", || limited.is_finished().then_some(()));
+    let limited = limited.join().unwrap();
+    assert!(matches!(limited, Err(LinkError::Timeout { .. })), "{limited:?}");
+    waiting.push(read(Wait::Forever));
+    thread::sleep(Duration::from_millis(50));
+    until("end of the cancelled reads", || {
+        reader.cancel(Dir::Read);
+        waiting.iter().all(thread::JoinHandle::is_finished).then_some(())
+    });
+    for thread in waiting {
+        assert_eq!(thread.join().unwrap(), Err(LinkError::Cancelled { dir: Dir::Read }));
+    }
 }
 
 /// Alarms, and failed changes of state, are in the server's log as texts with their times.

@@ -11,7 +11,7 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{CarriedFile, LinkError};
 use ecmsk::port::tcp::ServeOptions;
 use ecmsk::sk::MasterState;
-use support::tcp::{LIMIT, Puppet, connect, connect_next, options, serve, serve_link, uri};
+use support::tcp::{LIMIT, Puppet, Raw, connect, connect_next, hello, options, serve, serve_link, uri};
 
 /// The file comes whole, however long it is and whoever else is connected; a client that asks takes no place of others.
 #[test]
@@ -30,6 +30,26 @@ fn a_server_tells_its_machine_file_beside_its_clients() {
         let error = machine(&LinkUri::parse("sim:").unwrap()).unwrap_err();
         assert!(matches!(error, LinkError::Uri { .. }), "{error:?}");
     }
+}
+
+/// Clients that have joined to ask, and do not, keep nobody out.
+#[test]
+fn idle_clients_keep_no_machine_file_back() {
+    let file = CarriedFile::new(Path::new("/machines/portal.toml"), "format = 1\n");
+    let (options, _told) = options();
+    let options = ServeOptions { machine: Some(Arc::new(file.clone())), ..options };
+    let server = serve_link(Puppet::new(), options);
+    let mut hello = hello(false, 3_600_000);
+    hello[4] = 3;
+    let _idle: Vec<Raw> = (0..20)
+        .map(|_| {
+            let mut raw = Raw::connect(&server);
+            raw.send(&hello);
+            assert_eq!(raw.answer().expect("an answer").0, 0x81, "a welcome");
+            raw
+        })
+        .collect();
+    assert_eq!(machine(&LinkUri::parse(&uri(&server, "")).unwrap()), Ok(Some(file)));
 }
 
 /// A server that does not know such clients yet refuses the role in their first message. That is an error, and no wait.

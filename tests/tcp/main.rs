@@ -9,9 +9,11 @@
 //! - `bounded.rs`: long virtual times
 //! - `vanish.rs`: moving axes whose writer has vanished
 //! - `stop.rs`: axes that another client has stopped
+//! - `back.rs`: boards whose link was lost and is back
 //! - `slot_size.rs`: boards whose link does not know how wide slots are
 //! - `machine.rs`: the machine file of a server
 
+mod back;
 mod bounded;
 mod link;
 mod machine;

@@ -14,7 +14,7 @@ use ecmsk::link::{self, Link, LinkError, Share, Wait};
 use ecmsk::port::tcp::in_memory::{ClientMessage, InMemoryServer, ServerMessage};
 use ecmsk::port::tcp::{OnVanish, ServeOptions, Server};
 use ecmsk::sk::{Frame, MasterState};
-use support::tcp::{LIMIT, Raw, connect, hello, message, options, own, serve_with, until, uri};
+use support::tcp::{GREETING, LIMIT, Raw, connect, hello, message, options, own, serve_with, until, uri};
 
 use crate::vanish::{Wired, after, config, drive, prepared, served};
 
@@ -247,6 +247,54 @@ fn a_stop_outlives_its_client() {
     drop(raw);
     told.wait("stand still after the stop of ");
     assert_stand(&server, false);
+}
+
+/// Clients that have joined for a stop and ask for none keep nobody out, however many they are: the oldest makes room.
+/// One whose stop is carried out keeps its place.
+#[test]
+fn idle_clients_keep_no_stop_out() {
+    let (server, told) = served("virtual", OnVanish::Ramp);
+    let Wired { link, cable: _cable } = prepared(&server, &told);
+    drive(link.as_ref(), 200);
+    let mut hello = hello(false, 3_600_000);
+    hello[4] = 2;
+    let mut idle: Vec<Raw> = (0..20)
+        .map(|_| {
+            let mut raw = Raw::connect(&server);
+            raw.send(&hello);
+            assert_eq!(raw.answer().expect("an answer").0, 0x81, "a welcome");
+            raw
+        })
+        .collect();
+    assert!(stopped(&server, false).unwrap().in_op);
+    assert_stand(&server, true);
+    assert_eq!(idle[0].message().expect("a bye").0, 0x41);
+    told.wait("asked for nothing, and made room");
+
+    let sim = link::open(&own("sim:?slaves=drive&clock=virtual"), Share::ByUri).unwrap();
+    let server = InMemoryServer::new(sim, ServeOptions::default());
+    let _writer = server.join(true).expect("it is a writer");
+    let mut busy: Vec<_> = (0..4).map(|_| server.join_stopper().expect("it may stop")).collect();
+    for stopper in &mut busy {
+        assert!(stopper.begin(ClientMessage::Stop { off: false }, usize::MAX));
+    }
+    assert!(server.join_stopper().is_none(), "each of them is served");
+}
+
+/// A server that is busy with other stops does not have its `--max-clients` blamed.
+#[test]
+fn a_stop_beside_many_others() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let uri = LinkUri::parse(&format!("tcp://{}", listener.local_addr().unwrap())).unwrap();
+    let server = thread::spawn(move || {
+        let (mut client, _) = listener.accept().unwrap();
+        let refused = message(0x82, &[3, 0, 0]);
+        std::io::Write::write_all(&mut client, &[&GREETING[..], &refused].concat()).unwrap();
+        let _ = std::io::Read::read(&mut client, &mut [0; 512]);
+    });
+    let error = stop(&uri, false).unwrap_err().to_string();
+    assert!(error.contains("try again") && !error.contains("--max-clients"), "{error}");
+    server.join().unwrap();
 }
 
 /// Until a stop is answered nobody becomes the writer: not the stopped program either, which tries again and again.

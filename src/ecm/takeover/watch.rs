@@ -28,6 +28,8 @@ pub struct Watch {
     resets: Option<Stamp>,
     /// Whether a program has set a threshold (SET_FIFO) that may be in force.
     has_threshold: bool,
+    /// Whether the link to the board was opened again, and no report has come since.
+    is_reopened: bool,
 }
 
 impl Default for Watch {
@@ -41,6 +43,7 @@ impl Default for Watch {
             error_count: 0,
             resets: None,
             has_threshold: false,
+            is_reopened: false,
         }
     }
 }
@@ -59,8 +62,8 @@ impl Watch {
             return;
         }
         // A program that configures slaves after SW_RESET has seen the effect of the reset, or has waited for it. So the
-        // reset counts as executed, even if no report has shown it.
-        if self.resets.is_some() && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
+        // reset counts as executed, even if no report has shown it. So does a reset while the link was lost.
+        if (self.resets.is_some() || self.is_reopened) && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
             self.forget_all(None);
         }
         let set_up = !matches!(self.state, Some(MasterState::SafeOp | MasterState::Op));
@@ -98,6 +101,9 @@ impl Watch {
         self.kinds.response(frame, size);
         self.state = board.state.state();
         let in_op = self.state == Some(MasterState::Op);
+        if std::mem::take(&mut self.is_reopened) && !in_op {
+            self.forget_all(self.state);
+        }
         // A changed error count means that the board has rejected a frame. Outside OP it does not, since the count starts
         // at 0 again after a reset.
         let refused = std::mem::replace(&mut self.error_count, board.error) != board.error && in_op;
@@ -132,6 +138,16 @@ impl Watch {
     /// Notes that reports were lost. One of them may have shown that a slave has begun to home.
     pub fn missed(&mut self) {
         self.slaves.iter_mut().for_each(Seen::missed);
+    }
+
+    /// Notes that the link to the board was lost and was opened again. Frames and reports are missing, so the last commands
+    /// are not known, and a threshold may be in force. A next report outside OP means that the board may have been reset:
+    /// then everything is forgotten.
+    pub fn reopened(&mut self) {
+        self.missed();
+        self.forget_targets();
+        (self.state, self.resets) = (None, None);
+        (self.has_threshold, self.is_reopened) = (true, true);
     }
 
     /// Forgets everything, because the board was reset. `state`: the state of the network after the reset, if it is
@@ -279,6 +295,31 @@ mod tests {
             let declared = watch.config().expect("it is declared");
             assert_eq!((declared.slaves.len(), mode(&watch)), (1, Some(Mode::Csp)), "{state:?}");
         }
+    }
+
+    /// TCP-26 After the link was lost and opened again, a board in OP has its axes and modes still; what they were
+    /// commanded last is not known. One outside OP may have been reset, and one that is configured anew was.
+    #[test]
+    fn a_link_that_is_opened_again() {
+        let mut watch = running();
+        watch.reopened();
+        report(&mut watch, MasterState::Op, 3);
+        assert_eq!(mode(&watch), Some(Mode::Csv));
+        assert!(watch.slaves[0].last.is_none() && watch.has_threshold());
+        report(&mut watch, MasterState::SafeOp, 3);
+        report(&mut watch, MasterState::Op, 3);
+        assert_eq!((mode(&watch), watch.has_threshold()), (Some(Mode::Csv), false), "only the first report decides");
+
+        let mut watch = running();
+        watch.reopened();
+        report(&mut watch, MasterState::PreOp, 0);
+        assert!(watch.config().is_none());
+
+        let mut watch = running();
+        watch.reopened();
+        master(&mut watch, &MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
+        report(&mut watch, MasterState::PreOp, 0);
+        assert_eq!(mode(&watch), Some(Mode::Csp), "the mode was that of before");
     }
 
     /// TCP-24, SK-1.24 After a frame with a wrong CRC the last targets are unknown, and a threshold may still be in force.

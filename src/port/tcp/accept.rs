@@ -279,6 +279,14 @@ fn connection(client: Arc<Client>, board: &Arc<Board>, mut inbox: Inbox, shared:
             client.finish(End::Broken, &error.to_string());
             hub.tell(&format!("{} does not keep to the protocol: {error}", client.name));
         }
+        Left::Displaced => {
+            let at = channel.peer().map(|from| from.ip().to_string()).unwrap_or_default();
+            let what = "asked for nothing, and made room for another";
+            shared.log_limited(
+                &format!("{} at {at} {what}", program(&client.name)),
+                &format!("{} {what}", client.name),
+            );
+        }
         Left::Overruled(by) => hub.tell(&format!("{} was stopped by {by}", client.name)),
         Left::Dismissed if hub.has(board) && !hub.is_stopping() => {
             hub.tell(&format!("{} is gone: it does not take what is sent to it", client.name));
@@ -323,7 +331,7 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
     let patience = patience(client.keepalive);
     let mut is_drained = false;
     loop {
-        if let Err(left) = session.check_overruled() {
+        if let Err(left) = session.check_dismissed() {
             return left;
         }
         // The inbox may already contain messages that arrived together with the Hello.

@@ -38,15 +38,20 @@ pub(super) struct Board {
 }
 
 impl Board {
-    /// A board that was opened. Waits until a report has shown the slot size, if the link does not know it.
-    pub(super) fn new(link: Arc<dyn Link>) -> Self {
+    /// A board that was opened; `lost`: again, after its link was lost. Waits until a report has shown the slot size, if
+    /// the link does not know it.
+    pub(super) fn new(link: Arc<dyn Link>, lost: Option<&Self>) -> Self {
         let info = link.info();
+        let passing = match lost {
+            Some(lost) => lost.passing.lock().reopened(info.slot),
+            None => PassingFrames::new(info.slot),
+        };
         let board = Self {
             known: link.network().unwrap_or_default().or(KnownNetwork::of_sim(&info.name)),
             newest: AtomicU64::new(info.opened_at.0),
             clock: AtomicU64::new(info.opened_at.0),
             dropped: AtomicU64::new(0),
-            passing: Mutex::new(PassingFrames::new(info.slot)),
+            passing: Mutex::new(passing),
             troubles: Mutex::default(),
             info,
             link,

@@ -31,15 +31,18 @@ pub(super) struct Client {
     blocked: AtomicBool,
     /// Whether the connection is over for the server: a Bye was sent, or the connection has failed.
     finished: AtomicBool,
-    /// The stop by which another client ends this connection.
-    overruled: OnceLock<Overruled>,
+    /// Why this client's own thread has to end the connection.
+    dismissal: OnceLock<Dismissal>,
+    /// Whether a stop that this client has asked for is being carried out.
+    is_stopping: AtomicBool,
 }
 
-/// A stop that another client has asked for.
-pub(super) struct Overruled {
-    /// The name of the client that has asked for it.
-    pub(super) by: String,
-    /// Whether the axes are switched off when they stand.
+/// Why a connection has to end, which another thread than the client's own has found.
+pub(super) struct Dismissal {
+    pub(super) end: End,
+    /// The text of the Bye: the reason, or the name of the client that has asked for a stop.
+    pub(super) text: String,
+    /// For a stop: whether the axes are switched off when they stand.
     pub(super) off: bool,
 }
 
@@ -62,23 +65,48 @@ impl Client {
             out: Mutex::new(Outgoing { out: Out::default(), reports, dropped: 0, last_sent: Instant::now() }),
             blocked: AtomicBool::new(false),
             finished: AtomicBool::new(false),
-            overruled: OnceLock::new(),
+            dismissal: OnceLock::new(),
+            is_stopping: AtomicBool::new(false),
         }
     }
 
-    /// Has this client's own thread end its connection, because another client has asked for a stop. A second call has
-    /// no effect.
+    /// Has this client's own thread end its connection, after the answer to a request that the board has executed. A second
+    /// call has no effect.
+    pub(super) fn dismiss(&self, end: End, text: &str) {
+        self.dismiss_for(Dismissal { end, text: text.to_owned(), off: false });
+    }
+
+    /// Dismisses this client because another one, `by`, has asked for a stop.
     pub(super) fn overrule(&self, by: &str, off: bool) {
-        if self.overruled.set(Overruled { by: by.to_owned(), off }).is_ok()
+        self.dismiss_for(Dismissal { end: End::Overruled, text: by.to_owned(), off });
+    }
+
+    fn dismiss_for(&self, dismissal: Dismissal) {
+        if self.dismissal.set(dismissal).is_ok()
             && let Some(channel) = &self.channel
         {
             channel.wake();
         }
     }
 
+    /// Notes whether a stop that this client has asked for is being carried out.
+    pub(super) fn set_stopping(&self, is_stopping: bool) {
+        self.is_stopping.store(is_stopping, Ordering::Release);
+    }
+
+    /// Whether a stop that this client has asked for is being carried out.
+    pub(super) fn is_stopping(&self) -> bool {
+        self.is_stopping.load(Ordering::Acquire)
+    }
+
+    /// Why this client's thread has to end the connection; `None`: it need not.
+    pub(super) fn dismissal(&self) -> Option<&Dismissal> {
+        self.dismissal.get()
+    }
+
     /// The stop by which another client ends this connection; `None`: there is none.
-    pub(super) fn overruled(&self) -> Option<&Overruled> {
-        self.overruled.get()
+    pub(super) fn overruled(&self) -> Option<&Dismissal> {
+        self.dismissal().filter(|dismissal| dismissal.end == End::Overruled)
     }
 
     /// Whether nothing more is sent to the client: a Bye was sent, or the connection has failed.

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use parking_lot::{Condvar, Mutex};
 
-use super::ServeOptions;
+use super::{OnVanish, ServeOptions};
 use super::board::Board;
 use super::client::Client;
 use super::report_queue::ReportQueue;
@@ -20,7 +20,7 @@ use crate::tcp::{Channel, PROOF_LEN, Secret};
 /// How many clients that ask for a stop are served at once, beside the other clients. \[OURS]
 const STOPPERS_MAX: usize = 4;
 /// The most clients at a time that ask for the machine file. \[OURS]
-const ASKERS_MAX: usize = 4;
+const ASKERS_MAX: usize = 16;
 
 struct State {
     /// The board, or the reason why none is open.
@@ -38,8 +38,17 @@ struct State {
     /// How many stops that clients have asked for are not answered yet. Meanwhile no client becomes the writer, because
     /// its frames could move the axes before the answer says that they stand.
     stops: usize,
+    /// The axes that the server has to stop when the board is back, if it is lost or gets lost now.
+    left_moving: Option<LeftMoving>,
     is_stopping: bool,
     is_over: bool,
+}
+
+/// Axes that may move, and that the server could not stop: their writer has not closed its link.
+pub(super) struct LeftMoving {
+    /// The writer, or the stop that a client has asked for.
+    pub(super) who: String,
+    pub(super) on_vanish: OnVanish,
 }
 
 impl State {
@@ -50,6 +59,21 @@ impl State {
         self.server_reports = Some(Arc::clone(&queue));
         queue
     }
+
+    /// How many clients have this role, without those whose connection ends.
+    fn count(&self, role: Role) -> usize {
+        self.clients.iter().filter(|client| client.role == role && client.dismissal().is_none()).count()
+    }
+
+    /// Makes room for a client that asks for a stop, or for the machine file: the oldest one of its kind for which the server
+    /// does nothing goes. Returns whether there is one.
+    fn make_room(&self, role: Role) -> bool {
+        let is_idle = |client: &&Arc<Client>| {
+            client.role == role && client.dismissal().is_none() && !client.is_stopping()
+        };
+        let oldest = self.clients.iter().find(is_idle);
+        oldest.inspect(|client| client.dismiss(End::Broken, "it asked for nothing, and made room for another")).is_some()
+    }
 }
 
 /// How far a stop that a client has asked for has come. It ends when this value is dropped.
@@ -58,11 +82,13 @@ pub(super) struct StopProgress {
     since: Option<u64>,
     /// The name of the writer that was overruled; empty if there was none.
     pub(super) writer: String,
+    by: Arc<Client>,
     hub: Arc<Hub>,
 }
 
 impl Drop for StopProgress {
     fn drop(&mut self) {
+        self.by.set_stopping(false);
         self.hub.state.lock().stops -= 1;
     }
 }
@@ -116,6 +142,7 @@ impl Hub {
             standstills: 0,
             newest_standstill: None,
             stops: 0,
+            left_moving: None,
             is_stopping: false,
             is_over: false,
         };
@@ -156,18 +183,36 @@ impl Hub {
 
     /// Makes an opened board the one that is served.
     pub(super) fn attach(&self, link: Arc<dyn Link>) -> Arc<Board> {
-        let board = Arc::new(Board::new(link));
+        let board = self.opened(link, None);
+        self.state.lock().board = Ok(Arc::clone(&board));
+        board
+    }
+
+    /// Makes the board `lost`, which was opened again, the one that is served. If axes have to be stopped the server is the
+    /// writer from now on, until [`end_standstill`](Self::end_standstill), and these axes are returned.
+    pub(super) fn attach_again(&self, link: Arc<dyn Link>, lost: &Board) -> (Arc<Board>, Option<LeftMoving>) {
+        let board = self.opened(link, Some(lost));
+        let mut state = self.state.lock();
+        let left = state.left_moving.take();
+        if let Some(left) = &left {
+            state.begin_standstill(&format!("after {}", left.who));
+        }
+        state.board = Ok(Arc::clone(&board));
+        (board, left)
+    }
+
+    fn opened(&self, link: Arc<dyn Link>, lost: Option<&Board>) -> Arc<Board> {
+        let board = Arc::new(Board::new(link, lost));
         if board.size().is_none() {
             self.tell(
                 "no report has shown yet how wide the board's slots are: until then the axes of a writer that vanishes cannot be \
                  stopped; if the board fills in no CRC, give slot=12 or slot=16 in its link",
             );
         }
-        self.state.lock().board = Ok(Arc::clone(&board));
         board
     }
 
-    /// Handles the loss of the board: notifies and disconnects all clients.
+    /// Handles the loss of the board: has all clients notified and disconnected.
     pub(super) fn lose(&self, board: &Arc<Board>, error: &LinkError) {
         let reason = match error {
             LinkError::Lost { reason, .. } => reason.to_string(),
@@ -178,13 +223,19 @@ impl Hub {
             return;
         }
         for client in &state.clients {
-            client.finish(End::Lost, &reason);
+            client.dismiss(End::Lost, &reason);
         }
         let line = format!("the board is gone: {reason}");
         state.board = Err(reason);
         drop(state);
         self.changed.notify_all();
         self.tell(&line);
+    }
+
+    /// Whether no client is connected, and the server stops no axes.
+    pub(super) fn is_quiet(&self) -> bool {
+        let state = self.state.lock();
+        state.clients.is_empty() && state.server_reports.is_none()
     }
 
     /// Whether this board is still the one that is served.
@@ -203,16 +254,15 @@ impl Hub {
         // While there is no writer, readers cannot have the last free place: it is kept for a writer. Clients that ask for
         // a stop have places of their own, so that the others cannot keep them out.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
-        let count = |role| state.clients.iter().filter(|client| client.role == role).count();
-        let (stoppers, askers) = (count(Role::Stopper), count(Role::Asker));
-        let (taken, places) = match joining.role {
-            Role::Stopper => (stoppers, STOPPERS_MAX),
-            Role::Asker => (askers, ASKERS_MAX),
+        let has_room = match joining.role {
+            Role::Stopper => state.count(Role::Stopper) < STOPPERS_MAX || state.make_room(Role::Stopper),
+            Role::Asker => state.count(Role::Asker) < ASKERS_MAX || state.make_room(Role::Asker),
             Role::Writer | Role::Reader => {
-                (state.clients.len() - stoppers - askers + usize::from(kept), self.options.max_clients)
+                let others = |client: &&Arc<Client>| matches!(client.role, Role::Writer | Role::Reader);
+                state.clients.iter().filter(others).count() + usize::from(kept) < self.options.max_clients
             }
         };
-        if taken >= places {
+        if !has_room {
             return Err((Refusal::Full, String::new()));
         }
         if let (Role::Writer, Some(who)) = (joining.role, &state.writer) {
@@ -226,6 +276,7 @@ impl Hub {
         let (who, channel) = (std::mem::take(&mut joining.who), joining.channel.take());
         if role == Role::Writer {
             state.writer = Some(who.clone());
+            state.left_moving = None;
         }
         let client = Arc::new(Client::new(who, role, keepalive, channel, board.dropped()));
         let network = board.network(&self.options.network);
@@ -245,8 +296,8 @@ impl Hub {
         Ok((client, board))
     }
 
-    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, no thread
-    /// could be started to serve it, or the board is lost. Otherwise, if the client was the writer, the server itself
+    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, or no thread
+    /// could be started to serve it. Otherwise, if the client was the writer, the server itself
     /// becomes the writer until [`end_standstill`](Self::end_standstill), and the queue of reports for the server is
     /// returned. In all other cases the result is `None`.
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
@@ -264,10 +315,12 @@ impl Hub {
     }
 
     /// The server is no longer the writer, since it has brought the axes to a standstill: a client can become the
-    /// writer again. `ended`: how that has ended; `None`: the axes were left as they are, or the board is lost.
-    pub(super) fn end_standstill(&self, ended: Option<Standstill>) {
+    /// writer again. `ended`: how that has ended; `None`: the axes were left as they are, or the board is lost. `left`: the
+    /// axes that have to be stopped when the board is back.
+    pub(super) fn end_standstill(&self, ended: Option<Standstill>, left: Option<LeftMoving>) {
         let mut state = self.state.lock();
         (state.writer, state.server_reports) = (None, None);
+        state.left_moving = left;
         if ended.is_some() {
             state.standstills += 1;
             state.newest_standstill = ended;
@@ -276,10 +329,11 @@ impl Hub {
         self.changed.notify_all();
     }
 
-    /// Begins a stop that a client has asked for.
-    pub(super) fn begin_stop(self: &Arc<Self>) -> StopProgress {
+    /// Begins a stop that the client `by` has asked for.
+    pub(super) fn begin_stop(self: &Arc<Self>, by: &Arc<Client>) -> StopProgress {
+        by.set_stopping(true);
         self.state.lock().stops += 1;
-        StopProgress { since: None, writer: String::new(), hub: Arc::clone(self) }
+        StopProgress { since: None, writer: String::new(), by: Arc::clone(by), hub: Arc::clone(self) }
     }
 
     /// The next step of the stop that the client `by` has asked for. A writer is overruled, so that its own thread stops
@@ -322,12 +376,12 @@ impl Hub {
         }
     }
 
-    /// Accepts no more clients, and sends a Bye to those that are connected.
+    /// Accepts no more clients, and has those that are connected notified and disconnected.
     pub(super) fn stop(&self) {
         let mut state = self.state.lock();
         state.is_stopping = true;
         for client in &state.clients {
-            client.finish(End::Stopped, "");
+            client.dismiss(End::Stopped, "");
         }
     }
 

@@ -168,7 +168,7 @@ impl InMemoryClient<'_> {
 
     /// Sends any bytes to the server. Returns whether the client is still connected.
     pub fn hear(&mut self, mut bytes: &[u8]) -> bool {
-        if self.session.check_overruled().is_err() {
+        if self.session.check_dismissed().is_err() {
             return false;
         }
         while !bytes.is_empty() {

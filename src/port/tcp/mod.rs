@@ -32,8 +32,8 @@
 //! - `pending.rs`, `pending_pool.rs`: connections that are not yet clients
 //! - `client.rs`, `session.rs`: a client's outgoing messages, and the requests that it makes
 //! - `supervise.rs`: the thread that reads reports and opens the board again after a loss
-//! - `vanish.rs`, `server_link.rs`, `report_queue.rs`: stopping the axes when the writer has vanished, over a link that the
-//!   server itself uses
+//! - `vanish.rs`, `server_link.rs`, `report_queue.rs`: stopping the axes when the writer has vanished, or the board was away,
+//!   over a link that the server itself uses
 //! - `in_memory.rs`: a server without sockets and threads, for tests; `allocation.rs` and `man_in_the_middle.rs` are tests
 
 mod accept;

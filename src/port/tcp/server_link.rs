@@ -13,7 +13,18 @@ use crate::sk::Frame;
 pub(super) struct ServerLink {
     pub(super) hub: Arc<Hub>,
     pub(super) board: Arc<Board>,
-    pub(super) queue: Arc<ReportQueue>,
+    /// The reports that the thread of the board reads; `None`: this link is used in that thread, and reads them itself.
+    pub(super) queue: Option<Arc<ReportQueue>>,
+}
+
+impl ServerLink {
+    /// Handles the loss of the board, if a call has failed for it.
+    fn noted<T>(&self, done: Result<T, LinkError>) -> Result<T, LinkError> {
+        if let Err(error @ LinkError::Lost { .. }) = &done {
+            self.hub.lose(&self.board, error);
+        }
+        done
+    }
 }
 
 /// The longest wait in a call of this link: for a write without a limit of its own, and for every read in real time. So
@@ -30,7 +41,7 @@ impl Link for ServerLink {
         let wait = if wait == Wait::Forever { Wait::For(WAIT_MAX) } else { wait };
         let done = self.board.write(frame, wait);
         self.board.now();
-        done
+        self.noted(done)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
@@ -38,13 +49,23 @@ impl Link for ServerLink {
         if self.board.info.virtual_time {
             let read = self.board.link.read(out, wait);
             self.board.now();
-            let meta = read?;
+            let meta = self.noted(read)?;
             self.hub.publish(&self.board, out, meta);
             return Ok(meta);
         }
         let limit = wait.limit().unwrap_or(WAIT_MAX).min(WAIT_MAX);
         let timeout = LinkError::Timeout { dir: Dir::Read, waited: limit, what: "no report came" };
-        self.queue.pop(out, limit).ok_or(timeout)
+        let Some(queue) = &self.queue else {
+            // The end of the server cancels reads. It waits until the axes stand, so the read goes on.
+            let read = match self.board.link.read(out, Wait::at_most(limit)) {
+                Err(LinkError::Cancelled { .. }) => self.board.link.read(out, Wait::at_most(limit)),
+                read => read,
+            };
+            let meta = self.noted(read)?;
+            self.hub.publish(&self.board, out, meta);
+            return Ok(meta);
+        };
+        queue.pop(out, limit).ok_or(timeout)
     }
 
     fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {

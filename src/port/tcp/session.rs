@@ -34,6 +34,8 @@ pub(super) enum Left {
     Broken(WireError),
     /// Another client, which the text names, has asked for a stop.
     Overruled(String),
+    /// The client has asked for nothing, and has made room for another one.
+    Displaced,
     /// The server has ended the connection.
     Dismissed,
 }
@@ -112,13 +114,16 @@ impl<'a> Session<'a> {
         self.pending.is_some()
     }
 
-    /// Ends the session if another client has asked for a stop. A request in progress is dropped: the board has not
-    /// executed it. The Bye is sent here, in the thread of the client, so that it comes after the answer to each request
-    /// that was executed.
-    pub(super) fn check_overruled(&self) -> Result<(), Left> {
-        let Some(stop) = self.client.overruled() else { return Ok(()) };
-        self.client.finish(End::Overruled, &stop.by);
-        Err(Left::Overruled(stop.by.clone()))
+    /// Ends the session if the client was dismissed. A request in progress is dropped: the board has not executed it. The
+    /// Bye is sent here, in the thread of the client, so that it comes after the answer to each request that was executed.
+    pub(super) fn check_dismissed(&self) -> Result<(), Left> {
+        let Some(dismissal) = self.client.dismissal() else { return Ok(()) };
+        self.client.finish(dismissal.end, &dismissal.text);
+        Err(match dismissal.end {
+            End::Overruled => Left::Overruled(dismissal.text.clone()),
+            End::Broken => Left::Displaced,
+            _ => Left::Dismissed,
+        })
     }
 
     /// Handles a message of the client. The error ends the session.
@@ -144,7 +149,7 @@ impl<'a> Session<'a> {
                 return Ok(());
             }
             Message::Stop { request, off } if self.client.role == Role::Stopper => {
-                self.begin(request, Work::Stop { off, progress: self.hub.begin_stop() });
+                self.begin(request, Work::Stop { off, progress: self.hub.begin_stop(&self.client) });
                 return Ok(());
             }
             Message::Ask { request, from } if self.client.role == Role::Asker => {
@@ -271,6 +276,8 @@ impl<'a> Session<'a> {
         self.client.reply(&Message::Failed { request, now, failure });
         if matches!(error, LinkError::Lost { .. } | LinkError::Closed) {
             self.hub.lose(&self.board, error);
+            // Sends the Bye. The caller sees that the client is over.
+            let _ = self.check_dismissed();
         }
     }
 }

@@ -9,8 +9,13 @@ use std::time::{Duration, Instant};
 const HEAD_MAX: usize = 8192;
 /// The largest number of header fields of a request; a request with more is refused. \[OURS]
 const FIELDS_MAX: usize = 64;
-/// How long a client may take for its request, and then for taking the answer. \[OURS]
+/// How long a client may take for its request. \[OURS]
 const REQUEST_WAIT_MAX: Duration = Duration::from_secs(5);
+/// How long a client may take none of the answer, and how far it may fall behind [`RATE_MIN`]. \[OURS]
+const STALLED_MAX: Duration = Duration::from_secs(5);
+/// How fast a client has to take the answer on average, bytes per second. The page of a long recording has tens of
+/// megabytes, and a tunnel may be slow. \[OURS]
+const RATE_MIN: u64 = 64 * 1024;
 
 /// The parts of an HTTP request that this server uses.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -148,22 +153,49 @@ fn send(stream: &mut TcpStream, status: &str, kind: &str, fields: &str, body: &s
          Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nX-Content-Type-Options: nosniff\r\n\
          Cross-Origin-Resource-Policy: same-origin\r\nCross-Origin-Opener-Policy: same-origin\r\nConnection: close\r\n\r\n"
     );
-    let until = Instant::now() + REQUEST_WAIT_MAX;
-    write_until(stream, head.as_bytes(), until)?;
-    write_until(stream, body.as_bytes(), until)
+    let mut progress = Progress::begin(Instant::now());
+    write_all(stream, head.as_bytes(), &mut progress)?;
+    write_all(stream, body.as_bytes(), &mut progress)
 }
 
-/// Writes all bytes until a deadline. A client that takes a byte now and then does not get more time.
-fn write_until(stream: &mut TcpStream, mut bytes: &[u8], until: Instant) -> io::Result<()> {
+/// How much of an answer a client has taken, and when.
+struct Progress {
+    began: Instant,
+    newest: Instant,
+    bytes: u64,
+}
+
+impl Progress {
+    const fn begin(now: Instant) -> Self {
+        Self { began: now, newest: now, bytes: 0 }
+    }
+
+    fn took(&mut self, count: usize, now: Instant) {
+        self.bytes = self.bytes.saturating_add(count as u64);
+        self.newest = now;
+    }
+
+    /// Until when the client has to take more. One that takes a byte now and then does not get more time.
+    fn until(&self) -> Instant {
+        let due = self.began + Duration::from_millis(self.bytes.saturating_mul(1000) / RATE_MIN);
+        due.min(self.newest) + STALLED_MAX
+    }
+}
+
+/// Writes all bytes, as long as the client takes them.
+fn write_all(stream: &mut TcpStream, mut bytes: &[u8], progress: &mut Progress) -> io::Result<()> {
     while !bytes.is_empty() {
-        let left = until.saturating_duration_since(Instant::now());
+        let left = progress.until().saturating_duration_since(Instant::now());
         if left.is_zero() {
             return Err(io::ErrorKind::TimedOut.into());
         }
         stream.set_write_timeout(Some(left))?;
         match stream.write(bytes) {
             Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
-            Ok(count) => bytes = &bytes[count..],
+            Ok(count) => {
+                bytes = &bytes[count..];
+                progress.took(count, Instant::now());
+            }
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => return Err(error),
         }
@@ -191,6 +223,28 @@ mod tests {
         assert_eq!(doubled.host, "", "two hosts are none");
         assert_eq!(parsed(&head.replace("Version: 13", "Version: 8")).expect("whole").socket_key, None);
         assert!(parse(b"\x16\x03\x01 TLS").is_err());
+    }
+
+    /// A page of 12 MB reaches a browser at the end of a line with 1 MB/s, or 100 KB/s. A client that takes nothing for 5 s is
+    /// given up, and so is one that takes a byte now and then.
+    #[test]
+    fn a_slow_client_gets_the_whole_answer() {
+        let began = Instant::now();
+        let lasts = |bytes: usize, each: Duration, all: usize| {
+            let (mut progress, mut now) = (Progress::begin(began), began);
+            while progress.bytes < all as u64 && now < progress.until() {
+                now += each;
+                progress.took(bytes, now);
+            }
+            (progress.bytes >= all as u64, now - began)
+        };
+        assert!(lasts(1_000, Duration::from_millis(1), 12_000_000).0);
+        assert!(lasts(100_000, Duration::from_secs(1), 12_000_000).0);
+        let (is_whole, time) = lasts(1, Duration::from_millis(500), 12_000_000);
+        assert!(!is_whole && time <= Duration::from_secs(6), "{time:?}");
+        let mut progress = Progress::begin(began);
+        progress.took(10_000_000, began + Duration::from_secs(1));
+        assert_eq!(progress.until(), began + Duration::from_secs(6));
     }
 
     #[test]

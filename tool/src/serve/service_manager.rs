@@ -3,18 +3,18 @@
 //! stands still.
 //!
 //! A thread of its own sends the reports, so that the server waits for a service manager that does not read at its end only,
-//! and briefly.
+//! briefly, and when axes stand.
 
 use std::io;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::stderr::say;
 
 /// The most reports that wait; further pings are left out. \[OURS]
 const WAITING_MAX: usize = 16;
-/// How long the end of a server waits until the service manager has taken the report of it. \[OURS]
+/// How long after the report of its end a server waits until the service manager has taken it. \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_millis(200);
 
 /// The service manager that has started the server, if one has.
@@ -71,12 +71,11 @@ impl Manager {
         self.report(Report::Ping);
     }
 
-    /// The server ends. Waits until that was sent, at most [`END_WAIT_MAX`].
-    pub fn stopping(&self) {
+    /// The server ends. Does not wait, because axes have to be stopped.
+    pub fn stopping(&self) -> EndReport {
         let (sent, is_sent) = sync_channel(1);
         self.report(Report::Stopping(sent));
-        // It fails at once if there is no service manager, or no room for the report.
-        let _ = is_sent.recv_timeout(END_WAIT_MAX);
+        EndReport { is_sent, until: Instant::now() + END_WAIT_MAX }
     }
 
     fn report(&self, report: Report) {
@@ -84,6 +83,20 @@ impl Manager {
             // It fails if the service manager does not read. The reports before this one are waiting then.
             let _ = reports.try_send(report);
         }
+    }
+}
+
+/// The report that the server ends.
+pub struct EndReport {
+    is_sent: Receiver<()>,
+    until: Instant,
+}
+
+impl EndReport {
+    /// Waits until it was sent, at most [`END_WAIT_MAX`] after it was made. Returns whether it was.
+    pub fn wait(self) -> bool {
+        // It fails at once if there is no service manager, or no room for the report.
+        self.is_sent.recv_timeout(self.until.saturating_duration_since(Instant::now())).is_ok()
     }
 }
 
@@ -142,14 +155,27 @@ const fn watchdog() -> Option<Duration> {
     None
 }
 
-#[cfg(all(test, target_os = "linux"))]
+#[cfg(test)]
 mod tests {
-    use super::one_line;
+    use super::*;
 
+    #[cfg(target_os = "linux")]
     #[test]
     fn a_status_is_one_line_without_a_token() {
         assert_eq!(one_line("a\nb\n"), "a; b");
         let ready = "listening on http://127.0.0.1:1/?token=0a9f; showing sim:\n";
         assert_eq!(one_line(ready), "listening on http://127.0.0.1:1/; showing sim:");
+    }
+
+    /// docs/SAFETY.md: a server that ends waits for its service manager after it has stopped the axes, not before.
+    #[test]
+    fn the_report_of_the_end_is_waited_for_later() {
+        let (sender, reports) = sync_channel(1);
+        let manager = Manager { reports: Some(sender), watchdog: None };
+        let report = manager.stopping();
+        let Ok(Report::Stopping(sent)) = reports.try_recv() else { panic!("there is a report") };
+        sent.send(()).expect("nobody has waited for it yet");
+        assert!(report.wait());
+        assert!(!Manager { reports: None, watchdog: None }.stopping().wait(), "there is no service manager");
     }
 }

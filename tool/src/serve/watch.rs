@@ -34,7 +34,7 @@ use board::Wanted;
 pub use chip::ChipWatch;
 
 use super::http_server::HttpServer;
-use super::service_manager::Manager;
+use super::service_manager::{EndReport, Manager};
 use crate::stderr::{self, LogFormat, say};
 use crate::{CliError, output, streams};
 use metrics::{Scrape, Seen};
@@ -119,6 +119,7 @@ pub struct Watch {
     chip: Option<Arc<ChipWatch>>,
     clients: Option<Box<dyn Fn() -> usize + Send + Sync>>,
     running: Option<Running>,
+    end_report: Option<EndReport>,
 }
 
 /// The threads of a watch.
@@ -172,6 +173,7 @@ impl Watch {
             chip: None,
             clients: None,
             running: None,
+            end_report: None,
         }
     }
 
@@ -257,13 +259,17 @@ impl Watch {
         Ok(Running { shared, site, thread })
     }
 
-    /// A signal has ended the server: reports that to the service manager.
-    pub fn stopping(&self) {
-        self.manager.stopping();
+    /// A signal has ended the server: reports that to the service manager, and does not wait.
+    pub fn stopping(&mut self) {
+        self.end_report = Some(self.manager.stopping());
     }
 
-    /// Ends the watch. Its threads are not waited for: one of them may wait for a network or a disk.
+    /// Ends the watch. Its threads are not waited for: one of them may wait for a network or a disk. The report that the server
+    /// ends is waited for, briefly.
     pub fn end(self) {
+        if let Some(report) = self.end_report {
+            report.wait();
+        }
         let Some(Running { shared, site, thread }) = self.running else { return };
         shared.is_over.store(true, Ordering::Relaxed);
         thread.thread().unpark();

@@ -17,6 +17,9 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::Duration;
 
 use clap::ValueHint;
 use ecmsk::ecm::Scales;
@@ -35,6 +38,8 @@ use site::{Content, Site};
 
 /// The port without `--listen`. \[OURS]
 const DEFAULT_PORT: u16 = 4714;
+/// How often the server looks for a signal while it makes the page of a recording. \[OURS]
+const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Show a board or a recording in a browser: curves, states, alarms, inputs and outputs
 ///
@@ -108,12 +113,15 @@ pub enum WebError {
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let failed = |what| move |error: io::Error| WebError::System { what, message: error.to_string() };
-    let end_request = signals::EndRequest::watch().map_err(failed("catch signals"))?;
+    let mut end_request = signals::EndRequest::watch().map_err(failed("catch signals"))?;
     streams::queue().map_err(failed("start a thread for output"))?;
     let mut watch = args.watch.begin("web")?;
     let board = if args.file.is_none() { Some(board(args, &mut watch)?) } else { None };
     let (content, what) = match (&args.file, &board) {
-        (Some(file), _) => (recording(args, file)?, file.display().to_string()),
+        (Some(file), _) => match recording(args, file, &mut end_request)? {
+            Some(content) => (content, file.display().to_string()),
+            None => return Ok(ExitCode::SUCCESS),
+        },
         (None, Some((hub, uri))) => (Content::Board(Arc::clone(hub)), uri.to_string()),
         (None, None) => return Err(CliError::NothingToServe),
     };
@@ -134,9 +142,31 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(super::ended(board.iter().map(|(_, uri)| uri)))
 }
 
-fn recording(args: &Args, file: &Path) -> Result<Content, CliError> {
+/// Makes the page of a recording, in a thread of its own: for a long one that takes minutes. `None`: a signal has ended the
+/// server meanwhile.
+fn recording(args: &Args, file: &Path, end_request: &mut signals::EndRequest) -> Result<Option<Content>, CliError> {
     let plot = plot::Args::of_file(file, args.machine.clone(), args.slot_size, args.counts_per_unit.clone());
-    Ok(Content::Recording(plot::html::of_recording(&plot, || Ok(()), None)?))
+    let (sender, made) = mpsc::channel();
+    let make = move || drop(sender.send(plot::html::of_recording(&plot, || Ok(()), None)));
+    let thread = thread::Builder::new().name("page".to_owned()).spawn(make);
+    let thread =
+        thread.map_err(|error| WebError::System { what: "start a thread for the page", message: error.to_string() })?;
+    loop {
+        match made.recv_timeout(LOOK_INTERVAL) {
+            Ok(page) => return Ok(Some(Content::Recording(page?))),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                if let Err(panic) = thread.join() {
+                    std::panic::resume_unwind(panic);
+                }
+                return Ok(None);
+            }
+        }
+        if let Some(signal) = end_request.asked(super::nothing_to_reload) {
+            say("serve", &format_args!("stopped by {signal}"));
+            return Ok(None);
+        }
+    }
 }
 
 fn board(args: &Args, watch: &mut Watch) -> Result<(Arc<Hub>, LinkUri), CliError> {

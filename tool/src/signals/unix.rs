@@ -109,18 +109,27 @@ impl EndRequest {
         move || handle.close()
     }
 
+    /// The name of a signal that has arrived and ends the server; `None`: none has. Does not wait. `reload` is as for
+    /// [`Self::wait`].
+    pub fn asked(&mut self, mut reload: impl FnMut()) -> Option<&'static str> {
+        for signal in self.signals.pending() {
+            match signal {
+                SIGHUP if self.hang_up_reloads => reload(),
+                SIGTERM => return Some("SIGTERM"),
+                SIGHUP => return Some("SIGHUP"),
+                SIGQUIT => return Some("SIGQUIT"),
+                _ => return Some("SIGINT"),
+            }
+        }
+        None
+    }
+
     /// As [`Self::wait`]. `None` if [`Self::ender`] was called before a signal arrived.
     pub fn wait_unless_ended(mut self, mut reload: impl FnMut()) -> Option<&'static str> {
         let handle = self.signals.handle();
         loop {
-            for signal in self.signals.pending() {
-                match signal {
-                    SIGHUP if self.hang_up_reloads => reload(),
-                    SIGTERM => return Some("SIGTERM"),
-                    SIGHUP => return Some("SIGHUP"),
-                    SIGQUIT => return Some("SIGQUIT"),
-                    _ => return Some("SIGINT"),
-                }
+            if let Some(signal) = self.asked(&mut reload) {
+                return Some(signal);
             }
             if handle.is_closed() {
                 return None;

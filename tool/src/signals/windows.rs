@@ -80,6 +80,12 @@ impl EndRequest {
         // Receiving cannot fail, because the sender exists as long as the process.
         if self.0.recv() == Ok(INTERRUPT) { "Ctrl-C" } else { ENDS }
     }
+
+    /// The name of an event that has occurred; `None`: none has. Does not wait.
+    #[cfg(feature = "web")]
+    pub fn asked(&mut self, _: impl FnMut()) -> Option<&'static str> {
+        self.0.try_recv().ok().map(|event| if event == INTERRUPT { "Ctrl-C" } else { ENDS })
+    }
 }
 
 const ENDS: &str = "Ctrl-Break or the end of its console";

@@ -2,7 +2,17 @@
 
 use std::io::Read;
 use std::net::TcpStream;
+#[cfg(target_os = "linux")]
+use std::process::Stdio;
+#[cfg(target_os = "linux")]
+use std::time::Duration;
 
+#[cfg(target_os = "linux")]
+use ecmsk::ecm::{Close, Config, Ecm};
+#[cfg(target_os = "linux")]
+use ecmsk::sk::MasterState;
+#[cfg(target_os = "linux")]
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tungstenite::WebSocket;
 
@@ -203,6 +213,40 @@ fn a_recording_is_shown_whole() {
     assert_eq!(hello["source"], "recording");
     assert!(web.socket().is_none());
     assert_eq!(without_times(&web.end()), "serve: stopped by SIGTERM\n");
+}
+
+/// While the server makes the page of a long recording, which may take minutes, a signal ends it.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_signal_ends_the_making_of_a_page() {
+    const TERM_BIT: u64 = 1 << 14;
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("long.pcapng");
+    let board = Ecm::open(&format!("sim:?slaves=drive*6&clock=virtual&record={}", file.display())).expect("a board");
+    board.configure(&Config::drives(6)).expect("it is configured");
+    board.set_state(MasterState::Op).expect("it is in OP");
+    for _ in 0..20_000 {
+        board.next_cycle(Duration::from_secs(60)).expect("a report");
+    }
+    board.close(Close::Hold).expect("it stands");
+
+    let file = file.to_str().expect("UTF-8");
+    let mut command = crate::common::ecmsk(["serve", "web", file, "--listen", "127.0.0.1:0"]);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
+    let status = format!("/proc/{}/status", child.id());
+    let catches_signals = || {
+        let status = std::fs::read_to_string(&status).unwrap_or_default();
+        let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap_or_default();
+        u64::from_str_radix(caught.trim(), 16).is_ok_and(|caught| caught & TERM_BIT != 0)
+    };
+    while !catches_signals() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    kill_process(Pid::from_child(&child), Signal::TERM).expect("it runs");
+    let said = child.wait_with_output().expect("it ends");
+    let words = String::from_utf8_lossy(&said.stderr);
+    assert_eq!((said.status.code(), &*String::from_utf8_lossy(&said.stdout)), (Some(0), ""), "{words}");
+    assert_eq!(without_times(&words), "serve: stopped by SIGTERM\n");
 }
 
 /// Other machines do not reach the page, and a forgotten link serves no real board.

@@ -3,6 +3,7 @@
 #![cfg(target_os = "linux")]
 
 mod at_rest;
+mod refused;
 
 use std::time::{Duration, Instant};
 

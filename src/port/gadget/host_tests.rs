@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use proptest::prelude::*;
 
-use super::host::{Answer, Change, Controller, Gone, Host, Why};
+use super::host::{Answer, Change, Controller, Gone, Host, Why, Written};
 use super::{function_part, ids};
 use crate::io::gadget::wire::{self, Event};
 use crate::port::usb_board::descriptors::{Descriptors, Identity};
@@ -104,7 +104,8 @@ impl Board {
 
     fn written(&mut self, taken: bool) {
         let generation = self.writing.take().expect("a frame is being written");
-        self.host.write_ended(generation, taken, self.now, &mut self.ends);
+        let written = if taken { Written::Taken } else { Written::Not };
+        self.host.write_ended(generation, written, self.now, &mut self.ends);
     }
 }
 

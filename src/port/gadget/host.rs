@@ -282,6 +282,11 @@ impl Host {
         self.arm(now, controller);
     }
 
+    /// Handles the end of the controller's transfer of a report by another error than a cancellation.
+    pub(super) const fn not_sent(&mut self) {
+        self.is_taken_back = false;
+    }
+
     /// Passes a packet that the controller has received on the OUT endpoint to the device model. The controller accepts
     /// no further packet until the board has accepted this frame. Without a host the packet is dropped.
     pub(super) fn received(&mut self, packet: &[u8], now: Duration, controller: &mut dyn Controller) {

@@ -144,6 +144,23 @@ fn a_report_that_nobody_fetches_is_replaced() {
     assert_eq!((board.ends.taken_back, board.fetch(), board.fetch()), (2, Some(31), Some(60)));
 }
 
+/// A host that is gone ends the transfer of a report that was just taken back in another way. For the next host old reports are
+/// replaced all the same.
+#[test]
+fn a_report_that_is_taken_back_may_end_with_its_host() {
+    let mut board = Board::attached();
+    (1..=21).for_each(|fill| board.report(fill));
+    assert_eq!(board.ends.taken_back, 1);
+    board.ends.report = None;
+    board.host.not_sent();
+    board.gone(Event::Disabled);
+    board.host.take_gone();
+    board.host.open(board.now, &mut board.ends);
+    board.event(Event::Enabled);
+    (31..=52).for_each(|fill| board.report(fill));
+    assert_eq!(board.ends.taken_back, 2);
+}
+
 /// A frame is held until the board has taken it, and the host gets NAK for the next one.
 #[test]
 fn a_frame_is_held_until_the_board_has_taken_it() {

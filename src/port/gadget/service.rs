@@ -161,9 +161,11 @@ impl Service {
         Ok(())
     }
 
-    /// Handles an event other than a request.
+    /// Handles an event other than a request. A transfer that has ended until now belongs to the session before the
+    /// event, which may end with it: handled later, a frame of that session would start axes that were just stopped.
     pub(super) fn event(&self, event: Event) {
         let mut bus = self.bus.lock();
+        self.take_ends_of(&mut bus);
         let Bus { host, transfers, .. } = &mut *bus;
         let change = host.event(event, self.began.elapsed(), transfers.as_mut());
         drop(bus);
@@ -212,9 +214,12 @@ impl Service {
 
     /// Handles the transfers that have completed.
     pub(super) fn take_ends(&self) {
+        self.take_ends_of(&mut self.bus.lock());
+    }
+
+    fn take_ends_of(&self, bus: &mut Bus) {
         let now = self.began.elapsed();
-        let mut bus = self.bus.lock();
-        let Bus { host, transfers, .. } = &mut *bus;
+        let Bus { host, transfers, .. } = bus;
         let mut failed = false;
         while let Some(end) = transfers.next_end() {
             match (end.direction, end.result) {
@@ -230,7 +235,12 @@ impl Service {
                 }
                 // The endpoint is disabled, for example because the host has gone. An event reports the reason; without
                 // one the next attempt follows after `WAIT_SLICE`.
-                (_, Err(_)) => failed = true,
+                (direction, Err(_)) => {
+                    failed = true;
+                    if direction == Direction::In {
+                        host.not_sent();
+                    }
+                }
             }
         }
         if !failed {
@@ -373,8 +383,12 @@ impl Service {
         // What a write on the old link has left; it would take the new one for lost.
         self.bus.lock().lost = None;
         self.port.pull();
-        self.close_board();
         self.tell(&format!("the board is lost, {error}; for its host it is pulled; waiting for its return"));
+        // The kernel's event may come only when the board is back, and a frame that waits must not reach that board.
+        self.event(Event::Unbound);
+        let gone = self.bus.lock().host.take_gone();
+        gone.iter().for_each(|gone| self.tell_gone(gone));
+        self.close_board();
         let mut told = String::new();
         while !self.is_stopping() {
             match self.come_back() {

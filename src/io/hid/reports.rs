@@ -91,6 +91,12 @@ impl State {
         Self { reports, writers, input_pause: InputPause::new(options), ..Self::default() }
     }
 
+    /// Whether another thread than the calling one handles events. If the calling thread does, this call is one of a
+    /// signal handler that has interrupted it.
+    pub fn is_handled_by_another(&self) -> bool {
+        self.event_handler.is_some_and(|handler| handler != CallingThread::current())
+    }
+
     /// Whether the thread that submitted the transfer to the device was ended by force.
     pub fn is_write_abandoned(&self) -> bool {
         self.output_submitted && self.writers.front().is_none_or(CallingThread::is_gone)

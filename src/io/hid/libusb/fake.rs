@@ -168,6 +168,19 @@ impl FakeUsb {
         self.with(|inside| inside.reaction = reaction);
     }
 
+    /// The device accepts the reports that it has not accepted so far.
+    pub fn accept_pending(&self) {
+        self.with(|inside| {
+            let (reports, others) = std::mem::take(&mut inside.pending).into_iter().partition(|one| !to_host(*one));
+            inside.pending = others;
+            let reports: Vec<_> = reports;
+            for transfer in reports {
+                inside.taken.push(report_of(transfer));
+                inside.end(transfer, status::COMPLETED, REPORT_LEN, Vec::new());
+            }
+        });
+    }
+
     /// Unplugs the device: all submitted transfers end with libusb's status for a missing device, and so do later
     /// calls.
     pub fn pull(&self) {

@@ -455,6 +455,9 @@ fn a_device_without_descriptors_is_no_board() {
     assert!(matches!(world.bus(), Err(UsbError::Other(-99))));
 }
 
+#[cfg(target_os = "linux")]
+mod in_a_signal_handler;
+
 /// Tests in which a thread of the program is ended by force.
 #[cfg(target_os = "linux")]
 mod ended_by_force {
@@ -509,6 +512,28 @@ mod ended_by_force {
             }
             goes_on(world, pipe);
         }
+    }
+
+    /// LIB-70 A thread was ended while it handled events, and the pipe is closed before the pipe's thread has noticed that.
+    #[test]
+    fn in_a_read_just_before_it_is_closed() {
+        let world = FakeUsb::with_descriptor();
+        let pipe = Arc::new(open(world));
+        let gone = thread::spawn(CallingThread::current).join().expect("no panic");
+        while !gone.is_gone() {
+            thread::yield_now();
+        }
+        loop {
+            // While calls come, the pipe's thread does not handle events all the time.
+            let _ = read(&pipe, Some(Duration::ZERO));
+            let mut state = pipe.shared.state.lock();
+            if state.event_handler.is_none() {
+                (state.event_handler, state.closing) = (Some(gone), true);
+                break;
+            }
+        }
+        in_time(move || pipe.close());
+        assert_eq!(world.leaked()[3], 0, "others may have the board");
     }
 
     /// LIB-70 A thread is ended in a write that the board does not accept. The next write cancels the transfer; without

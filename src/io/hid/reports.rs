@@ -150,6 +150,7 @@ impl Shared {
         self.writable.notify_all();
     }
 
+    /// Puts a report into the queue; whoever waits for it is woken by the caller.
     fn keep(&self, state: &mut State, bytes: &[u8]) {
         // Some devices end a report with an empty packet. These and other short transfers are counted.
         let Ok(bytes) = <[u8; REPORT_LEN]>::try_from(bytes) else {
@@ -169,7 +170,6 @@ impl Shared {
             state.stats.dropped += 1;
         }
         state.reports.push_back(Report { bytes, at: Instant::now(), number });
-        self.readable.notify_all();
     }
 }
 
@@ -198,12 +198,17 @@ impl TransferListener for Shared {
         // before it set `closing`, and nothing may be submitted after that.
         let wanted = !state.closing && state.lost.is_none();
         let held_back = wanted && state.input_pause.keeps_back(number);
-        if wanted && !held_back && resubmit().is_ok() {
-            return;
+        if !wanted || held_back || resubmit().is_err() {
+            state.submitted -= 1;
+            if wanted && !held_back {
+                self.lose(&mut state, GONE);
+            }
         }
-        state.submitted -= 1;
-        if wanted && !held_back {
-            self.lose(&mut state, GONE);
+        drop(state);
+        // After the lock is released. A reader that was woken before would wait for the lock in its queue, and would be
+        // given it: a thread that is ended by force in that moment keeps it for ever.
+        if outcome == Outcome::Done {
+            self.readable.notify_all();
         }
     }
 

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use super::channel::{Came, Channel, Out, first_message};
 #[cfg(unix)]
-use super::forks::LetGo;
 use super::inbox::Inbox;
 use super::options::TcpOptions;
 use super::proof::{PROOF_LEN, Secret, Side, how_to_give};

@@ -8,7 +8,6 @@ use parking_lot::Mutex;
 use super::channel::{Came, Channel, Out};
 use super::exchange::{Answer, Exchange};
 #[cfg(unix)]
-use super::forks::LetGo;
 use super::hang::{CallMonitor, MotionInForce, StuckCall};
 use super::inbox::Inbox;
 use super::wire::{Message, Role};

@@ -7,6 +7,7 @@ use std::cell::Cell;
 use std::collections::VecDeque;
 use std::ffi::c_int;
 use std::io::{Read as _, Write as _};
+use std::os::fd::{AsRawFd as _, RawFd};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::time::Duration;
@@ -132,6 +133,11 @@ impl FakeUsb {
         let world = Self::new();
         world.inside.lock().bell = Some(UnixStream::pair().expect("two sockets"));
         world
+    }
+
+    /// The file descriptor of [`Self::with_descriptor`].
+    pub fn descriptor(&self) -> RawFd {
+        self.inside.lock().bell.as_ref().expect("it has one").0.as_raw_fd()
     }
 
     /// Opens the bus as the code under test does.

@@ -262,6 +262,29 @@ fn a_stall_of_the_board_ends_every_read() {
     assert_eq!(world.leaked(), NOTHING_LEFT);
 }
 
+/// A child that the program forks, and that executes no other program, keeps no descriptor of the device. Else nobody could open
+/// the board after the end of the program.
+#[test]
+fn a_forked_child_lets_go_of_the_device() {
+    let world = FakeUsb::with_descriptor();
+    let pipe = open(world);
+    let descriptor = world.descriptor();
+    // SAFETY: the child makes calls of the system alone, and uses nothing of its parent.
+    let status = unsafe {
+        let child = libc::fork();
+        if child == 0 {
+            threads::close_in_child();
+            libc::_exit(i32::from(libc::fcntl(descriptor, libc::F_GETFD) != -1));
+        }
+        let mut status = -1;
+        assert_eq!(libc::waitpid(child, &raw mut status, 0), child);
+        status
+    };
+    assert_eq!(status, 0, "the child has it");
+    drop(pipe);
+    assert_eq!(world.leaked(), NOTHING_LEFT);
+}
+
 /// If the board refuses a report, only that write fails; reads continue, and the next write succeeds.
 #[test]
 fn a_stall_of_a_write_is_an_error_of_that_write() {

@@ -7,7 +7,6 @@ use parking_lot::Mutex;
 
 use super::channel::{Came, Channel, Out};
 use super::exchange::{Answer, Exchange};
-#[cfg(unix)]
 use super::hang::{CallMonitor, MotionInForce, StuckCall};
 use super::inbox::Inbox;
 use super::wire::{Message, Role};
@@ -15,6 +14,8 @@ use crate::link::call_counts::CallCounts;
 use crate::link::{Dir, KnownNetwork, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::span::Span;
+#[cfg(unix)]
+use crate::threads::LetGo;
 use crate::threads::sync::{self, Condvar, MutexGuard};
 use crate::threads::{CallingThread, WaitQueue};
 

@@ -146,12 +146,14 @@ mod imp {
 /// On other systems nothing shows whether a thread has ended, so every thread counts as still there.
 #[cfg(not(any(target_os = "linux", windows)))]
 mod imp {
+    use std::thread::{self, ThreadId};
+
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    pub struct Thread;
+    pub struct Thread(ThreadId);
 
     impl Thread {
-        pub const fn current() -> Self {
-            Self
+        pub fn current() -> Self {
+            Self(thread::current().id())
         }
 
         pub const fn is_gone(self) -> bool {

@@ -3,7 +3,7 @@
 //! force during its wait.
 
 mod calling_thread;
-#[cfg(unix)]
+#[cfg(all(unix, any(feature = "tcp", feature = "usb")))]
 mod forks;
 #[cfg(windows)]
 mod owned_lock;
@@ -15,13 +15,9 @@ use std::thread::{self, Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 pub use calling_thread::CallingThread;
-#[cfg(unix)]
-#[cfg_attr(
-    not(any(feature = "tcp", feature = "usb")),
-    allow(unused_imports, reason = "links without descriptors")
-)]
+#[cfg(all(unix, any(feature = "tcp", feature = "usb")))]
 pub(crate) use forks::LetGo;
-#[cfg(unix)]
+#[cfg(all(unix, any(feature = "tcp", feature = "usb")))]
 pub use forks::close_in_child;
 pub use wait_queue::{WaitQueue, WaitTicket};
 

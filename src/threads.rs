@@ -3,6 +3,8 @@
 //! force during its wait.
 
 mod calling_thread;
+#[cfg(all(unix, any(feature = "tcp", feature = "usb")))]
+mod forks;
 #[cfg(windows)]
 mod owned_lock;
 pub(crate) mod sync;
@@ -13,6 +15,10 @@ use std::thread::{self, Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 pub use calling_thread::CallingThread;
+#[cfg(all(unix, any(feature = "tcp", feature = "usb")))]
+pub(crate) use forks::LetGo;
+#[cfg(all(unix, any(feature = "tcp", feature = "usb")))]
+pub use forks::close_in_child;
 pub use wait_queue::{WaitQueue, WaitTicket};
 
 /// How often [`end_within`] checks whether a thread has ended.

@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, Weak};
 use std::thread;
 use std::time::Duration;
 
@@ -132,8 +132,8 @@ impl OpenBoard {
 /// The board that OpenECMUSB opens, one per process.
 ///
 /// A call uses its own reference to the board and holds no lock while it waits, so that any number of threads may read,
-/// write and close. Closing ends their waits. A thread keeps its reference from call to call, which makes calls cheap;
-/// the reference to a board that was closed is dropped with the thread's next call, or with the thread.
+/// write and close. Closing ends their waits. A thread remembers the board from call to call, which makes calls cheap, but
+/// keeps nothing of a board that was closed: a link may hold its device as long as it exists.
 ///
 /// Programs end threads by force in the middle of a call. So a lock is held only to read or write the fields below, and
 /// an Open does not wait for a thread that ended while it was opening or closing the board.
@@ -169,7 +169,7 @@ static NUMBERS: AtomicU64 = AtomicU64::new(0);
 
 thread_local! {
     /// The board that this thread used last, with its serial number: a call on the same board then takes no lock.
-    static BOARD_OF_THREAD: RefCell<Option<(u64, Arc<OpenBoard>)>> = const { RefCell::new(None) };
+    static BOARD_OF_THREAD: RefCell<Option<(u64, Weak<OpenBoard>)>> = const { RefCell::new(None) };
 }
 
 impl VendorBoard {
@@ -254,8 +254,8 @@ impl VendorBoard {
         lock(&self.state).current.clone().ok_or_else(|| CallError::NotOpen.into())
     }
 
-    /// Runs `work` on the open board. The thread keeps a reference to the board from call to call. If the kept reference is
-    /// that of a board which was closed or replaced since, it is first replaced by one to the present board.
+    /// Runs `work` on the open board. The thread remembers the board from call to call. If the board was closed or replaced
+    /// since, the present one takes its place first.
     fn with_board<T>(
         &self,
         mut work: impl FnMut(&OpenBoard) -> Result<T, Box<CallError>>,
@@ -263,13 +263,17 @@ impl VendorBoard {
         let kept = BOARD_OF_THREAD.try_with(|used| {
             let mut used = used.try_borrow_mut().ok()?;
             let number = self.number.load(Ordering::Acquire);
-            if used.as_ref().is_none_or(|(kept, _)| *kept != number) {
+            let known = used.as_ref().filter(|(known, _)| *known == number);
+            let mut board = known.and_then(|(_, board)| board.upgrade());
+            if board.is_none() {
                 let _may_hold_lock = MayHoldLock::begin();
                 let state = lock(&self.state);
-                *used = state.current.clone().map(|board| (self.number.load(Ordering::Acquire), board));
+                let now = self.number.load(Ordering::Acquire);
+                *used = state.current.as_ref().map(|board| (now, Arc::downgrade(board)));
+                board.clone_from(&state.current);
             }
-            Some(match &*used {
-                Some((_, board)) => work(board),
+            Some(match &board {
+                Some(board) => work(board),
                 None => Err(CallError::NotOpen.into()),
             })
         });

@@ -36,7 +36,7 @@ pub fn after_transfer(result: &Result<(), Box<CallError>>) {
 fn code(error: &CallError) -> u32 {
     match error {
         CallError::NotOpen | CallError::Forked => INVALID_HANDLE,
-        CallError::Link(LinkError::Lost { .. } | LinkError::Closed) => ACCESS_DENIED,
+        CallError::Link(LinkError::Lost { .. } | LinkError::Unsure { .. } | LinkError::Closed) => ACCESS_DENIED,
         CallError::Null { .. } | CallError::NoBytes => INVALID_PARAMETER,
         _ => GEN_FAILURE,
     }
@@ -55,9 +55,11 @@ mod tests {
     fn a_failure_has_the_vendors_code() {
         let timeout = |dir| LinkError::Timeout { dir, waited: Duration::from_secs(5), what: "nothing" };
         let lost = LinkError::Lost { name: "usb:".to_owned(), reason: "it was pulled".into() };
+        let unsure = LinkError::Unsure { name: "tcp:".to_owned(), reason: "the server is gone".into() };
         for (error, expected) in [
             (CallError::NotOpen, 6),
             (CallError::Link(lost), 5),
+            (CallError::Link(unsure), 5),
             (CallError::Link(LinkError::Closed), 5),
             (CallError::Link(timeout(Dir::Write)), 31),
             (CallError::Link(timeout(Dir::Read)), 31),

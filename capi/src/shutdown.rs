@@ -1,8 +1,8 @@
 //! The end of a process that has not closed its boards, and fork.
 //!
 //! When the process ends the boards' threads are stopped and recordings completed, and a server of a board is told that the
-//! program has vanished, whatever the exit code. A child of fork lets go of the connections of boards that were open, so that a
-//! server notices the end of its parent.
+//! program has vanished, whatever the exit code. A child of fork lets go of the connections and USB devices of boards that were open,
+//! so that a server notices the end of its parent, and another program may have the USB board then.
 
 #[cfg(unix)]
 use std::process;
@@ -69,7 +69,7 @@ extern "C" fn watch_forks() {
     extern "C" fn in_child() {
         if forked::note_fork() {
             // SAFETY: this is a child that was just forked, and no call of it reaches a board of its parent from here on.
-            unsafe { ecmsk::link::tcp::close_in_child() };
+            unsafe { ecmsk::threads::close_in_child() };
         }
     }
 

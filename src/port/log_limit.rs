@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
+use crate::link::LinkError;
 use crate::span::Span;
 
 /// How many lines of the same kind are logged one by one in a period. \[OURS]
@@ -69,6 +70,28 @@ impl LogLimit {
     pub(super) fn end(&mut self) -> Vec<String> {
         let counted = self.kinds.drain().filter(|(_, counted)| counted.suppressed > 0);
         counted.map(|(kind, counted)| format!("{kind} ({} more times)", counted.suppressed)).collect()
+    }
+}
+
+/// The log lines about a host's frames that the link of the board refuses.
+#[derive(Default)]
+pub(super) struct RefusedFrames(LogLimit);
+
+impl RefusedFrames {
+    /// The log lines for a frame that the link has refused with this error.
+    pub(super) fn lines(&mut self, error: &LinkError) -> Vec<String> {
+        const KIND: &str = "the board did not get a frame of the host";
+        let now = Instant::now();
+        let mut lines = self.0.due(now);
+        if self.0.may_log(KIND, now) {
+            lines.push(format!("{KIND}: {error}"));
+        }
+        lines
+    }
+
+    /// The log lines at the end of the host's session or of the server.
+    pub(super) fn end(&mut self) -> Vec<String> {
+        self.0.end()
     }
 }
 

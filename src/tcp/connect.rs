@@ -6,8 +6,6 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::channel::{Came, Channel, Out, first_message};
-#[cfg(unix)]
-use super::forks::LetGo;
 use super::inbox::Inbox;
 use super::options::TcpOptions;
 use super::proof::{PROOF_LEN, Secret, Side, how_to_give};
@@ -16,6 +14,8 @@ use super::wire::{GREETING_LEN, Greeting, Hello, Message, Refusal, Role, Welcome
 use crate::link::{KnownNetwork, LinkError, Stamp};
 use crate::sk::SlotSize;
 use crate::span::Span;
+#[cfg(unix)]
+use crate::threads::LetGo;
 
 /// A connection that the server has accepted, and what its Welcome says about the board.
 pub(super) struct Connected {

@@ -7,8 +7,6 @@ use parking_lot::Mutex;
 
 use super::channel::{Came, Channel, Out};
 use super::exchange::{Answer, Exchange};
-#[cfg(unix)]
-use super::forks::LetGo;
 use super::hang::{CallMonitor, MotionInForce, StuckCall};
 use super::inbox::Inbox;
 use super::wire::{Message, Role};
@@ -16,6 +14,8 @@ use crate::link::call_counts::CallCounts;
 use crate::link::{Dir, KnownNetwork, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::span::Span;
+#[cfg(unix)]
+use crate::threads::LetGo;
 use crate::threads::sync::{self, Condvar, MutexGuard};
 use crate::threads::{CallingThread, WaitQueue};
 
@@ -77,6 +77,12 @@ pub(super) struct State {
 }
 
 impl State {
+    /// Whether another thread than the calling one receives for all. If the calling thread does, this call is one of a signal
+    /// handler that has interrupted it, and receives itself: the interrupted one cannot go on.
+    fn is_received_by_another(&self) -> bool {
+        self.receiver.is_some_and(|receiver| receiver != CallingThread::current())
+    }
+
     /// Returns an error if the exchange has ended, or if calls in this direction were cancelled after the caller read the count
     /// `cancels`.
     fn check(&self, dir: Dir, cancels: u64) -> Result<(), LinkError> {
@@ -199,10 +205,13 @@ impl Shared {
         mut state: MutexGuard<'a, State>,
         until: Option<Instant>,
     ) -> MutexGuard<'a, State> {
-        state.receiver = Some(CallingThread::current());
+        let own = CallingThread::current();
+        state.receiver = Some(own);
         drop(state);
         let (mut state, came) = self.receive(until);
-        state.receiver = None;
+        if state.receiver == Some(own) {
+            state.receiver = None;
+        }
         if let Err(error) = came {
             state.exchange.lose(format!("{error}"));
         }
@@ -273,11 +282,12 @@ impl Shared {
                 return (state, Some(done));
             }
             let late = until.is_some_and(|until| Instant::now() >= until);
-            if late && (received || state.receiver.is_some()) {
+            let is_received_by_another = state.is_received_by_another();
+            if late && (received || is_received_by_another) {
                 return (state, None);
             }
             received = true;
-            if CALLS_RECEIVE && state.receiver.is_none() {
+            if CALLS_RECEIVE && !is_received_by_another {
                 state = self.receive_for_all(state, until);
                 continue;
             }
@@ -320,7 +330,7 @@ impl Shared {
         // Only one request may be in progress at a time.
         let (state, turn) = self.wait(state, limit, |state| {
             let checked = state.check(dir, cancels);
-            checked.map(|()| state.exchange.request.is_none().then(|| state.exchange.begin(dir, wait))).transpose()
+            checked.map(|()| state.exchange.may_begin().then(|| state.exchange.begin(dir, wait))).transpose()
         });
         let number = match turn.unwrap_or_else(|| Err(LinkError::timed_out(dir, wait))) {
             Ok(number) => number,
@@ -402,7 +412,7 @@ impl Shared {
     }
 
     fn done<'a, T>(&'a self, mut state: MutexGuard<'a, State>, done: T) -> (MutexGuard<'a, State>, T) {
-        state.exchange.request = None;
+        state.exchange.request = state.exchange.interrupted.take();
         (self.tell_those_who_wait(state), done)
     }
 

@@ -55,6 +55,8 @@ pub(super) struct Exchange {
     /// The number of the next request. Requests are numbered from 1.
     pub(super) next_request: u64,
     pub(super) request: Option<Request>,
+    /// The answered request of a thread that a signal handler has interrupted, while the handler makes a request of its own.
+    pub(super) interrupted: Option<Request>,
     /// The bytes of the report that came with [`Answer::Got`].
     pub(super) got: Frame,
     /// The board's time as of the server's newest answer, on virtual time; `None`: unknown.
@@ -77,12 +79,23 @@ impl Exchange {
             first_sequence,
             next_request: 1,
             request: None,
+            interrupted: None,
             got: Frame::new(),
             now,
             counts: Counts::default(),
             heard: Instant::now(),
             ended: None,
         }
+    }
+
+    /// Whether a request may begin: no other one is in progress. That of the calling thread itself is laid aside when it is
+    /// answered: this call is then one of a signal handler, and the thread takes its answer when the handler has returned.
+    pub(super) fn may_begin(&mut self) -> bool {
+        if self.interrupted.is_none() {
+            let is_own = |request: &mut Request| request.answer.is_some() && request.caller == CallingThread::current();
+            self.interrupted = self.request.take_if(is_own);
+        }
+        self.request.is_none()
     }
 
     /// Begins a request and returns its number. No other request may be in progress.

@@ -22,7 +22,7 @@
 //! - `exchange.rs`: the client's side of the protocol, without I/O
 //! - `connection.rs`: how the program's threads and the background thread share the connection
 //! - `client.rs`: [`TcpLink`], the link itself
-//! - `hang.rs`: a program that has stopped calling (`hang_ms=`); `forks.rs`: one that has forked
+//! - `hang.rs`: a program that has stopped calling (`hang_ms=`)
 //! - `reconnect.rs`: a reader that connects again (`reconnect_ms=`)
 //! - `stop.rs`: a client that has the axes of another one stopped; `machine.rs`: one that asks for the machine file of the
 //!   server
@@ -35,8 +35,6 @@ mod counts;
 mod exchange;
 mod failure;
 mod fields;
-#[cfg(unix)]
-mod forks;
 mod hang;
 mod inbox;
 mod machine;
@@ -64,7 +62,6 @@ pub(crate) use exchange::each_message;
 pub use exchange::{messages, replay};
 #[cfg(unix)]
 #[doc(hidden)]
-pub use forks::close_in_child;
 pub(crate) use inbox::Inbox;
 pub use machine::machine;
 pub use options::{DEFAULT_PORT, TcpOptions};

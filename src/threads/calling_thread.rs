@@ -68,6 +68,9 @@ mod imp {
     /// time.
     const ACCESS: u32 = 0x0010_0800;
 
+    /// `ERROR_INVALID_PARAMETER`: no thread has the id.
+    const NO_SUCH_THREAD: u32 = 87;
+
     /// A thread by its id, which Windows may soon reuse, and its creation time, which tells the two threads apart.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Thread {
@@ -96,7 +99,8 @@ mod imp {
             unsafe {
                 let handle = OpenThread(ACCESS, 0, self.number);
                 if handle.is_null() {
-                    return true;
+                    // Without rights, memory or handles the thread may still be there.
+                    return GetLastError() == NO_SUCH_THREAD;
                 }
                 // The handle of a thread that has ended is signalled, so that the wait returns 0. A different creation
                 // time means that another thread has the id now.
@@ -135,18 +139,21 @@ mod imp {
         fn WaitForSingleObject(handle: Handle, limit_ms: u32) -> u32;
         fn GetThreadTimes(thread: Handle, made: *mut u64, ended: *mut u64, kernel: *mut u64, user: *mut u64) -> i32;
         fn CloseHandle(handle: Handle) -> i32;
+        fn GetLastError() -> u32;
     }
 }
 
 /// On other systems nothing shows whether a thread has ended, so every thread counts as still there.
 #[cfg(not(any(target_os = "linux", windows)))]
 mod imp {
+    use std::thread::{self, ThreadId};
+
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    pub struct Thread;
+    pub struct Thread(ThreadId);
 
     impl Thread {
-        pub const fn current() -> Self {
-            Self
+        pub fn current() -> Self {
+            Self(thread::current().id())
         }
 
         pub const fn is_gone(self) -> bool {

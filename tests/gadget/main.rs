@@ -3,6 +3,7 @@
 #![cfg(target_os = "linux")]
 
 mod at_rest;
+mod refused;
 
 use std::time::{Duration, Instant};
 
@@ -193,6 +194,31 @@ fn a_host_that_only_reads_stops_nothing() {
         board.detach();
         let lines = until_told(&board, "the host is gone");
         assert!(!lines.iter().any(|line| line.contains("axes")), "{lines:?}");
+    }
+}
+
+/// WIRE-126 A packet that the controller has received before its host reset the board, or slept and woke, belongs to the session
+/// before, however late the server notices it: it starts no axis that was stopped.
+#[test]
+fn a_frame_of_the_session_before_starts_nothing() {
+    for (name, events) in [
+        ("reset", &[Event::Disabled, Event::Enabled][..]),
+        ("again", &[Event::Enabled]),
+        ("woken", &[Event::Suspended, Event::Resumed]),
+    ] {
+        let board = served(&format!("sim:?name=gadget-late-{name}&slaves=drive*2&queue=1"), OnVanish::Ramp);
+        board.attach();
+        moving(&board);
+        let mut frame = Frame::new();
+        frame.put_slave(SIZE, 2, &SlaveCommand::Csv(Motion::to(100_000)).into());
+        frame.fill_crc(SIZE);
+        assert!(board.put_unnoticed(frame.bytes(), LIMIT), "{name}");
+        events.iter().for_each(|event| board.event(*event));
+        let mut lines = until_told(&board, "axes stand still after the host is gone");
+        let [first, later] = look(&board);
+        assert!((later[1].0 - first[1].0).abs() < 20, "{name}: {first:?} {later:?}");
+        lines.extend(board.stop());
+        assert!(lines.iter().any(|line| line.starts_with("the host is gone")), "{lines:?}");
     }
 }
 

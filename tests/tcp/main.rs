@@ -4,6 +4,7 @@
 //!
 //! - `link.rs`: frames and reports, the one writer, results of calls
 //! - `peers.rs`: servers and clients that misbehave
+//! - `in_a_signal_handler.rs`: calls in a signal handler that has interrupted a call
 //! - `strangers.rs`: connections that are not clients
 //! - `secret.rs`: TLS and the shared secret
 //! - `bounded.rs`: long virtual times
@@ -15,6 +16,8 @@
 
 mod back;
 mod bounded;
+#[cfg(target_os = "linux")]
+mod in_a_signal_handler;
 mod link;
 mod machine;
 mod peers;

@@ -20,6 +20,8 @@ struct State {
     endless: Option<u64>,
     /// Whether the board takes no frame.
     busy: bool,
+    /// How many frames the link refuses.
+    refuses: usize,
     /// Pending calls of `write`.
     writing: usize,
     lost: bool,
@@ -62,6 +64,11 @@ impl Puppet {
 
     pub fn set_busy(&self, busy: bool) {
         self.with(|state| state.busy = busy);
+    }
+
+    /// The link refuses that many frames from now on; the board stays.
+    pub fn refuse(&self, frames: usize) {
+        self.with(|state| state.refuses = frames);
     }
 
     pub fn lose(&self) {
@@ -166,6 +173,14 @@ impl Link for Puppet {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let refuses = self.with(|state| {
+            let refuses = state.refuses > 0;
+            state.refuses = state.refuses.saturating_sub(1);
+            refuses
+        });
+        if refuses {
+            return Err(LinkError::Io { what: "the frame was not sent".into(), message: "correct the program".into() });
+        }
         self.with(|state| state.writing += 1);
         let result = self.wait(Dir::Write, wait, |state| (!state.busy).then(|| state.written.push(frame.clone())));
         self.with(|state| state.writing -= 1);

@@ -238,6 +238,27 @@ fn a_board_that_hangs_runs_again_when_it_is_attached_again() {
     assert_eq!(puppet.written(), [3]);
 }
 
+/// A frame that the link refuses is stalled, and so is one by SET_REPORT; the host keeps the board, and its next frame passes.
+#[test]
+fn a_frame_that_the_link_refuses_is_stalled() {
+    let (puppet, server, _) = serve(options());
+    let mut client = Client::attached(server.address());
+    puppet.refuse(2);
+    let refused = client.give(&[1; 512]);
+    assert_eq!(client.reply(), Reply::stalled(refused));
+    assert_eq!(client.control([0x21, 9, 0, 2, 0, 0, 0, 2], &[2; 512]).0, -32);
+    let given = client.give(&[3; 512]);
+    assert_eq!(client.reply(), Reply::done(given, 512));
+    assert_eq!((puppet.written(), puppet.opened()), (vec![3], 1));
+    // The rest of a transfer of several frames is dropped.
+    puppet.refuse(1);
+    let refused = client.give(&[4; 1024]);
+    assert_eq!(client.reply(), Reply::stalled(refused));
+    let given = client.give(&[5; 512]);
+    assert_eq!(client.reply(), Reply::done(given, 512));
+    assert_eq!(puppet.written(), [3, 5]);
+}
+
 #[test]
 fn a_lost_board_is_detached_and_can_be_attached_when_it_is_back() {
     let (puppet, server, heard) = serve(options());

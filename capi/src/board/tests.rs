@@ -136,6 +136,25 @@ fn read(board: &VendorBoard) -> Result<Frame, Box<CallError>> {
     board.read(&mut report).map(|()| report)
 }
 
+/// WIN-9 A thread that has read once and makes no more calls keeps nothing of a board that was closed: no handle of its device.
+#[test]
+fn an_idle_thread_keeps_no_closed_board() {
+    let link = FakeLink::new();
+    link.change(|state| state.reports = 1);
+    let board = Arc::new(opened(&link));
+    let ((told, reads), (ends, waits)) = (mpsc::channel(), mpsc::channel::<()>());
+    let reader = board.clone();
+    let reader = thread::spawn(move || {
+        told.send(read(&reader).is_ok()).expect("the test waits for it");
+        let _ = waits.recv();
+    });
+    assert_eq!(reads.recv(), Ok(true));
+    board.close();
+    assert_eq!(Arc::strong_count(&link), 1, "the thread has it");
+    drop(ends);
+    reader.join().expect("no panic");
+}
+
 /// LIB-41 No board is open before Open and after Close, and calls fail.
 #[test]
 fn calls_without_an_open_board_fail() {

@@ -5,7 +5,8 @@
 //! A call that returns does not wake the pipe's thread, since that would cost a context switch again. Instead the
 //! pipe's thread checks at an interval whether the program still calls the pipe. During a long wait of a single call
 //! the pipe's thread sleeps, and that call wakes it at its end. If the thread of that call was ended by force, the
-//! pipe's thread takes over.
+//! pipe's thread takes over. So it does when a signal handler that has interrupted the waiting call closes the pipe; if
+//! the handler reads or writes, its own call handles events, since the interrupted one cannot go on.
 
 use std::mem;
 use std::thread;
@@ -30,6 +31,9 @@ const CHECK_INTERVAL_MAX: Duration = Duration::from_millis(1);
 /// The interval at which a thread of the pipe that waits for a thread of the program checks whether that thread still
 /// exists. \[OURS]
 pub(super) const CALLER_CHECK_INTERVAL: Duration = Duration::from_millis(100);
+/// How long the thread that closes the pipe waits for the thread that handles events, which was woken, before it handles
+/// them itself. A signal handler that does not return may have interrupted that thread. \[OURS]
+const HANDLER_LIMIT: Duration = Duration::from_millis(200);
 /// How long to wait for the end of a transfer whose thread was ended by force. \[OURS]
 const ABANDONED_LIMIT: Duration = Duration::from_secs(1);
 /// Pause between an error of the backend's event handling and the next attempt. \[OURS]
@@ -52,13 +56,20 @@ impl Shared {
         let check_interval = check_interval(backend.inputs());
         let mut state = self.state.lock();
         let mut seen = state.call_count;
-        let mut cancelled = false;
+        let mut cancelled_at = None;
         while !state.events_failed && (!state.closing || state.submitted > 0) {
-            if state.closing && !mem::replace(&mut cancelled, true) {
-                // Cancels the transfers to the host once. No transfer is submitted again afterwards, because `closing`
-                // is set.
-                MutexGuard::unlocked(&mut state, || backend.cancel_inputs());
-                continue;
+            if state.closing {
+                let Some(cancelled_at) = cancelled_at else {
+                    // Cancels the transfers to the host once. No transfer is submitted again afterwards, because
+                    // `closing` is set.
+                    cancelled_at = Some(Instant::now());
+                    MutexGuard::unlocked(&mut state, || backend.cancel_inputs());
+                    continue;
+                };
+                if state.event_handler.is_some_and(|caller| caller.is_gone()) || cancelled_at.elapsed() > HANDLER_LIMIT
+                {
+                    state.event_handler = None;
+                }
             }
             if state.closing && state.is_write_abandoned() {
                 self.end_abandoned_write(&mut state, backend);
@@ -116,7 +127,7 @@ impl Shared {
         limit: Option<Duration>,
     ) {
         state.call_count += 1;
-        if state.event_handler.is_none() && backend.lets_calls_handle_events() {
+        if !state.is_handled_by_another() && backend.lets_calls_handle_events() {
             return self.handle_for_a_call(state, backend, limit.unwrap_or(EVENT_WAIT_MAX).min(EVENT_WAIT_MAX));
         }
         Self::wait_at(changed, state, limit);
@@ -159,7 +170,7 @@ impl Shared {
                 // the pending ones.
                 Self::wait_at(&self.readable, state, Some(CHECK_INTERVAL_MAX));
             }
-        } else if state.event_handler.is_none() && !state.events_failed {
+        } else if !state.is_handled_by_another() && !state.events_failed {
             self.handle_for_a_call(state, backend, Duration::ZERO);
         }
     }
@@ -184,9 +195,12 @@ impl Shared {
     }
 
     fn handle(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend, limit: Duration) {
-        state.event_handler = Some(CallingThread::current());
+        let own = CallingThread::current();
+        state.event_handler = Some(own);
         self.call_unlocked(state, || backend.handle_events(limit));
-        state.event_handler = None;
+        if state.event_handler == Some(own) {
+            state.event_handler = None;
+        }
         // No thread handles events now. Waiting reads and writes are woken, so that one of them takes over.
         self.readable.notify_all();
         self.writable.notify_all();

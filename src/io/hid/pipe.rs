@@ -176,9 +176,33 @@ impl Pipe {
     pub fn write(&self, report: &[u8; REPORT_LEN], limit: Option<Duration>) -> Result<(), PipeError> {
         let began = Instant::now();
         let turn = self.turn_to_write(began, limit)?;
+        if !turn.interrupts_a_write {
+            return self.write_in_turn(report, began, limit);
+        }
+        let interrupted = self.end_of_interrupted_write(began, limit)?;
         let written = self.write_in_turn(report, began, limit);
-        drop(turn);
+        self.shared.state.lock().output_result = interrupted;
         written
+    }
+
+    /// Called in a signal handler that has interrupted a write: waits until the transfer of that write has ended. Returns
+    /// its result, which that write takes when the handler has returned; `None`: it has submitted no transfer yet.
+    fn end_of_interrupted_write(
+        &self,
+        began: Instant,
+        limit: Option<Duration>,
+    ) -> Result<Option<(Outcome, usize)>, PipeError> {
+        let mut state = self.shared.state.lock();
+        let cancelled = state.cancelled_writes;
+        while state.output_submitted {
+            state.check()?;
+            if state.cancelled_writes != cancelled {
+                return Err(PipeError::Cancelled);
+            }
+            let left = time_left(began, limit)?;
+            self.shared.wait_written(&mut state, &*self.backend, left);
+        }
+        Ok(state.output_result)
     }
 
     /// Waits until it is this thread's turn to write, since only one thread writes at a time.
@@ -186,8 +210,9 @@ impl Pipe {
         let caller = CallingThread::current();
         let mut state = self.shared.state.lock();
         let cancelled = state.cancelled_writes;
+        let interrupts_a_write = state.writers.contains(&caller);
         state.writers.push_back(caller);
-        let turn = WriterTurn { shared: &self.shared, caller };
+        let turn = WriterTurn { shared: &self.shared, caller, interrupts_a_write };
         loop {
             let waits = match state.writers.front() {
                 Some(first) if *first == caller => return Ok(turn),
@@ -321,6 +346,11 @@ impl Pipe {
         {
             let mut state = self.shared.state.lock();
             state.closing = true;
+            if !state.is_handled_by_another() {
+                // A signal handler closes the pipe and has interrupted the thread that handles events, which cannot go on
+                // before this call returns. The pipe's thread takes over.
+                state.event_handler = None;
+            }
             self.shared.wake_all(&state, &*self.backend);
         }
         // The pipe's thread ends the transfers and releases the device, so that this happens even if the calling thread
@@ -354,12 +384,19 @@ fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
 struct WriterTurn<'a> {
     shared: &'a Shared,
     caller: CallingThread,
+    /// Whether the calling thread has interrupted a write of its own: this one is then in a signal handler.
+    interrupts_a_write: bool,
 }
 
 impl Drop for WriterTurn<'_> {
     fn drop(&mut self) {
-        let caller = self.caller;
-        self.shared.state.lock().writers.retain(|other| *other != caller);
+        {
+            let writers = &mut self.shared.state.lock().writers;
+            // Only its last entry: the one before is that of the write that this one has interrupted.
+            if let Some(last) = writers.iter().rposition(|other| *other == self.caller) {
+                writers.remove(last);
+            }
+        }
         self.shared.writable.notify_all();
     }
 }

@@ -91,6 +91,12 @@ impl State {
         Self { reports, writers, input_pause: InputPause::new(options), ..Self::default() }
     }
 
+    /// Whether another thread than the calling one handles events. If the calling thread does, this call is one of a
+    /// signal handler that has interrupted it.
+    pub fn is_handled_by_another(&self) -> bool {
+        self.event_handler.is_some_and(|handler| handler != CallingThread::current())
+    }
+
     /// Whether the thread that submitted the transfer to the device was ended by force.
     pub fn is_write_abandoned(&self) -> bool {
         self.output_submitted && self.writers.front().is_none_or(CallingThread::is_gone)
@@ -144,6 +150,7 @@ impl Shared {
         self.writable.notify_all();
     }
 
+    /// Puts a report into the queue; whoever waits for it is woken by the caller.
     fn keep(&self, state: &mut State, bytes: &[u8]) {
         // Some devices end a report with an empty packet. These and other short transfers are counted.
         let Ok(bytes) = <[u8; REPORT_LEN]>::try_from(bytes) else {
@@ -163,7 +170,6 @@ impl Shared {
             state.stats.dropped += 1;
         }
         state.reports.push_back(Report { bytes, at: Instant::now(), number });
-        self.readable.notify_all();
     }
 }
 
@@ -192,12 +198,17 @@ impl TransferListener for Shared {
         // before it set `closing`, and nothing may be submitted after that.
         let wanted = !state.closing && state.lost.is_none();
         let held_back = wanted && state.input_pause.keeps_back(number);
-        if wanted && !held_back && resubmit().is_ok() {
-            return;
+        if !wanted || held_back || resubmit().is_err() {
+            state.submitted -= 1;
+            if wanted && !held_back {
+                self.lose(&mut state, GONE);
+            }
         }
-        state.submitted -= 1;
-        if wanted && !held_back {
-            self.lose(&mut state, GONE);
+        drop(state);
+        // After the lock is released. A reader that was woken before would wait for the lock in its queue, and would be
+        // given it: a thread that is ended by force in that moment keeps it for ever.
+        if outcome == Outcome::Done {
+            self.readable.notify_all();
         }
     }
 

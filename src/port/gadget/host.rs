@@ -108,6 +108,18 @@ pub(super) struct Gone {
     pub hung: bool,
 }
 
+/// How a write of a frame to the board has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Written {
+    /// The board has accepted the frame.
+    Taken,
+    /// The link has refused this frame, and may take the next one. The host cannot learn that: its controller has
+    /// acknowledged the packet already.
+    Refused,
+    /// The board has not accepted the frame. It is kept for the next attempt.
+    Not,
+}
+
 /// How an event has changed the presence of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
@@ -270,6 +282,11 @@ impl Host {
         self.arm(now, controller);
     }
 
+    /// Handles the end of the controller's transfer of a report by another error than a cancellation.
+    pub(super) const fn not_sent(&mut self) {
+        self.is_taken_back = false;
+    }
+
     /// Passes a packet that the controller has received on the OUT endpoint to the device model. The controller accepts
     /// no further packet until the board has accepted this frame. Without a host the packet is dropped.
     pub(super) fn received(&mut self, packet: &[u8], now: Duration, controller: &mut dyn Controller) {
@@ -296,16 +313,23 @@ impl Host {
         (self.is_open && self.device.begin_write(frame)).then_some(self.generation)
     }
 
-    /// Handles the result of a write to the board. A frame that was not accepted is kept for the next attempt.
-    pub(super) fn write_ended(&mut self, generation: u64, taken: bool, now: Duration, controller: &mut dyn Controller) {
-        self.has_written |= taken;
+    /// Handles the result of a write to the board.
+    pub(super) fn write_ended(
+        &mut self,
+        generation: u64,
+        written: Written,
+        now: Duration,
+        controller: &mut dyn Controller,
+    ) {
+        // A link may refuse a frame of which the board has got a part.
+        self.has_written |= written != Written::Not;
         if generation != self.generation {
             return;
         }
-        if taken {
-            self.device.written()
-        } else {
-            self.device.not_written()
+        match written {
+            Written::Taken => self.device.written(),
+            Written::Refused => self.device.refused(),
+            Written::Not => self.device.not_written(),
         }
         self.settle(now, controller);
     }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use proptest::prelude::*;
 
-use super::host::{Answer, Change, Controller, Gone, Host, Why};
+use super::host::{Answer, Change, Controller, Gone, Host, Why, Written};
 use super::{function_part, ids};
 use crate::io::gadget::wire::{self, Event};
 use crate::port::usb_board::descriptors::{Descriptors, Identity};
@@ -104,7 +104,8 @@ impl Board {
 
     fn written(&mut self, taken: bool) {
         let generation = self.writing.take().expect("a frame is being written");
-        self.host.write_ended(generation, taken, self.now, &mut self.ends);
+        let written = if taken { Written::Taken } else { Written::Not };
+        self.host.write_ended(generation, written, self.now, &mut self.ends);
     }
 }
 
@@ -141,6 +142,23 @@ fn a_report_that_nobody_fetches_is_replaced() {
     // If the host fetches the report before the controller gives it back, no report is lost either.
     (31..=60).for_each(|fill| board.report(fill));
     assert_eq!((board.ends.taken_back, board.fetch(), board.fetch()), (2, Some(31), Some(60)));
+}
+
+/// A host that is gone ends the transfer of a report that was just taken back in another way. For the next host old reports are
+/// replaced all the same.
+#[test]
+fn a_report_that_is_taken_back_may_end_with_its_host() {
+    let mut board = Board::attached();
+    (1..=21).for_each(|fill| board.report(fill));
+    assert_eq!(board.ends.taken_back, 1);
+    board.ends.report = None;
+    board.host.not_sent();
+    board.gone(Event::Disabled);
+    board.host.take_gone();
+    board.host.open(board.now, &mut board.ends);
+    board.event(Event::Enabled);
+    (31..=52).for_each(|fill| board.report(fill));
+    assert_eq!(board.ends.taken_back, 2);
 }
 
 /// A frame is held until the board has taken it, and the host gets NAK for the next one.

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use parking_lot::{Condvar, Mutex};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::host::{Answer, Change, Controller, Gone, Host};
+use super::host::{Answer, Change, Controller, Gone, Host, Written};
 use super::lateness::Lateness;
 use super::watched_link::WatchedLink;
 use super::{Opener, Options};
@@ -19,6 +19,7 @@ use crate::io::gadget::wire::{Event, SETUP_LEN};
 use crate::io::gadget::{ControlEndpoint, Direction, End, StepError};
 use crate::link::{Dir, Link, LinkError, Wait};
 use crate::notes::Notes;
+use crate::port::log_limit::RefusedFrames;
 use crate::port::standstill::LeftBoard;
 use crate::port::usb_board::descriptors::Descriptors;
 use crate::sk::{FRAME_LEN, Frame};
@@ -160,9 +161,11 @@ impl Service {
         Ok(())
     }
 
-    /// Handles an event other than a request.
+    /// Handles an event other than a request. A transfer that has ended until now belongs to the session before the
+    /// event, which may end with it: handled later, a frame of that session would start axes that were just stopped.
     pub(super) fn event(&self, event: Event) {
         let mut bus = self.bus.lock();
+        self.take_ends_of(&mut bus);
         let Bus { host, transfers, .. } = &mut *bus;
         let change = host.event(event, self.began.elapsed(), transfers.as_mut());
         drop(bus);
@@ -211,9 +214,12 @@ impl Service {
 
     /// Handles the transfers that have completed.
     pub(super) fn take_ends(&self) {
+        self.take_ends_of(&mut self.bus.lock());
+    }
+
+    fn take_ends_of(&self, bus: &mut Bus) {
         let now = self.began.elapsed();
-        let mut bus = self.bus.lock();
-        let Bus { host, transfers, .. } = &mut *bus;
+        let Bus { host, transfers, .. } = bus;
         let mut failed = false;
         while let Some(end) = transfers.next_end() {
             match (end.direction, end.result) {
@@ -229,7 +235,12 @@ impl Service {
                 }
                 // The endpoint is disabled, for example because the host has gone. An event reports the reason; without
                 // one the next attempt follows after `WAIT_SLICE`.
-                (_, Err(_)) => failed = true,
+                (direction, Err(_)) => {
+                    failed = true;
+                    if direction == Direction::In {
+                        host.not_sent();
+                    }
+                }
             }
         }
         if !failed {
@@ -246,21 +257,31 @@ impl Service {
         // The result is ignored here: the board's thread applies the same settings, and logs those that the system
         // refuses.
         let _ = self.options.real_time.apply();
-        let mut frame = Frame::new();
+        let (mut frame, mut refused_frames) = (Frame::new(), RefusedFrames::default());
         while let Some(generation) = self.next_frame(&mut frame) {
-            let written = self.link().write(&frame, Wait::For(WAIT_SLICE));
+            let link = self.link();
+            let written = link.write(&frame, Wait::For(WAIT_SLICE));
             let mut bus = self.bus.lock();
             let Bus { host, transfers, is_writing, lost } = &mut *bus;
             *is_writing = false;
-            let taken = written.is_ok();
-            if let Some(error) = written.err().filter(|error| !is_temporary(error)) {
-                host.close();
-                *lost = Some(error);
-            }
-            host.write_ended(generation, taken, self.began.elapsed(), transfers.as_mut());
+            let written = match written {
+                Ok(_) => Written::Taken,
+                Err(error) if is_temporary(&error) => Written::Not,
+                Err(error) if link.check().is_ok() => {
+                    refused_frames.lines(&error).iter().for_each(|line| self.tell(line));
+                    Written::Refused
+                }
+                Err(error) => {
+                    host.close();
+                    *lost = Some(error);
+                    Written::Not
+                }
+            };
+            host.write_ended(generation, written, self.began.elapsed(), transfers.as_mut());
             drop(bus);
             self.frames.notify_all();
         }
+        refused_frames.end().iter().for_each(|line| self.tell(line));
     }
 
     /// Waits for the next frame of the host; `None`: the server ends.
@@ -287,13 +308,15 @@ impl Service {
                 let mut bus = self.bus.lock();
                 (bus.host.take_gone(), bus.lost.take())
             };
+            if let Some(gone) = &gone {
+                self.tell_gone(gone);
+                self.stop_axes(&format!("the host is gone ({})", gone.why));
+            }
             if let Some(error) = lost {
                 self.reopen(&error);
                 continue;
             }
-            if let Some(gone) = gone {
-                self.tell_gone(&gone);
-                self.stop_axes(&format!("the host is gone ({})", gone.why));
+            if gone.is_some() {
                 self.open();
                 continue;
             }
@@ -350,11 +373,22 @@ impl Service {
 
     /// Hides a lost board from its host, and makes it visible again when its link can be opened.
     fn reopen(&self, error: &LinkError) {
-        // The axes of a lost board cannot be reached, so this server cannot stop them.
-        self.close();
+        // A link can fail without its board being gone: then the axes that the host has moved can still be stopped. Those
+        // of a lost board cannot be reached.
+        if self.link().check().is_ok() {
+            self.stop_axes("the board's link has failed");
+        } else {
+            self.close();
+        }
+        // What a write on the old link has left; it would take the new one for lost.
+        self.bus.lock().lost = None;
         self.port.pull();
-        self.close_board();
         self.tell(&format!("the board is lost, {error}; for its host it is pulled; waiting for its return"));
+        // The kernel's event may come only when the board is back, and a frame that waits must not reach that board.
+        self.event(Event::Unbound);
+        let gone = self.bus.lock().host.take_gone();
+        gone.iter().for_each(|gone| self.tell_gone(gone));
+        self.close_board();
         let mut told = String::new();
         while !self.is_stopping() {
             match self.come_back() {

@@ -143,7 +143,7 @@ impl<E: Ends> Device<E> {
     }
 
     /// The host unlinks a transfer. Returns `true` if the frame of this transfer is being written to the board. Then
-    /// the write should be cancelled, and [`Self::written`] or [`Self::not_written`] answers the request to unlink.
+    /// the write should be cancelled; the call that ends the write answers the request to unlink.
     pub fn unlink(&mut self, sequence: u32, victim: u32) -> bool {
         if self.writing && self.unlinking.is_none() && self.writes.is_first(victim) {
             self.unlinking = Some(Unlink { sequence, victim });
@@ -224,7 +224,8 @@ impl<E: Ends> Device<E> {
     }
 
     /// Copies the next frame for the board into `frame`. Returns false if there is none, or another frame is being
-    /// written. After true the caller has to write the frame, and then call [`Self::written`] or [`Self::not_written`].
+    /// written. After true the caller has to write the frame, and then call [`Self::written`], [`Self::refused`] or
+    /// [`Self::not_written`].
     pub fn begin_write(&mut self, frame: &mut Frame) -> bool {
         if !self.has_frame() {
             return false;
@@ -246,6 +247,17 @@ impl<E: Ends> Device<E> {
         self.settle_writes();
         // If the transfer is complete, its answer precedes that of the unlink; otherwise its remaining packets are
         // unlinked.
+        self.unlink_now();
+    }
+
+    /// The link has refused the frame of [`Self::begin_write`], as it would each time. Completes the host's OUT transfer
+    /// with a stall; its other packets are dropped. The endpoint is not halted: the host's next frame is a new attempt.
+    /// \[OURS]
+    pub fn refused(&mut self) {
+        self.writing = false;
+        let ends = &mut self.ends;
+        self.writes.end_first(|write| ends.ended(write.sequence, Status::Stall, write.moved as u32, &[]));
+        self.settle_writes();
         self.unlink_now();
     }
 

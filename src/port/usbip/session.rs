@@ -17,6 +17,7 @@ use super::device::{Counters, Device, TooMany};
 use super::stream::Stream;
 use super::wire::{Command, Direction, HEADER_LEN, WireError};
 use crate::link::{Dir, Link, LinkError, Wait};
+use crate::port::log_limit::RefusedFrames;
 use crate::sk::Frame;
 
 /// The longest single wait on the link. `Link::cancel` ends only a wait in progress, so a cancellation that comes just
@@ -278,8 +279,14 @@ impl Session {
     }
 
     /// Passes the host's frames to the board, one after the other. While the board does not take a frame, the host's
-    /// transfer is not completed.
+    /// transfer is not completed. A frame that the link refuses is stalled: the host learns that its write has failed.
     fn move_frames(&self) {
+        let mut refused_frames = RefusedFrames::default();
+        self.move_frames_until_over(&mut refused_frames);
+        refused_frames.end().iter().for_each(|line| log::warn!("{line}"));
+    }
+
+    fn move_frames_until_over(&self, refused_frames: &mut RefusedFrames) {
         let mut frame = Frame::new();
         loop {
             {
@@ -294,6 +301,10 @@ impl Session {
             match self.link.write(&frame, Wait::For(WAIT_SLICE)) {
                 Ok(_) => self.device.lock().written(),
                 Err(error) if is_temporary(&error) => self.device.lock().not_written(),
+                Err(error) if self.link.check().is_ok() => {
+                    refused_frames.lines(&error).iter().for_each(|line| log::warn!("{line}"));
+                    self.device.lock().refused();
+                }
                 Err(error) => return self.end(SessionEnd::LinkLost(error)),
             }
             self.send();

@@ -12,7 +12,7 @@ use super::api::{
     self, Api, BULK, ConfigurationDescriptor, DeviceDescriptor, HIGH_SPEED, INTERRUPTED, LibusbMissing, RawContext,
     RawDevice, RawHandle,
 };
-use crate::threads;
+use crate::threads::{self, LetGo};
 
 /// The length of the array for the port numbers from the root hub to a device: the one that libusb's documentation
 /// recommends. USB 2.0 4.1.1 allows five hubs in a row.
@@ -183,7 +183,9 @@ impl Device {
         // SAFETY: the device is valid until `drop`; `raw` receives the handle.
         UsbError::check(unsafe { (self.bus.api.open)(self.raw.as_ptr(), &raw mut raw) })?;
         let raw = NonNull::new(raw).ok_or(UsbError::NoMemory)?;
-        Ok(Handle { bus: self.bus.clone(), raw, events: Descriptors::of(&self.bus) })
+        let events = Descriptors::of(&self.bus);
+        let let_go = events.all[..events.count].iter().map(|one| LetGo::of(one.fd)).collect();
+        Ok(Handle { bus: self.bus.clone(), raw, events, let_go })
     }
 }
 
@@ -199,6 +201,8 @@ pub(super) struct Handle {
     bus: Arc<Bus>,
     raw: NonNull<RawHandle>,
     events: Descriptors,
+    /// A forked child lets go of the device.
+    let_go: Vec<LetGo>,
 }
 
 /// The file descriptors that signal libusb's events; none if libusb does not provide them.
@@ -333,6 +337,7 @@ impl Handle {
 
 impl Drop for Handle {
     fn drop(&mut self) {
+        self.let_go.clear();
         // SAFETY: transfers hold a reference to the handle, so none of them exists any more.
         unsafe { (self.bus.api.close)(self.raw()) };
     }

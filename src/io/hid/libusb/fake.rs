@@ -7,6 +7,7 @@ use std::cell::Cell;
 use std::collections::VecDeque;
 use std::ffi::c_int;
 use std::io::{Read as _, Write as _};
+use std::os::fd::{AsRawFd as _, RawFd};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::time::Duration;
@@ -134,6 +135,11 @@ impl FakeUsb {
         world
     }
 
+    /// The file descriptor of [`Self::with_descriptor`].
+    pub fn descriptor(&self) -> RawFd {
+        self.inside.lock().bell.as_ref().expect("it has one").0.as_raw_fd()
+    }
+
     /// Opens the bus as the code under test does.
     pub fn bus(&'static self) -> Result<Arc<Bus>, UsbError> {
         NEXT.set(Some(self));
@@ -166,6 +172,19 @@ impl FakeUsb {
 
     pub fn set_reaction(&self, reaction: ReportReaction) {
         self.with(|inside| inside.reaction = reaction);
+    }
+
+    /// The device accepts the reports that it has not accepted so far.
+    pub fn accept_pending(&self) {
+        self.with(|inside| {
+            let (reports, others) = std::mem::take(&mut inside.pending).into_iter().partition(|one| !to_host(*one));
+            inside.pending = others;
+            let reports: Vec<_> = reports;
+            for transfer in reports {
+                inside.taken.push(report_of(transfer));
+                inside.end(transfer, status::COMPLETED, REPORT_LEN, Vec::new());
+            }
+        });
     }
 
     /// Unplugs the device: all submitted transfers end with libusb's status for a missing device, and so do later

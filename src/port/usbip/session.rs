@@ -17,6 +17,7 @@ use super::device::{Counters, Device, TooMany};
 use super::stream::Stream;
 use super::wire::{Command, Direction, HEADER_LEN, WireError};
 use crate::link::{Dir, Link, LinkError, Wait};
+use crate::port::is_temporary;
 use crate::sk::Frame;
 
 /// The longest single wait on the link. `Link::cancel` ends only a wait in progress, so a cancellation that comes just
@@ -299,9 +300,4 @@ impl Session {
             self.send();
         }
     }
-}
-
-/// Whether an error of the link is temporary, so that the call may succeed when it is repeated.
-const fn is_temporary(error: &LinkError) -> bool {
-    matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
 }

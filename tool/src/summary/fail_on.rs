@@ -12,7 +12,8 @@ use crate::motion::Quantity;
 pub struct FailOn {
     /// The reason as it is written.
     pub text: String,
-    reason: Reason,
+    /// What it means.
+    pub reason: Reason,
 }
 
 /// What makes a run fail.
@@ -44,17 +45,6 @@ impl FailOn {
     /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         Ok(Self { text: text.trim().to_owned(), reason: Reason::parse(text)? })
-    }
-
-    /// The lines that say why the run has failed; none if it has not.
-    pub fn failures(
-        &self,
-        summary: &Summary,
-        is_whole: bool,
-        axes: &[(usize, &AxisExtremes)],
-        machine: Option<&MachineFile>,
-    ) -> Vec<String> {
-        self.reason.failures(summary, is_whole, axes, machine)
     }
 }
 
@@ -91,7 +81,7 @@ impl Reason {
         Ok(Self::Above(quantity, whole(limit)))
     }
 
-    /// The lines that say why the run has failed, as [`FailOn::failures`].
+    /// The lines that say why the run has failed; none if it has not.
     pub fn failures(
         self,
         summary: &Summary,

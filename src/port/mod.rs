@@ -29,3 +29,9 @@ pub mod tcp;
 pub mod usb_board;
 pub mod usbip;
 pub mod xf;
+
+/// Whether an error of the link is temporary, so that the call may succeed when it is repeated.
+const fn is_temporary(error: &crate::link::LinkError) -> bool {
+    use crate::link::LinkError;
+    matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
+}

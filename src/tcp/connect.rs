@@ -10,7 +10,7 @@ use super::inbox::Inbox;
 use super::options::TcpOptions;
 use super::proof::{PROOF_LEN, Secret, Side, how_to_give};
 use super::tls;
-use super::wire::{GREETING_LEN, Greeting, Hello, Message, Refusal, Role, Welcome, WireError};
+use super::wire::{End, GREETING_LEN, Greeting, Hello, Message, Refusal, Role, Welcome, WireError};
 use crate::link::{KnownNetwork, LinkError, Stamp};
 use crate::sk::SlotSize;
 use crate::span::Span;
@@ -32,6 +32,35 @@ pub(super) struct Connected {
     pub(super) board: String,
     /// The slaves and the units of their axes, as the server knows them.
     pub(super) network: KnownNetwork,
+}
+
+impl Connected {
+    /// Ends the connection after the answer has come, within this time. Errors of saying goodbye would only say that it has ended
+    /// already.
+    pub(super) fn end(&mut self, limit: Duration) {
+        let bye = Message::Bye { end: End::Closed, text: "" };
+        let until = Instant::now() + limit;
+        if self.send(&bye, until).is_ok() {
+            self.channel.end(false);
+            until_closed(&self.channel, until);
+        }
+    }
+
+    /// Sends a message until this time.
+    pub(super) fn send(&mut self, message: &Message<'_>, until: Instant) -> io::Result<()> {
+        self.channel.stage(message, &mut self.out)?;
+        self.channel.flush(&mut self.out, until)
+    }
+}
+
+/// The error of a server that sends something else than its protocol allows.
+pub(super) fn broken(error: WireError) -> io::Error {
+    io::Error::new(ErrorKind::InvalidData, format!("its server does not keep to the protocol: {error}"))
+}
+
+/// The error of a server that has closed the connection.
+pub(super) fn closed() -> io::Error {
+    io::Error::new(ErrorKind::UnexpectedEof, "its server has closed the connection")
 }
 
 /// Why connecting failed. The name of the link is added later, by `connect`.

@@ -4,10 +4,10 @@ use std::io::{self, ErrorKind};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::channel::{Came, Channel};
-use super::connect::{Connected, connect, until_closed};
+use super::channel::Came;
+use super::connect::{Connected, broken, closed, connect};
 use super::options::TcpOptions;
-use super::wire::{End, Message, Role, WireError};
+use super::wire::{Message, Role, WireError};
 use crate::address::uri::LinkUri;
 use crate::link::{CarriedFile, LinkError};
 
@@ -32,28 +32,19 @@ pub fn machine(uri: &LinkUri) -> Result<Option<CarriedFile>, LinkError> {
         what: format!("cannot get the machine file of `{name}`"),
         message: format!("{error}; name a file with --machine, or say --machine none"),
     })?;
-    let Connected { channel, out, .. } = &mut connected;
-    // The file is there. An error of saying goodbye would only say that the connection has ended already.
-    let bye = Message::Bye { end: End::Closed, text: "" };
-    let until = Instant::now() + CLOSE_LIMIT;
-    if channel.stage(&bye, out).and_then(|()| channel.flush(out, until)).is_ok() {
-        channel.end(false);
-        until_closed(channel, until);
-    }
+    connected.end(CLOSE_LIMIT);
     Ok(file)
 }
 
 /// Asks for one part of the file after the other.
 fn ask(connected: &mut Connected) -> io::Result<Option<CarriedFile>> {
     let deadline = Instant::now() + LIMIT;
-    let Connected { channel, inbox, out, .. } = connected;
     let (mut bytes, mut name) = (Vec::new(), String::new());
     for request in 1.. {
         let from = u32::try_from(bytes.len()).map_err(|_| too_long())?;
-        channel.stage(&Message::Ask { request, from }, out)?;
-        channel.flush(out, deadline)?;
+        connected.send(&Message::Ask { request, from }, deadline)?;
         let length = loop {
-            let answered = match inbox.next().map_err(broken)? {
+            let answered = match connected.inbox.next().map_err(broken)? {
                 None => None,
                 Some(Message::Ping) => continue,
                 Some(Message::Machine { request: answered, length, name: found, part }) if answered == request => {
@@ -66,7 +57,7 @@ fn ask(connected: &mut Connected) -> io::Result<Option<CarriedFile>> {
             };
             match answered {
                 Some((length, is_empty)) => break if is_empty { bytes.len() } else { length },
-                None => receive(channel, inbox, deadline)?,
+                None => receive(connected, deadline)?,
             }
         };
         if bytes.len() > FILE_MAX || length > FILE_MAX {
@@ -80,21 +71,18 @@ fn ask(connected: &mut Connected) -> io::Result<Option<CarriedFile>> {
     Ok((!text.is_empty()).then(|| CarriedFile::new(Path::new(&name), &text)))
 }
 
-fn receive(channel: &Channel, inbox: &mut super::Inbox, deadline: Instant) -> io::Result<()> {
+fn receive(connected: &mut Connected, deadline: Instant) -> io::Result<()> {
+    let Connected { channel, inbox, .. } = connected;
     loop {
         match channel.receive(inbox)? {
             Came::Bytes | Came::All => return Ok(()),
-            Came::End => return Err(io::Error::new(ErrorKind::UnexpectedEof, "its server has closed the connection")),
+            Came::End => return Err(closed()),
             Came::Nothing if Instant::now() >= deadline => {
                 return Err(io::Error::new(ErrorKind::TimedOut, "its server does not answer"));
             }
             Came::Nothing => channel.wait(false, Some(deadline.saturating_duration_since(Instant::now())))?,
         }
     }
-}
-
-fn broken(error: WireError) -> io::Error {
-    io::Error::new(ErrorKind::InvalidData, format!("its server does not keep to the protocol: {error}"))
 }
 
 fn too_long() -> io::Error {

@@ -3,8 +3,8 @@
 use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
 
-use super::channel::{Came, Channel};
-use super::connect::{Connected, connect, until_closed};
+use super::channel::Came;
+use super::connect::{Connected, broken, closed, connect};
 use super::options::TcpOptions;
 use super::wire::{End, Message, Role, StopEnd, WireError};
 use crate::address::uri::LinkUri;
@@ -70,14 +70,7 @@ pub fn stop(uri: &LinkUri, off: bool) -> Result<Stopped, StopError> {
         what: format!("stop the axes at `{name}`"),
         message: format!("{error}; use the emergency stop if axes move"),
     })?;
-    let Connected { channel, out, .. } = &mut connected;
-    // The stop is done. An error of saying so is ignored, since it would only say that the connection has ended already.
-    let bye = Message::Bye { end: End::Closed, text: "" };
-    let until = Instant::now() + CLOSE_LIMIT;
-    if channel.stage(&bye, out).and_then(|()| channel.flush(out, until)).is_ok() {
-        channel.end(false);
-        until_closed(channel, until);
-    }
+    connected.end(CLOSE_LIMIT);
     answer
 }
 
@@ -88,11 +81,10 @@ fn ask(
     options: &TcpOptions,
     deadline: Instant,
 ) -> io::Result<Result<Stopped, StopError>> {
-    let Connected { channel, inbox, out, .. } = connected;
-    send(channel, out, &Message::Stop { request: REQUEST, off }, deadline)?;
+    connected.send(&Message::Stop { request: REQUEST, off }, deadline)?;
     let mut last_sent = Instant::now();
     loop {
-        while let Some(message) = inbox.next().map_err(broken)? {
+        while let Some(message) = connected.inbox.next().map_err(broken)? {
             match message {
                 Message::Ping => {}
                 Message::Stopped { request: REQUEST, end, writer, text } => return Ok(answered(end, writer, text)),
@@ -101,30 +93,21 @@ fn ask(
                 other => return Err(broken(WireError::OutOfTurn { kind: other.kind() })),
             }
         }
-        match channel.receive(inbox)? {
+        match connected.channel.receive(&mut connected.inbox)? {
             Came::Bytes | Came::All => continue,
-            Came::End => return Err(io::Error::new(ErrorKind::UnexpectedEof, "its server has closed the connection")),
+            Came::End => return Err(closed()),
             Came::Nothing => {}
         }
         let ping = last_sent + options.keepalive / 2;
         if Instant::now() >= ping {
-            send(channel, out, &Message::Ping, deadline)?;
+            connected.send(&Message::Ping, deadline)?;
             last_sent = Instant::now();
         } else if Instant::now() >= deadline {
             return Err(io::Error::new(ErrorKind::TimedOut, "its server does not answer"));
         } else {
-            channel.wait(false, Some(ping.min(deadline).saturating_duration_since(Instant::now())))?;
+            connected.channel.wait(false, Some(ping.min(deadline).saturating_duration_since(Instant::now())))?;
         }
     }
-}
-
-fn send(channel: &Channel, out: &mut super::Out, message: &Message<'_>, deadline: Instant) -> io::Result<()> {
-    channel.stage(message, out)?;
-    channel.flush(out, deadline)
-}
-
-fn broken(error: WireError) -> io::Error {
-    io::Error::new(ErrorKind::InvalidData, format!("its server does not keep to the protocol: {error}"))
 }
 
 fn answered(end: StopEnd, writer: &str, text: &str) -> Result<Stopped, StopError> {

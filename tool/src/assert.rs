@@ -29,7 +29,7 @@ use super::error::CliError;
 use super::filter::Times;
 use super::junit::{self, Case, JunitError};
 use super::machine_option::label;
-use super::recording::{Frames, board, carried, parse_device};
+use super::recording::{Frames, carried, parse_device};
 use super::summary::extremes::{AxisExtremes, Extremes, named, seconds};
 use super::{machine_option, output, slot_size};
 
@@ -160,9 +160,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
 }
 
 fn read(args: &Args) -> Result<Run, AssertError> {
-    let is_file = args.file.as_os_str() != "-";
-    let device = if is_file { board(&args.file, args.device)? } else { args.device };
-    let mut frames = Frames::open(&args.file, args.slot_size, device)?;
+    let mut frames = Frames::open_board(&args.file, args.slot_size, args.device)?;
     let (mut extremes, mut summary, mut finder) = (Extremes::new(Times::default()), Summary::default(), Finder::new());
     let (mut watch, mut times_ns) = (None, (0, 0));
     let walked = frames.walk(i64::MAX, |framed| {

@@ -16,7 +16,7 @@ pub mod scan;
 mod sdo;
 mod session;
 mod sii;
-mod words;
+pub mod words;
 
 use std::process::ExitCode;
 

@@ -14,6 +14,7 @@ use ecmsk::compare::{
 use ecmsk::recording::Address;
 use ecmsk::sk::SlotSize;
 
+use super::board::whole;
 use super::plot::{self, PlotError};
 use super::stderr::say;
 use super::{output, recording, slot_size};
@@ -337,7 +338,5 @@ fn not_whole(which: &str) -> String {
 }
 
 fn parse_mask(text: &str) -> Result<u16, String> {
-    let digits = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"));
-    let mask = digits.map_or_else(|| text.parse().ok(), |digits| u16::from_str_radix(digits, 16).ok());
-    mask.ok_or_else(|| "allowed: 16 bits, as 0x006F".to_owned())
+    whole(text).and_then(|mask| mask.try_into().ok()).ok_or_else(|| "allowed: 16 bits, as 0x006F".to_owned())
 }

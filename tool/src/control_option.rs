@@ -2,7 +2,8 @@
 
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::{LinkUri, UriError};
-use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+
+use super::link_option::with_key;
 
 /// The help text of `--control`.
 pub const HELP: &str =
@@ -56,9 +57,7 @@ pub fn with_control(link: &LinkUri, name: &str) -> Result<LinkUri, ControlOption
     if cfg!(not(unix)) {
         return Err(ControlOptionError::NoSockets);
     }
-    let (uri, value) = (link.to_string(), utf8_percent_encode(name, NON_ALPHANUMERIC));
-    let joint = if uri.contains('?') { '&' } else { '?' };
-    Ok(LinkUri::parse(&format!("{uri}{joint}control={value}"))?)
+    Ok(with_key(link, "control", name)?)
 }
 
 /// The link, with the key `control=` if the option is given.

@@ -152,6 +152,7 @@ pub enum ExecError {
         link: LinkUri,
     },
     /// The library for `--clock virtual` is not beside the other one.
+    #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
     #[error("no {} beside {}, which --clock virtual needs; build it with `cargo build -p ecmsk-sleep`", clock::FILE_NAME, .library.display())]
     NoSleepLibrary {
         /// The path of NEXTWUSBLib.

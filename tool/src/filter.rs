@@ -75,7 +75,8 @@ impl Slaves {
     }
 }
 
-fn parse_range(text: &str, allowed: std::ops::RangeInclusive<u8>) -> Option<(u8, u8)> {
+/// Reads `3` or `3-5`, of numbers in a range; `None`: it is something else.
+pub fn parse_range(text: &str, allowed: std::ops::RangeInclusive<u8>) -> Option<(u8, u8)> {
     let (first, last) = text.split_once('-').unwrap_or((text, text));
     let (first, last): (u8, u8) = (first.trim().parse().ok()?, last.trim().parse().ok()?);
     (first <= last && allowed.contains(&first) && allowed.contains(&last)).then_some((first, last))

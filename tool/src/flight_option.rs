@@ -7,7 +7,8 @@ use clap::ValueHint;
 use ecmsk::link::keys::{Key, Scheme};
 use ecmsk::link::record::flight;
 use ecmsk::link::uri::{LinkUri, UriError};
-use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+
+use super::link_option::with_key;
 
 /// The options of verbs whose board may have a flight recorder.
 #[derive(clap::Args)]
@@ -60,7 +61,7 @@ impl FlightArgs {
     /// # Errors
     /// The folder cannot be used, another process is recording to it, or the link has one already.
     pub fn added_to(&self, link: &LinkUri) -> Result<LinkUri, FlightOptionError> {
-        let mut uri = link.to_string();
+        let mut link = link.clone();
         if let Some(folder) = &self.flight {
             // The path is made absolute, because a program may change its working directory before it opens the board.
             let absolute = std::path::absolute(folder);
@@ -68,13 +69,11 @@ impl FlightArgs {
                 path.into_os_string().into_string().map_err(|_| io::Error::other("its name is not UTF-8"))
             });
             let text = text.map_err(|source| FlightOptionError::Folder { folder: folder.clone(), source })?;
-            let joint = if uri.contains('?') { '&' } else { '?' };
-            uri += &format!("{joint}flight={}", utf8_percent_encode(&text, NON_ALPHANUMERIC));
+            link = with_key(&link, "flight", &text)?;
         }
         if let Some(bytes) = &self.flight_bytes {
-            uri += &format!("&flight_bytes={bytes}");
+            link = with_key(&link, "flight_bytes", bytes)?;
         }
-        let link = LinkUri::parse(&uri)?;
         if let Some(folder) = link.value("flight").map(PathBuf::from) {
             flight::prepare(&folder).map_err(|source| FlightOptionError::Folder { folder, source })?;
         }

@@ -54,6 +54,7 @@ mod kind_list;
 mod link;
 mod link_option;
 mod list;
+mod lock;
 mod machine;
 mod machine_option;
 mod man;

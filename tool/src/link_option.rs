@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use ecmsk::link::LinkError;
 use ecmsk::link::config::{ConfigError, Environment, LINK_VARIABLE, Source, find};
-use ecmsk::link::uri::LinkUri;
+use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::machine_file::MachineFile;
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 
 use super::stderr::say;
 
@@ -130,7 +131,15 @@ pub fn as_reader(uri: &LinkUri) -> LinkUri {
         return uri.clone();
     }
     // The normal form does not contain `role=writer`, which is the default.
+    with_key(uri, "role", "reader").unwrap_or_else(|_| uri.clone())
+}
+
+/// The link with one more key.
+///
+/// # Errors
+/// The link has the key already, its scheme does not have it, or the value is not allowed.
+pub fn with_key(uri: &LinkUri, key: &str, value: &str) -> Result<LinkUri, UriError> {
     let text = uri.to_string();
     let sign = if text.contains('?') { '&' } else { '?' };
-    LinkUri::parse(&format!("{text}{sign}role=reader")).unwrap_or_else(|_| uri.clone())
+    LinkUri::parse(&format!("{text}{sign}{key}={}", utf8_percent_encode(value, NON_ALPHANUMERIC)))
 }

@@ -188,8 +188,8 @@ fn new(link: &LinkUri, file: &Path, overwrite: bool) -> Result<ExitCode, Machine
         return Ok(ExitCode::SUCCESS);
     }
     write(file, &text, overwrite).map_err(|source| MachineVerbError::Write { file: file.to_owned(), source })?;
-    let slaves = if found.len() == 1 { "slave" } else { "slaves" };
-    output::print(format!("{}: {} {slaves}; name its axes and set their units\n", file.display(), found.len()))?;
+    let slaves = output::counted(found.len(), "slave");
+    output::print(format!("{}: {slaves}; name its axes and set their units\n", file.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,7 +1,7 @@
 //! The option `--machine`: the machine file of a verb.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, Once, PoisonError};
+use std::sync::{Mutex, Once};
 
 use ecmsk::cia402::error_name;
 use ecmsk::link::config::{LINK_VARIABLE, find};
@@ -12,6 +12,7 @@ use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError,
 use ecmsk::recording::CarriedFile;
 
 use super::link_option::{belongs_to_user, environment, is_of_another_user};
+use super::lock::lock;
 use super::stderr::say;
 
 /// The help text of `--machine`.
@@ -165,7 +166,7 @@ pub fn of_server(link: Option<&LinkUri>) -> Result<Option<MachineFile>, ServedFi
     let configured = || LinkUri::parse(&find(&environment()).ok()?.link).ok();
     let link = link.cloned().or_else(configured);
     let Some(uri) = link.filter(|uri| uri.scheme() == Scheme::Tcp) else { return Ok(None) };
-    let mut asked = ASKED.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut asked = lock(&ASKED);
     if let Some((_, machine)) = asked.as_ref().filter(|(of, _)| *of == uri) {
         return Ok(machine.clone());
     }

@@ -6,3 +6,22 @@ use super::visible::visible;
 pub fn escaped(text: &str) -> String {
     visible(text).replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
 }
+
+/// A page for a browser, without scripts: its title, which is its heading, too, and the HTML below that.
+pub fn page(title: &str, below: &str) -> String {
+    const STYLE: &str = "body{font:14px sans-serif;color:#202428;max-width:1200px;margin:1em auto;padding:0 1em}\
+        table{border-collapse:collapse}th,td{text-align:left;padding:.2em 1em .2em 0;border-bottom:1px solid #e4e8ec}\
+        pre{white-space:pre-wrap}svg{max-width:100%;height:auto}";
+    let title = escaped(title);
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\n\
+         <title>{title} - ecmsk</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n\
+         {below}</body>\n</html>\n"
+    )
+}
+
+/// A picture of a page, or a text in HTML in its place, below its heading.
+pub fn figure(heading: &str, svg: &str) -> String {
+    format!("<h3>{}</h3>\n{svg}\n", escaped(heading))
+}

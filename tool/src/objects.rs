@@ -18,7 +18,7 @@ use ecmsk::slave::{ManufacturerObject, ManufacturerObjects};
 use serde_json::json;
 
 use super::CliError;
-use super::board::Reporter;
+use super::board::{Reporter, whole};
 
 pub use drive::read_from as read_drive;
 
@@ -95,10 +95,7 @@ pub enum ObjectsError {
 }
 
 fn indexes(text: &str) -> Result<RangeInclusive<u16>, String> {
-    let index = |text: &str| {
-        let hex = text.strip_prefix("0x").or(text.strip_prefix("0X"));
-        hex.map_or_else(|| text.parse().ok(), |digits| u16::from_str_radix(digits, 16).ok())
-    };
+    let index = |text: &str| whole(text).and_then(|index| u16::try_from(index).ok());
     let range = match text.split_once("..") {
         Some((first, last)) => index(first).zip(index(last.trim_start_matches('='))),
         None => index(text).map(|only| (only, only)),

@@ -1,5 +1,6 @@
 //! Buffered standard output. For verbs during which axes move it goes through the queue of [`streams`].
 
+use std::fmt::Display;
 use std::io::{self, BufWriter, StdoutLock, Write};
 
 use super::streams::{self, Stream};
@@ -53,6 +54,11 @@ fn print_now(bytes: &[u8]) -> io::Result<()> {
     let mut out = io::stdout().lock();
     out.write_all(bytes)?;
     out.flush()
+}
+
+/// A number of things: `1 slave`, `3 slaves`.
+pub fn counted<N: Display + PartialEq + From<u8>>(count: N, one: &str) -> String {
+    format!("{count} {one}{}", if count == N::from(1) { "" } else { "s" })
 }
 
 /// A time of a recording as `dump` and `find` print it, with each nanosecond: `1.758000000`.

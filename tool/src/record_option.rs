@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use ecmsk::link::record;
 use ecmsk::link::uri::{LinkUri, UriError};
-use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+
+use super::link_option::with_key;
 
 /// Why a verb cannot make a recording.
 #[derive(Debug, thiserror::Error)]
@@ -35,9 +36,7 @@ pub fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, RecordError> 
         return Err(refuse("its folder does not exist".into()));
     }
     let text = absolute.to_str().ok_or_else(|| refuse("its name is not UTF-8".into()))?;
-    let (uri, value) = (link.to_string(), utf8_percent_encode(text, NON_ALPHANUMERIC));
-    let joint = if uri.contains('?') { '&' } else { '?' };
-    Ok(LinkUri::parse(&format!("{uri}{joint}record={value}"))?)
+    Ok(with_key(link, "record", text)?)
 }
 
 /// Makes sure that the recording can be created. With `overwrite`, removes an existing recording.

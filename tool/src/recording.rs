@@ -102,6 +102,20 @@ impl Frames<Box<dyn Read>> {
         let (source, name) = source(file)?;
         Self::new(source, &name, size, device)
     }
+
+    /// Opens a file as [`Self::open`] does, for the frames of one [board](board()). Standard input is not searched for boards.
+    ///
+    /// # Errors
+    /// Those of [`Self::open`] and [`board()`].
+    pub fn open_board(file: &Path, size: Option<SlotSize>, asked: Option<Address>) -> Result<Self, RecordError> {
+        let device = if file == Path::new(STDIN) { asked } else { board(file, asked)? };
+        Self::open(file, size, device)
+    }
+}
+
+/// Whether both names are those of one file, which exists.
+pub fn is_same_file(a: &Path, b: &Path) -> bool {
+    std::fs::canonicalize(a).ok().zip(std::fs::canonicalize(b).ok()).is_some_and(|(a, b)| a == b)
 }
 
 /// The machine file that a recording carries; `None` if it carries none, or the file cannot be read.
@@ -318,6 +332,13 @@ impl<R: Read> Frames<R> {
     /// called after the last frame.
     pub fn lacks(&self) -> Option<Lacks> {
         Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing())
+    }
+
+    /// What the recording lacks, and why it ends early if it does, as one text; `None` if it is whole.
+    pub fn lacks_with(&self, walked: &Walked) -> Option<String> {
+        let damage = walked.damage.as_ref().map(ToString::to_string);
+        let lacks: Vec<String> = self.lacks().map(|lacks| lacks.to_string()).into_iter().chain(damage).collect();
+        (!lacks.is_empty()).then(|| lacks.join("; "))
     }
 }
 

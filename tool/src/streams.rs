@@ -6,12 +6,13 @@
 
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use ecmsk::notes::{FLUSH_LIMIT, Note, NoteThread, Notes};
 
+use super::lock::lock;
 use super::stderr::said;
 
 /// Longest time that a line waits for earlier lines of the other stream. \[OURS]
@@ -157,7 +158,7 @@ pub fn finish() -> io::Result<()> {
 
 impl Shared {
     fn queued(&self) -> MutexGuard<'_, [u64; 2]> {
-        self.queued.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.queued)
     }
 
     fn queue_bytes(&self, stream: Stream, bytes: Vec<u8>) {
@@ -168,7 +169,7 @@ impl Shared {
     }
 
     fn check(&self) -> io::Result<()> {
-        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        let failed = lock(&self.failed);
         let again = |error: &io::Error| match error.raw_os_error() {
             Some(code) => io::Error::from_raw_os_error(code),
             None => io::Error::new(error.kind(), error.to_string()),
@@ -225,7 +226,7 @@ impl Shared {
         }
         let mut out = io::stdout().lock();
         if let Err(error) = out.write_all(bytes).and_then(|()| out.flush()) {
-            *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+            *lock(&self.failed) = Some(error);
         }
     }
 }

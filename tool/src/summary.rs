@@ -37,7 +37,7 @@ use super::filter::TimeOptions;
 use super::junit::{self, Case};
 use super::machine_option::{alarm_words, label};
 use super::plot::survey::Survey;
-use super::recording::{Frames, board, parse_device};
+use super::recording::{Frames, is_same_file, parse_device};
 use super::stderr::say;
 use super::{machine_option, output, slot_size};
 
@@ -179,8 +179,8 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         let machine = machine_option::load(args.machine.as_deref())?;
         return if is_file { trends::run(args, machine.as_ref()) } else { Err(SummaryError::TrendsOfStdin.into()) };
     }
-    let device = if is_file { board(&args.file, args.device)? } else { args.device };
-    let mut frames = Frames::open(&args.file, args.slot_size, device)?;
+    let open = || Frames::open_board(&args.file, args.slot_size, args.device);
+    let mut frames = open()?;
     let machine = machine_option::of_recording(args.machine.as_deref(), frames.carried().as_deref())?;
     let times = args.times.times();
     let (mut events, mut extremes) = (Events::new(times), Extremes::new(times));
@@ -211,35 +211,44 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     }
     if let (Some(file), Some(survey)) = (&args.html, &survey) {
         let page = page::Page { args, summary: &summary, axes: &axes, events: &events, machine: machine.as_ref() };
-        write(file, "--html", page.html(Frames::open(&args.file, args.slot_size, device)?, survey)?)?;
+        write(file, "--html", page.html(open()?, survey)?)?;
     }
-    let failures = |reason: &FailOn| reason.failures(&summary, is_whole, &axes, machine.as_ref());
-    if let Some(file) = &args.junit {
-        let any = [FailOn::any()];
-        let reasons = if args.fail_on.is_empty() { &any[..] } else { &args.fail_on[..] };
-        let case = |reason: &FailOn| {
-            let failures = failures(reason);
-            let failure = (!failures.is_empty()).then(|| failures.join("; "));
-            Case { name: reason.text.clone(), failure, time: Duration::ZERO }
-        };
-        let cases: Vec<Case> = reasons.iter().map(case).collect();
-        junit::write(file, &format!("ecmsk summary {}", args.file.display()), &cases).map_err(SummaryError::from)?;
-    }
-    let failed = args.fail_on.iter().flat_map(failures).inspect(|failure| say("failed", failure)).count() > 0;
-    let is_clean = summary.is_empty() && is_whole;
-    Ok(if failed || args.exit_code && !is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    let reasons = args.reasons();
+    let failures = |asked: &FailOn| asked.reason.failures(&summary, is_whole, &axes, machine.as_ref());
+    args.end(&reasons, &reasons.iter().map(failures).collect::<Vec<_>>(), summary.is_empty() && is_whole)
 }
 
 impl Args {
+    /// The reasons to fail that are looked for: those of `--fail-on`; without it, any for `--junit`.
+    fn reasons(&self) -> Vec<FailOn> {
+        if self.fail_on.is_empty() && self.junit.is_some() { vec![FailOn::any()] } else { self.fail_on.clone() }
+    }
+
+    /// Writes the file of `--junit`, prints why the run has failed, and returns the exit code. `failures` has the lines of each
+    /// reason.
+    fn end(&self, reasons: &[FailOn], failures: &[Vec<String>], is_clean: bool) -> Result<ExitCode, CliError> {
+        if let Some(file) = &self.junit {
+            let case = |(reason, failures): (&FailOn, &Vec<String>)| {
+                let failure = (!failures.is_empty()).then(|| failures.join("; "));
+                Case { name: reason.text.clone(), failure, time: Duration::ZERO }
+            };
+            let cases: Vec<Case> = reasons.iter().zip(failures).map(case).collect();
+            junit::write(file, &format!("ecmsk summary {}", self.file.display()), &cases)
+                .map_err(SummaryError::from)?;
+        }
+        let failed = self.fail_on.iter().zip(failures).flat_map(|(_, failures)| failures);
+        let failed = failed.inspect(|failure| say("failed", failure)).count() > 0;
+        Ok(if failed || self.exit_code && !is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    }
+
     /// Checks the output files before a long recording is read.
     fn check_files(&self) -> Result<(), SummaryError> {
         if self.html.is_some() && self.file.as_os_str() == "-" {
             return Err(SummaryError::Stdin);
         }
-        let recording = fs::canonicalize(&self.file).ok();
         for (file, option) in [(&self.junit, "--junit"), (&self.html, "--html")] {
             let Some(file) = file else { continue };
-            if recording.is_some() && fs::canonicalize(file).ok() == recording {
+            if is_same_file(&self.file, file) {
                 return Err(SummaryError::SameFile { file: file.clone(), option });
             }
         }

@@ -5,10 +5,10 @@ use std::ffi::c_int;
 
 use libc::{clockid_t, pthread_cond_t, pthread_condattr_t, pthread_mutex_t, timespec};
 
-use super::{is_passed_on, test_cancel};
-use crate::clock::{self, NEVER};
+use super::{deadline, is_passed_on, test_cancel};
+use crate::clock::NEVER;
 use crate::mode::{self, Mode, Own};
-use crate::system::{nanoseconds, real};
+use crate::system::real;
 use crate::threads::{Outcome, What, lock, signal, wait_and};
 
 /// Waits until a deadline; an error number, or 0.
@@ -39,11 +39,6 @@ fn clock_of(condition: *const pthread_cond_t) -> Option<clockid_t> {
     lock().condition_clocks.get(&(condition as usize)).copied().unwrap_or(Some(libc::CLOCK_REALTIME))
 }
 
-fn deadline(clock: clockid_t, until: *const timespec) -> Option<u64> {
-    // SAFETY: the caller of the exported function gives NULL or a time.
-    clock::deadline(clock, nanoseconds(unsafe { until.as_ref() }?)?)
-}
-
 /// pthread_cond_wait(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_cond_wait(condition: *mut pthread_cond_t, mutex: *mut pthread_mutex_t) -> c_int {
@@ -69,7 +64,8 @@ unsafe extern "C-unwind" fn pthread_cond_timedwait(
             ) -> c_int
         );
     };
-    let Some(deadline) = deadline(clock, until) else { return libc::EINVAL };
+    // SAFETY: the caller's arguments.
+    let Some(deadline) = (unsafe { deadline(clock, until) }) else { return libc::EINVAL };
     // SAFETY: the caller's arguments.
     unsafe { wait_until(condition, mutex, deadline) }
 }
@@ -89,7 +85,8 @@ unsafe extern "C-unwind" fn pthread_cond_clockwait(
             ) -> c_int
         );
     }
-    let Some(deadline) = deadline(clock, until) else { return libc::EINVAL };
+    // SAFETY: the caller's arguments.
+    let Some(deadline) = (unsafe { deadline(clock, until) }) else { return libc::EINVAL };
     // SAFETY: the caller's arguments.
     unsafe { wait_until(condition, mutex, deadline) }
 }

@@ -12,15 +12,25 @@ use crate::mode::{self, Own};
 use crate::system::{nanoseconds, real};
 use crate::threads::{Outcome, What, begin_call, outside, wait};
 
-/// Waits for descriptors: `attempt` is the C library's function without a wait. `None`: the limit is no time.
+/// Waits for descriptors. `limit` is in nanoseconds: `None` if there is none, `Some(None)` if it is no time. `forever` is the C
+/// library's function as the program calls it, `attempt` that without a wait.
 ///
 /// Only for the program, which may be cancelled here.
-fn limited(descriptors: Arc<[pollfd]>, limit_ns: u64, attempt: impl FnMut() -> c_int) -> c_int {
+fn limited(
+    limit: Option<Option<u64>>,
+    forever: impl FnOnce() -> c_int,
+    descriptors: impl FnOnce() -> Arc<[pollfd]>,
+    attempt: impl FnMut() -> c_int,
+) -> c_int {
+    test_cancel();
+    let Some(limit) = limit else { return outside(forever) };
+    let Some(limit_ns) = limit else { return fail(libc::EINVAL) };
     let (result, errno) = {
         let _own = Own::begin();
-        attempts(descriptors, limit_ns, attempt)
+        attempts(descriptors(), limit_ns, attempt)
     };
     mode::set_errno(errno);
+    test_cancel();
     result
 }
 
@@ -50,9 +60,9 @@ fn attempts(descriptors: Arc<[pollfd]>, limit_ns: u64, mut attempt: impl FnMut()
     }
 }
 
-/// A limit in milliseconds; negative: none.
-fn milliseconds(limit: c_int) -> Option<u64> {
-    Some(u64::try_from(limit).ok()? * 1_000_000)
+/// A limit in milliseconds, for [`limited`]; negative: none.
+fn milliseconds(limit: c_int) -> Option<Option<u64>> {
+    Some(Some(u64::try_from(limit).ok()? * 1_000_000))
 }
 
 /// The caller's descriptors.
@@ -70,20 +80,13 @@ unsafe fn listed(descriptors: *const pollfd, count: nfds_t) -> Arc<[pollfd]> {
 /// poll(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn poll(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int) -> c_int {
+    let call = |limit_ms: c_int| real!(poll(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int) -> c_int);
     if is_passed_on() || limit_ms == 0 {
-        return real!(poll(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int) -> c_int);
+        return call(limit_ms);
     }
-    test_cancel();
-    let Some(limit) = milliseconds(limit_ms) else {
-        return outside(|| real!(poll(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int) -> c_int));
-    };
-    let none: c_int = 0;
     // SAFETY: the caller gives so many descriptors.
-    let listed = unsafe { listed(descriptors, count) };
-    let call = || real!(poll(descriptors: *mut pollfd, count: nfds_t, none: c_int) -> c_int);
-    let result = limited(listed, limit, call);
-    test_cancel();
-    result
+    let listed = || unsafe { listed(descriptors, count) };
+    limited(milliseconds(limit_ms), || call(limit_ms), listed, || call(0))
 }
 
 /// poll(2), as programs call it that are compiled with checks (_FORTIFY_SOURCE).
@@ -112,15 +115,11 @@ unsafe extern "C-unwind" fn ppoll(
     if is_passed_on() {
         return call(limit);
     }
-    test_cancel();
     // SAFETY: the caller gives NULL or a time.
-    let Some(given) = (unsafe { limit.as_ref() }) else { return outside(|| call(limit)) };
-    let Some(ns) = nanoseconds(given) else { return fail(libc::EINVAL) };
+    let ns = unsafe { limit.as_ref() }.map(nanoseconds);
     // SAFETY: the caller gives so many descriptors.
-    let listed = unsafe { listed(descriptors, count) };
-    let result = limited(listed, ns, || call(&NO_TIME));
-    test_cancel();
-    result
+    let listed = || unsafe { listed(descriptors, count) };
+    limited(ns, || call(limit), listed, || call(&NO_TIME))
 }
 
 /// ppoll(2), as programs call it that are compiled with checks.
@@ -145,10 +144,7 @@ unsafe extern "C-unwind" fn __ppoll_chk(
 
 const NO_TIME: timespec = timespec { tv_sec: 0, tv_nsec: 0 };
 
-/// The three sets of select: to read, to write, with an exception.
-type Sets = [*mut fd_set; 3];
-
-/// The descriptors of the sets, which are below `count`.
+/// The descriptors of the sets of select, to read, to write and with an exception, which are below `count`.
 fn selected(count: c_int, sets: &[fd_set; 3]) -> Arc<[pollfd]> {
     const EVENTS: [c_short; 3] = [libc::POLLIN, libc::POLLOUT, libc::POLLPRI];
     let found = (0..count).filter_map(|fd| {
@@ -160,11 +156,17 @@ fn selected(count: c_int, sets: &[fd_set; 3]) -> Arc<[pollfd]> {
     found.collect()
 }
 
-/// Waits for sets of descriptors. `call` is the C library's function with these sets, without a wait.
+/// Waits for sets of descriptors, as [`limited`].
 ///
 /// # Safety
 /// Each set is NULL, or has the words with the first `count` descriptors. It need not have more: the kernel uses no others.
-unsafe fn select_limited(count: c_int, sets: Sets, limit_ns: u64, mut call: impl FnMut(Sets) -> c_int) -> c_int {
+unsafe fn select_limited(
+    count: c_int,
+    sets: [*mut fd_set; 3],
+    limit: Option<Option<u64>>,
+    forever: impl FnOnce() -> c_int,
+    mut attempt: impl FnMut() -> c_int,
+) -> c_int {
     let known = count.clamp(0, libc::FD_SETSIZE as c_int);
     let length = (known as usize).div_ceil(usize::BITS as usize) * size_of::<usize>();
     let wanted = sets.map(|set| {
@@ -176,16 +178,21 @@ unsafe fn select_limited(count: c_int, sets: Sets, limit_ns: u64, mut call: impl
         }
         copy
     });
-    limited(selected(known, &wanted), limit_ns, || {
-        // Each attempt overwrites the sets.
-        for (set, wanted) in sets.into_iter().zip(&wanted) {
-            if !set.is_null() {
-                // SAFETY: as above.
-                unsafe { set.cast::<u8>().copy_from_nonoverlapping((&raw const *wanted).cast(), length) };
+    limited(
+        limit,
+        forever,
+        || selected(known, &wanted),
+        || {
+            // Each attempt overwrites the sets.
+            for (set, wanted) in sets.into_iter().zip(&wanted) {
+                if !set.is_null() {
+                    // SAFETY: as above.
+                    unsafe { set.cast::<u8>().copy_from_nonoverlapping((&raw const *wanted).cast(), length) };
+                }
             }
-        }
-        call(sets)
-    })
+            attempt()
+        },
+    )
 }
 
 /// select(2). The time that is left is not written back: POSIX leaves that open, and the whole limit has passed.
@@ -197,28 +204,24 @@ unsafe extern "C-unwind" fn select(
     exceptions: *mut fd_set,
     limit: *mut timeval,
 ) -> c_int {
-    let call = |[reads, writes, exceptions]: Sets, limit: *mut timeval| {
+    let call = |limit: *mut timeval| {
         real!(
             select(
                 count: c_int, reads: *mut fd_set, writes: *mut fd_set, exceptions: *mut fd_set, limit: *mut timeval
             ) -> c_int
         )
     };
-    let sets = [reads, writes, exceptions];
     if is_passed_on() {
-        return call(sets, limit);
+        return call(limit);
     }
-    test_cancel();
     // SAFETY: the caller gives NULL or a time.
-    let Some(given) = (unsafe { limit.as_ref() }) else { return outside(|| call(sets, limit)) };
-    let (Ok(seconds), Ok(micros)) = (u64::try_from(given.tv_sec), u64::try_from(given.tv_usec)) else {
-        return fail(libc::EINVAL);
-    };
-    let ns = seconds.saturating_mul(1_000_000_000).saturating_add(micros.saturating_mul(1_000));
+    let ns = unsafe { limit.as_ref() }.map(|given| {
+        let (seconds, micros) = (u64::try_from(given.tv_sec).ok()?, u64::try_from(given.tv_usec).ok()?);
+        Some(seconds.saturating_mul(1_000_000_000).saturating_add(micros.saturating_mul(1_000)))
+    });
+    let attempt = || call(&mut timeval { tv_sec: 0, tv_usec: 0 });
     // SAFETY: the caller gives NULL or sets.
-    let result = unsafe { select_limited(count, sets, ns, |sets| call(sets, &mut timeval { tv_sec: 0, tv_usec: 0 })) };
-    test_cancel();
-    result
+    unsafe { select_limited(count, [reads, writes, exceptions], ns, || call(limit), attempt) }
 }
 
 /// pselect(2).
@@ -231,7 +234,7 @@ unsafe extern "C-unwind" fn pselect(
     limit: *const timespec,
     mask: *const sigset_t,
 ) -> c_int {
-    let call = |[reads, writes, exceptions]: Sets, limit: *const timespec| {
+    let call = |limit: *const timespec| {
         real!(
             pselect(
                 count: c_int,
@@ -243,27 +246,19 @@ unsafe extern "C-unwind" fn pselect(
             ) -> c_int
         )
     };
-    let sets = [reads, writes, exceptions];
     if is_passed_on() {
-        return call(sets, limit);
+        return call(limit);
     }
-    test_cancel();
     // SAFETY: the caller gives NULL or a time.
-    let Some(given) = (unsafe { limit.as_ref() }) else { return outside(|| call(sets, limit)) };
-    let Some(ns) = nanoseconds(given) else { return fail(libc::EINVAL) };
+    let ns = unsafe { limit.as_ref() }.map(nanoseconds);
     // SAFETY: the caller gives NULL or sets.
-    let result = unsafe { select_limited(count, sets, ns, |sets| call(sets, &NO_TIME)) };
-    test_cancel();
-    result
+    unsafe { select_limited(count, [reads, writes, exceptions], ns, || call(limit), || call(&NO_TIME)) }
 }
 
 /// Waits on an epoll descriptor, which is ready to be read when it has events.
-fn epoll_limited(epoll: c_int, limit_ms: c_int, mut call: impl FnMut(c_int) -> c_int) -> c_int {
-    test_cancel();
-    let Some(limit) = milliseconds(limit_ms) else { return outside(|| call(limit_ms)) };
-    let result = limited(Arc::new([pollfd { fd: epoll, events: libc::POLLIN, revents: 0 }]), limit, || call(0));
-    test_cancel();
-    result
+fn epoll_limited(epoll: c_int, limit_ms: c_int, call: impl Fn(c_int) -> c_int) -> c_int {
+    let descriptor = || Arc::from([pollfd { fd: epoll, events: libc::POLLIN, revents: 0 }]);
+    limited(milliseconds(limit_ms), || call(limit_ms), descriptor, || call(0))
 }
 
 /// epoll_wait(2).

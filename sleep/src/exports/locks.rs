@@ -5,10 +5,9 @@ use std::ffi::c_int;
 use libc::{clockid_t, pthread_mutex_t, pthread_rwlock_t, timespec};
 
 use super::conditions::of_c11;
-use super::is_passed_on;
-use crate::clock;
+use super::{deadline, is_passed_on};
 use crate::mode::Own;
-use crate::system::{nanoseconds, real};
+use crate::system::real;
 use crate::threads::{Outcome, What, wait};
 
 /// Waits for a lock until a time of a clock; an error number, or 0. `attempt` is the C library's function without a wait.
@@ -22,8 +21,7 @@ unsafe fn lock_until(clock: clockid_t, until: *const timespec, attempt: impl Fn(
         return error;
     }
     // SAFETY: the caller's promise.
-    let until = unsafe { until.as_ref() }.and_then(nanoseconds).and_then(|ns| clock::deadline(clock, ns));
-    let Some(deadline) = until else { return libc::EINVAL };
+    let Some(deadline) = (unsafe { deadline(clock, until) }) else { return libc::EINVAL };
     loop {
         let outcome = wait(What::Lock, deadline, || {
             error = attempt();

@@ -20,7 +20,11 @@ mod timers;
 
 use std::ffi::c_int;
 
+use libc::{clockid_t, timespec};
+
+use crate::clock;
 use crate::mode::{self, Mode};
+use crate::system::nanoseconds;
 
 unsafe extern "C-unwind" {
     fn pthread_testcancel();
@@ -41,4 +45,13 @@ fn test_cancel() {
 fn fail(errno: c_int) -> c_int {
     mode::set_errno(errno);
     -1
+}
+
+/// The deadline of a wait until a time of a clock; `None`: it is no time, or the clock has none.
+///
+/// # Safety
+/// The time is NULL or valid.
+unsafe fn deadline(clock: clockid_t, until: *const timespec) -> Option<u64> {
+    // SAFETY: the caller's promise.
+    clock::deadline(clock, nanoseconds(unsafe { until.as_ref() }?)?)
 }

@@ -4,10 +4,9 @@ use std::ffi::c_int;
 
 use libc::{clockid_t, sem_t, timespec};
 
-use super::{fail, is_passed_on, test_cancel};
-use crate::clock;
+use super::{deadline, fail, is_passed_on, test_cancel};
 use crate::mode::{self, Mode, Own};
-use crate::system::{nanoseconds, real};
+use crate::system::real;
 use crate::threads::{Outcome, What, outside, posted, wait};
 
 /// Waits for a semaphore until a time of a clock; the result of sem_timedwait.
@@ -24,8 +23,7 @@ unsafe fn wait_until(semaphore: *mut sem_t, clock: clockid_t, until: *const time
         return -1;
     }
     // SAFETY: the caller's promise.
-    let until = unsafe { until.as_ref() }.and_then(nanoseconds).and_then(|ns| clock::deadline(clock, ns));
-    let Some(deadline) = until else { return fail(libc::EINVAL) };
+    let Some(deadline) = (unsafe { deadline(clock, until) }) else { return fail(libc::EINVAL) };
     let error = {
         let _own = Own::begin();
         let mut is_taken = false;

@@ -20,6 +20,7 @@ use crate::io::gadget::{ControlEndpoint, Direction, End, StepError};
 use crate::link::{Dir, Link, LinkError, Wait};
 use crate::notes::Notes;
 use crate::port::log_limit::RefusedFrames;
+use crate::port::is_temporary;
 use crate::port::standstill::LeftBoard;
 use crate::port::usb_board::descriptors::Descriptors;
 use crate::sk::{FRAME_LEN, Frame};
@@ -444,9 +445,4 @@ impl Service {
             (self.options.failed)();
         }
     }
-}
-
-/// Whether an error of the link is temporary, so that the call of the link may succeed when it is repeated.
-const fn is_temporary(error: &LinkError) -> bool {
-    matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
 }

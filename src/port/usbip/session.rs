@@ -18,6 +18,7 @@ use super::stream::Stream;
 use super::wire::{Command, Direction, HEADER_LEN, WireError};
 use crate::link::{Dir, Link, LinkError, Wait};
 use crate::port::log_limit::RefusedFrames;
+use crate::port::is_temporary;
 use crate::sk::Frame;
 
 /// The longest single wait on the link. `Link::cancel` ends only a wait in progress, so a cancellation that comes just
@@ -310,9 +311,4 @@ impl Session {
             self.send();
         }
     }
-}
-
-/// Whether an error of the link is temporary, so that the call may succeed when it is repeated.
-const fn is_temporary(error: &LinkError) -> bool {
-    matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
 }

@@ -2,17 +2,14 @@
 
 use std::time::Duration;
 
+use crate::filter::parse_seconds;
+
 /// Parses a time above 0: `0.5s`, `500ms`, `2` (seconds).
 ///
 /// # Errors
 /// The text is invalid; the error says what is allowed.
 pub fn duration(text: &str) -> Result<Duration, String> {
-    let (number, unit) = match text.strip_suffix("ms") {
-        Some(number) => (number, 1e-3),
-        None => (text.strip_suffix('s').unwrap_or(text), 1.0),
-    };
-    let seconds = number.trim().parse::<f64>().ok().map(|number| number * unit);
-    let seconds = seconds.filter(|seconds| (1e-6..=86_400.0).contains(seconds));
+    let seconds = parse_seconds(text).ok().filter(|seconds| (1e-6..=86_400.0).contains(seconds));
     seconds.map(Duration::from_secs_f64).ok_or_else(|| "allowed: a time up to a day, e.g. 10s, 0.5s or 500ms".into())
 }
 

@@ -202,6 +202,7 @@ impl Board {
     }
 
     /// Lets at least one cycle of a board on a virtual clock pass. On the real clock it passes by itself.
+    #[cfg(unix)]
     pub fn pass_cycle(&self) {
         let cycle_us = self.config.as_ref().map_or(Config::default().cycle_us, |config| config.cycle_us);
         // A board that is lost is reported by the step after this one.

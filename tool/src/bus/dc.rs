@@ -38,10 +38,10 @@ pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
     if clocks.is_empty() {
         reporter.note("no slave has distributed clocks");
     }
-    let width = slaves.iter().map(|slave| name(slave).chars().count()).max().unwrap_or(0);
+    let width = slaves.iter().map(|slave| name(&slave.name).chars().count()).max().unwrap_or(0);
     for clock in &clocks {
         let SlaveClock { slave, is_reference, offset_ns, delay_ns, ahead } = *clock;
-        let known = slaves.iter().find(|found| found.slave == slave).map_or("", |found| name(found));
+        let known = slaves.iter().find(|found| found.slave == slave).map_or("", |found| name(&found.name));
         let quality = match ahead {
             None if is_reference => "the reference".to_owned(),
             None => "not measured".to_owned(),

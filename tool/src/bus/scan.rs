@@ -92,7 +92,7 @@ impl Tree<'_> {
             .collect();
         let below = if behind.is_empty() { ' ' } else { '|' };
         // Writing to a String does not fail.
-        let _ = writeln!(self.text, "{indent}+- {}  {}: {}", slave.slave, name(slave), state_text(slave.found));
+        let _ = writeln!(self.text, "{indent}+- {}  {}: {}", slave.slave, name(&slave.name), state_text(slave.found));
         for detail in self.details(slave, &self.errors[place]) {
             let _ = writeln!(self.text, "{indent}{below}     {detail}");
         }

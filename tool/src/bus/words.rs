@@ -32,8 +32,8 @@ pub fn state_text(state: SlaveState) -> String {
 }
 
 /// The name of a slave from its EEPROM, or a placeholder if it has none.
-pub fn name(slave: &FoundSlave) -> &str {
-    if slave.name.is_empty() { "(no name)" } else { &slave.name }
+pub const fn name(of_slave: &str) -> &str {
+    if of_slave.is_empty() { "(no name)" } else { of_slave }
 }
 
 /// The type of a port, by register 0x0007; `None` if the port does not exist.

@@ -3,130 +3,72 @@
 use ecmsk::compare::{
     CompareOptions, Comparison, Context, Deviation, Difference, Gaps, LatencyStretch, RunCounts, Side,
 };
-use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::Names;
 
-#[derive(Serialize)]
-struct Found<'a> {
-    equal: bool,
-    a: Run,
-    b: Run,
-    /// The number of commands that both runs have answered.
-    answers: u64,
-    differing_answers: u64,
-    /// The number of answers that the other run shows some cycles earlier or later.
-    shifted_answers: u64,
-    /// How many of the board's cycles B answers later than A; null if no command shows it.
-    latency: Option<Later>,
-    /// The run that ends early: `a` or `b`.
-    ends_early: Option<&'static str>,
-    first: Option<First<'a>>,
-    context: Vec<Before<'a>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    plot: Option<String>,
-}
-
-#[derive(Serialize)]
-struct Run {
-    file: String,
-    commands: u64,
-    polls: u64,
-    repeats: u64,
-    reports: u64,
-    /// The gaps of this run: additional cycles in a motion that the other run does not have.
-    gaps: Value,
-    /// The time of the run's last frame, in nanoseconds since its first one.
-    last_ns: i64,
-    /// Whether the recording is complete, as far as it is known, and (next field) what it lacks if not.
-    whole: bool,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    lacks: Option<String>,
-}
-
-/// How many of the board's cycles the run B answers later than the run A; negative if it answers earlier.
-#[derive(Serialize)]
-struct Later {
-    commands: u64,
-    usual_cycles: i64,
-    least_cycles: i64,
-    most_cycles: i64,
-    /// The latency over time, in stretches of commands with the same latency: the first command of each, and its
-    /// latency in cycles.
-    stretches: Vec<Value>,
-}
-
-impl Later {
-    fn of(found: &Comparison) -> Option<Self> {
-        let latency = &found.latency;
-        let stretch = |LatencyStretch { from_command, cycles }: &LatencyStretch| json!({ "from_command": from_command, "cycles": cycles });
-        (latency.commands > 0).then(|| Self {
-            commands: latency.commands,
-            usual_cycles: latency.usual,
-            least_cycles: latency.least,
-            most_cycles: latency.most,
-            stretches: latency.stretches.iter().map(stretch).collect(),
-        })
-    }
-}
-
-/// The first difference. Pairs are the values of A and B, null where a run has ended.
-#[derive(Serialize)]
-struct First<'a> {
-    command: u64,
-    text: &'a str,
-    frames: [Option<u64>; 2],
-    at_ns: [Option<i64>; 2],
-    what: Vec<Value>,
-    message: String,
-}
-
-#[derive(Serialize)]
-struct Before<'a> {
-    command: u64,
-    at_ns: [i64; 2],
-    text: &'a str,
-}
-
-impl<'a> First<'a> {
-    fn of(first: &'a Difference) -> Self {
-        Self {
-            command: first.command,
-            text: &first.text,
-            frames: first.frames,
-            at_ns: first.at_ns,
-            what: first.what.iter().map(value).collect(),
-            message: first.to_string(),
-        }
-    }
-}
-
-/// The result of a comparison as one JSON object.
+/// The result of a comparison as one JSON object. Pairs are the values of A and B, null where a run has ended.
 pub fn object(names: &Names, found: &Comparison, options: &CompareOptions) -> Value {
-    let run = |i: usize| {
-        let (file, lacks) = (names.runs[i].clone(), names.lacks[i].clone());
-        let RunCounts { commands, polls, repeats, reports, last_ns } = found.counts[i];
-        let Gaps { count, cycles, longest } = found.gaps[i];
-        let gaps = json!({ "count": count, "cycles": cycles, "longest_cycles": longest });
-        Run { file, commands, polls, repeats, reports, gaps, last_ns, whole: lacks.is_none(), lacks }
-    };
-    let context =
-        found.context.iter().map(|Context { command, at_ns, text }| Before { command: *command, at_ns: *at_ns, text });
-    let json = Found {
-        equal: names.code(found, options) == 0,
-        a: run(0),
-        b: run(1),
-        answers: found.answers,
-        differing_answers: found.differing_answers,
-        shifted_answers: found.shifted_answers,
-        latency: Later::of(found),
-        ends_early: found.ends_early.map(side),
-        first: found.first.as_ref().map(First::of),
-        context: context.collect(),
-        plot: names.plot.as_ref().map(|file| file.display().to_string()),
-    };
-    json!(json)
+    let before =
+        |Context { command, at_ns, text }: &Context| json!({ "command": command, "at_ns": at_ns, "text": text });
+    let mut object = json!({
+        "equal": names.code(found, options) == 0,
+        "a": run(names, found, 0),
+        "b": run(names, found, 1),
+        // The number of commands that both runs have answered, and of the answers among them that the other run shows some
+        // cycles earlier or later.
+        "answers": found.answers,
+        "differing_answers": found.differing_answers,
+        "shifted_answers": found.shifted_answers,
+        "latency": later(found),
+        "ends_early": found.ends_early.map(side),
+        "first": found.first.as_ref().map(first),
+        "context": found.context.iter().map(before).collect::<Vec<_>>(),
+    });
+    if let Some(plot) = &names.plot {
+        object["plot"] = plot.display().to_string().into();
+    }
+    object
+}
+
+/// What is known of one of the runs. Its gaps are additional cycles in a motion that the other run does not have; its last time
+/// counts from its first frame.
+fn run(names: &Names, found: &Comparison, i: usize) -> Value {
+    let RunCounts { commands, polls, repeats, reports, last_ns } = found.counts[i];
+    let Gaps { count, cycles, longest } = found.gaps[i];
+    let mut run = json!({
+        "file": names.runs[i], "commands": commands, "polls": polls, "repeats": repeats, "reports": reports,
+        "gaps": { "count": count, "cycles": cycles, "longest_cycles": longest },
+        "last_ns": last_ns, "whole": names.lacks[i].is_none(),
+    });
+    if let Some(lacks) = &names.lacks[i] {
+        run["lacks"] = lacks.clone().into();
+    }
+    run
+}
+
+/// How many of the board's cycles the run B answers later than the run A, and over time the stretches of commands with the same
+/// latency; negative if it answers earlier. `None` if no command shows it.
+fn later(found: &Comparison) -> Option<Value> {
+    let latency = &found.latency;
+    let stretch = |LatencyStretch { from_command, cycles }: &LatencyStretch| json!({ "from_command": from_command, "cycles": cycles });
+    (latency.commands > 0).then(|| {
+        json!({
+            "commands": latency.commands,
+            "usual_cycles": latency.usual,
+            "least_cycles": latency.least,
+            "most_cycles": latency.most,
+            "stretches": latency.stretches.iter().map(stretch).collect::<Vec<_>>(),
+        })
+    })
+}
+
+/// The first difference.
+fn first(first: &Difference) -> Value {
+    json!({
+        "command": first.command, "text": first.text, "frames": first.frames, "at_ns": first.at_ns,
+        "what": first.what.iter().map(value).collect::<Vec<_>>(), "message": first.to_string(),
+    })
 }
 
 const fn side(side: Side) -> &'static str {

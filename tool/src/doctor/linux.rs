@@ -13,6 +13,7 @@ use ecmsk::machine::Machine;
 use ecmsk::machine::findings::Finding;
 
 use super::CliError;
+use crate::output::counted;
 pub use rule::RuleError;
 
 #[derive(clap::Args)]
@@ -90,7 +91,7 @@ fn judge(measured: Result<Option<RoundTrips>, String>) -> Finding {
         }
     };
     let us = |time: Duration| i64::try_from(time.as_micros()).unwrap_or(i64::MAX);
-    let passed = if slaves == 1 { "1 slave".to_owned() } else { format!("{slaves} slaves") };
+    let passed = counted(slaves, "slave");
     let found = format!(
         "{passed}: {} us (half of the frames), {} us (99 of 100), {} us (the worst); {lost} of {ROUND_TRIPS} lost",
         us(p50),

@@ -8,7 +8,7 @@ mod linux;
 #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 pub use linux::{FILE_NAME, Preloaded};
 #[cfg(not(all(target_os = "linux", target_pointer_width = "64")))]
-pub use other::{FILE_NAME, Preloaded};
+pub use other::Preloaded;
 
 /// The clock of the program and its board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -24,8 +24,6 @@ mod other {
 
     use crate::exec::ExecError;
     use crate::exec::library::LibraryFolder;
-
-    pub const FILE_NAME: &str = "preloaded library";
 
     pub struct Preloaded;
 

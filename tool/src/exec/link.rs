@@ -10,6 +10,7 @@ use ecmsk::machine_file::MachineFile;
 
 use super::clock::ProgramClock;
 use super::{Args, ExecError};
+use crate::link_option::with_key;
 use crate::{control_option, record_option};
 
 /// The link to set for `program`: the user's, with the machine file, the recording, the control socket and the clock if they
@@ -66,9 +67,7 @@ fn virtual_time(link: LinkUri) -> Result<LinkUri, ExecError> {
         return Ok(link);
     }
     // The normal form leaves out clock=real, which is the default.
-    let uri = link.to_string();
-    let joint = if uri.contains('?') { '&' } else { '?' };
-    Ok(LinkUri::parse(&format!("{uri}{joint}clock=virtual"))?)
+    Ok(with_key(&link, "clock", "virtual")?)
 }
 
 /// The link that the library would choose for the program.

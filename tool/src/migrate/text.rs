@@ -12,6 +12,7 @@ use ecmsk::sk::FIFO_ENTRIES;
 use ecmsk::xf::DataSize;
 
 use super::Report;
+use crate::output::counted;
 
 /// The page with the table of differences between the board and an ECM-XF.
 const PAGE: &str = "docs/MIGRATION.md";
@@ -107,7 +108,7 @@ fn start(text: &mut String, report: &Report, plan: &Plan) {
         |(ns, ended)| format!("{} until {}", seconds(ns), place(ended)),
     );
     line(text, if report.is_behind_chip { "recorded" } else { "board" }, &recorded);
-    let (slaves, took) = (plural(plan.network.length() as u64, "slave"), seconds(chip_ns));
+    let (slaves, took) = (counted(plan.network.length(), "slave"), seconds(chip_ns));
     let fails = "a program that gives up after less than that fails";
     line(text, "chip", &format!("about {took} for {slaves}: {fails} ({})", Row::Start));
     if let Some(ms) = timeout_ms {
@@ -129,8 +130,8 @@ fn host(text: &mut String, report: &Report, ahead: &Ahead) {
         );
         if timing.gaps > 0 {
             let (ns, ended) = timing.longest_gap.unwrap_or_default();
-            let gaps = plural(timing.gaps, "gap");
-            let repeated = plural(timing.repeated_cycles, "cycle");
+            let gaps = counted(timing.gaps, "gap");
+            let repeated = counted(timing.repeated_cycles, "cycle");
             let what = format!("{repeated} in {gaps} of a motion, the longest {} until {}", ms(ns), place(ended));
             line(text, "repeated", &format!("{what}: the FIFO was empty with an axis on its way"));
         }
@@ -142,13 +143,13 @@ fn host(text: &mut String, report: &Report, ahead: &Ahead) {
             (Clock::Real, true) => stalls(text, report, timing, ahead),
         }
     }
-    let stall = plural(ahead.stall_cycles.into(), "cycle");
+    let stall = counted(ahead.stall_cycles, "cycle");
     let no_more = if ahead.stall_cycles > ahead.value { ", and no more fit" } else { "" };
     let row = ahead.verdict.row().map_or_else(String::new, |row| format!(": {} ({row})", ahead.verdict.word()));
     let least = XfBusOptions::DEFAULT.ahead;
     line(text, &format!("ahead={}", ahead.value), &format!("for a stall of {stall}, {least} at least{no_more}{row}"));
-    let bridged = plural(ahead.value.into(), "cycle");
-    let lie = plural((ahead.value + ahead.transport_sets).into(), "set");
+    let bridged = counted(ahead.value, "cycle");
+    let lie = counted(ahead.value + ahead.transport_sets, "set");
     line(
         text,
         "",
@@ -187,10 +188,10 @@ fn stalls(text: &mut String, report: &Report, timing: &HostTiming, ahead: &Ahead
                 SeenBy::Silence => format!("no frame passed either way for {whole}, less the cycle of a report"),
                 SeenBy::LateWrite => format!("a pause of writes of {whole} in a motion, less the usual one of {usual}"),
             };
-            let cycles = plural(ahead.stall_cycles.into(), "cycle");
+            let cycles = counted(ahead.stall_cycles, "cycle");
             line(text, "stall", &format!("{} = {cycles} until {}: {by}", ms(stall.ns), place(stall.ended)));
             if stall.is_limited() {
-                let sets = plural(stall.sets.into(), "set");
+                let sets = counted(stall.sets, "set");
                 let stop = "for longer than these last the axes stop on a board, too";
                 line(text, "", &format!("{sets} waited when it began, and no more cycles of it count: {stop}"));
             }
@@ -236,7 +237,7 @@ fn chip(text: &mut String, needs: &Needs) {
 }
 
 fn held(packets: &Packets, cycle_us: u32) -> String {
-    let sets = plural(packets.sets.into(), "set");
+    let sets = counted(packets.sets, "set");
     let (n, least) = (packets.size.bytes(), clock(packets.least_clock_hz));
     let two = if packets.in_flight > 1 { ", two under way" } else { "" };
     format!("n={n} ({sets}{two}) holds {cycle_us} us; the least clock that does: {least}")
@@ -282,8 +283,4 @@ fn ms(ns: i64) -> String {
 
 fn clock(hz: u32) -> String {
     format!("{}.{:02} MHz", hz / 1_000_000, hz % 1_000_000 / 10_000)
-}
-
-fn plural(count: u64, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }

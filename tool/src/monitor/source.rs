@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -13,6 +13,7 @@ use ecmsk::sk::{Frame, SlotSize};
 
 use super::watched::{View, Watched};
 use super::{CliError, MonitorError};
+use crate::lock::lock;
 use crate::recording::{self, Framed, Frames};
 
 /// Longest wait for one report, so that the thread notices the end of the monitor. \[OURS]
@@ -59,7 +60,7 @@ impl Feed {
             let end = read(&ecm, size, &mut each, watched, stop);
             if let Err(error) = end {
                 lock(watched).end = Some(error.to_string());
-                *problem.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                *lock(&problem) = Some(error);
             }
         })
     }
@@ -111,7 +112,7 @@ impl Feed {
         let counters = self.link.as_ref().and_then(|link| link.stats().board);
         let mut watched = lock(&self.watched);
         watched.counters = counters;
-        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let failed = lock(&self.failed).take();
         (watched.view(), failed.map(MonitorError::Board))
     }
 }
@@ -188,8 +189,4 @@ pub fn walk(
     }
     let damage = walked.damage.map(|damage| damage.to_string());
     Ok(damage.or_else(|| frames.lacks().map(|lacks| format!("{}: {lacks}", file.display()))))
-}
-
-fn lock(watched: &Mutex<Watched>) -> MutexGuard<'_, Watched> {
-    watched.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::chart::Sheet;
 use super::{PlotError, png, svg};
+use crate::recording::is_same_file;
 
 /// The format of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,10 +57,7 @@ pub fn check(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<
 /// # Errors
 /// [`PlotError::SameFile`] if the file is one of the recordings.
 pub fn check_other(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<(), PlotError> {
-    let same = |recording: &&Path| {
-        fs::canonicalize(file).ok().zip(fs::canonicalize(recording).ok()).is_some_and(|(a, b)| a == b)
-    };
-    if recordings.iter().any(same) {
+    if recordings.iter().any(|recording| is_same_file(file, recording)) {
         return Err(PlotError::SameFile { file: file.to_owned(), option });
     }
     Ok(())

@@ -13,6 +13,7 @@ use super::series::Lines;
 use super::states::{Span, State};
 use super::style;
 use crate::machine_option::label;
+use crate::output::counted;
 
 /// With more axes than this the colours are too similar to tell the axes apart, so other marks are added. \[OURS]
 const CROWD: usize = 4;
@@ -225,8 +226,8 @@ fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64, gaps: Vec<Span>) -> Pan
         }
     }
     if full_reports > 0 {
-        let plural = if full_reports == 1 { "" } else { "s" };
-        let text = format!("commands lost: the full count went up in {full_reports} report{plural}");
+        let reports = counted(full_reports, "report");
+        let text = format!("commands lost: the full count went up in {reports}");
         legend.push((Look::Solid(style::ALARM), text));
     }
     let strokes = vec![Stroke { pieces: free, look: Look::Solid(style::FIFO) }];

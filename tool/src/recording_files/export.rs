@@ -77,8 +77,7 @@ pub struct Args {
 /// output cannot be written to.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let (input, output) = (&args.input, &args.output);
-    let same = fs::canonicalize(input).ok().zip(fs::canonicalize(output).ok()).is_some_and(|(a, b)| a == b);
-    if same {
+    if recording::is_same_file(input, output) {
         return Err(RecordingVerbError::SameFile { file: output.clone() }.into());
     }
     let ending = output.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
@@ -177,9 +176,7 @@ fn table(args: &Args, frames: &mut Frames<Box<dyn Read>>, format: NewTable) -> R
         table.frame(framed).map_err(failed)?;
         Ok::<_, CliError>(true)
     })?;
-    let damage = walked.damage.as_ref().map(ToString::to_string);
-    let lacks: Vec<String> = frames.lacks().map(|lacks| lacks.to_string()).into_iter().chain(damage).collect();
-    let rows = table.finish((!lacks.is_empty()).then(|| lacks.join("; "))).map_err(failed)?;
+    let rows = table.finish(frames.lacks_with(&walked)).map_err(failed)?;
     if rows == 0 {
         // Nothing is in the file; that it cannot be removed would say no more than the error.
         let _ = fs::remove_file(&args.output);

@@ -96,8 +96,8 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     match &outline {
         Some(Outline { recordings, blocks, pieces, has_index, .. }) => {
             let index = if *has_index { "with an index" } else { "without an index of all of them" };
-            let many = if *recordings == 1 { "" } else { "s" };
-            text += &format!("blocks: {blocks} and {pieces} pieces in {recordings} recording{many}, {index}\n");
+            let recordings = output::counted(*recordings, "recording");
+            text += &format!("blocks: {blocks} and {pieces} pieces in {recordings}, {index}\n");
         }
         None => text += "blocks: none, it is no recording in blocks (.ecmrec)\n",
     }
@@ -127,24 +127,18 @@ fn read(args: &Args) -> Result<Info, CliError> {
     let mut frames = Frames::open(&args.file, None, device)?.quiet();
     let mut info = Info::default();
     let mut progress = Progress::new(&args.file);
-    let mut damage = None;
-    for framed in &mut frames {
-        let framed = match framed {
-            Ok(framed) => framed,
-            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
-                damage = Some(error.to_string());
-                continue;
-            }
-            Err(error) => return Err(error.into()),
-        };
+    let order = frames.in_time().unsorted();
+    let walked = frames.try_walk(order, i64::MAX, |framed| {
         let at_ns = framed.recorded.at_ns;
         let (first, last) = info.times_ns.get_or_insert((at_ns, at_ns));
         (*first, *last) = ((*first).min(at_ns), (*last).max(at_ns));
-        info.link = info.link.or_else(|| framed.meta.as_deref().map(link_name));
-        info.frames += 1;
-        progress.frame(&framed);
-    }
-    let lacks: Vec<String> = frames.lacks().map(|lacks| lacks.to_string()).into_iter().chain(damage).collect();
-    info.lacks = (!lacks.is_empty()).then(|| lacks.join("; "));
+        if info.link.is_none() {
+            info.link = framed.meta.as_deref().map(link_name);
+        }
+        progress.frame(framed);
+        Ok::<_, RecordError>(true)
+    })?;
+    info.frames = walked.frames;
+    info.lacks = frames.lacks_with(&walked);
     Ok(info)
 }

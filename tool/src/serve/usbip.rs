@@ -12,6 +12,7 @@ use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI,
 use super::watch::{BoardWatch, WatchArgs};
 use crate::control_option::ControlOptionError;
 use crate::flight_option::FlightArgs;
+use crate::link_option::with_key;
 use crate::stderr::say;
 use crate::{CliError, control_option, signals, streams};
 
@@ -163,8 +164,7 @@ pub(super) fn given_link(text: &str) -> Result<LinkUri, String> {
     if says {
         return Ok(link);
     }
-    let joint = if text.contains('?') { '&' } else { '?' };
-    LinkUri::parse(&format!("{text}{joint}queue=1")).map_err(|error| error.to_string())
+    with_key(&link, "queue", "1").map_err(|error| error.to_string())
 }
 
 pub(super) fn id(text: &str) -> Result<u16, String> {

@@ -22,7 +22,7 @@ use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -35,6 +35,8 @@ pub use chip::ChipWatch;
 
 use super::http_server::HttpServer;
 use super::service_manager::{EndReport, Manager};
+use super::service_manager::Manager;
+use crate::lock::lock;
 use crate::stderr::{self, LogFormat, say};
 use crate::{CliError, output, streams};
 use metrics::{Scrape, Seen};
@@ -369,8 +371,4 @@ impl Shared {
         let troubles: Vec<String> = self.boards.iter().enumerate().filter_map(of_board).chain(of_chip).collect();
         (!troubles.is_empty()).then(|| troubles.join("\n"))
     }
-}
-
-fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

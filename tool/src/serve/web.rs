@@ -29,7 +29,7 @@ use ecmsk::sk::SlotSize;
 use super::watch::{Watch, WatchArgs};
 use crate::flight_option::FlightArgs;
 use crate::kind_list::KindList;
-use crate::link_option::ChosenLink;
+use crate::link_option::{ChosenLink, with_key};
 use crate::monitor::MonitorError;
 use crate::stderr::say;
 use crate::{CliError, machine_option, plot, signals, slot_size, streams};
@@ -192,12 +192,8 @@ fn board(args: &Args, watch: &mut Watch) -> Result<(Arc<Hub>, LinkUri), CliError
 /// The link with the key `queue=1000`: the queue holds a second of reports at 1 kHz while this process does not read, so
 /// that a busy machine makes no gaps. \[OURS] If the user's link has the key `queue=`, it stays.
 fn with_long_queue(uri: &LinkUri) -> LinkUri {
-    let text = uri.to_string();
-    if text.contains("queue=") {
-        return uri.clone();
-    }
-    let sign = if text.contains('?') { '&' } else { '?' };
-    LinkUri::parse(&format!("{text}{sign}queue=1000")).unwrap_or_else(|_| uri.clone())
+    // A link that has the key refuses a second one.
+    with_key(uri, "queue", "1000").unwrap_or_else(|_| uri.clone())
 }
 
 /// Parses the address of `--listen`. Addresses that other machines reach are refused, because HTTP has no encryption.

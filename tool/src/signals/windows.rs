@@ -3,10 +3,12 @@
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use windows_sys::Win32::Foundation::TRUE;
 use windows_sys::Win32::System::Console::{CTRL_BREAK_EVENT, CTRL_C_EVENT, SetConsoleCtrlHandler};
+
+use crate::lock::lock;
 
 /// The signal number for Ctrl-C: that of SIGINT.
 const INTERRUPT: u8 = 2;
@@ -99,7 +101,7 @@ pub fn name(signal: u8) -> String {
 }
 
 fn watch(watcher: Watcher) -> io::Result<()> {
-    WATCHERS.lock().unwrap_or_else(PoisonError::into_inner).push(watcher);
+    lock(&WATCHERS).push(watcher);
     install()
 }
 
@@ -116,7 +118,7 @@ fn install() -> io::Result<()> {
 /// The console event handler, which Windows calls in a thread of its own.
 unsafe extern "system" fn came(event: u32) -> i32 {
     let number = if event == CTRL_C_EVENT { INTERRUPT } else { TERMINATE };
-    for watcher in WATCHERS.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+    for watcher in lock(&WATCHERS).iter() {
         match watcher {
             Watcher::Note { signal, armed } => {
                 if armed.as_ref().is_some_and(|armed| armed.swap(true, Ordering::SeqCst)) {

@@ -10,6 +10,7 @@ use ecmsk::sk::{FIFO_ENTRIES, MasterState};
 use serde_json::{Value, json};
 
 use crate::board::{Board, BoardError, Needs, list, statusword_text};
+use crate::output::counted;
 
 /// Show the board, the link and the network; nothing is sent
 ///
@@ -179,7 +180,7 @@ fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
                 }
                 Err(BoardError::Ecm(EcmError::SdoAborted { code, .. })) if code != AbortCode::TIMEOUT => {}
                 Err(BoardError::Ecm(EcmError::SdoAborted { .. } | EcmError::Timeout { .. })) => {
-                    line(text, "found", format_args!("{}", slaves(found.len())));
+                    line(text, "found", format_args!("{}", counted(found.len(), "slave")));
                     return Ok(found);
                 }
                 Err(error) => return Err(error),
@@ -188,11 +189,6 @@ fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
         line(text, &format!("slave {slave}"), format_args!("{}", slave_values.join(", ")));
         found.push(json);
     }
-    line(text, "found", format_args!("{}", slaves(found.len())));
+    line(text, "found", format_args!("{}", counted(found.len(), "slave")));
     Ok(found)
-}
-
-/// The number as text: `1 slave`, `3 slaves`.
-fn slaves(count: usize) -> String {
-    format!("{count} {}", if count == 1 { "slave" } else { "slaves" })
 }

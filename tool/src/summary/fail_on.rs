@@ -12,7 +12,8 @@ use crate::motion::Quantity;
 pub struct FailOn {
     /// The reason as it is written.
     pub text: String,
-    reason: Reason,
+    /// What it means.
+    pub reason: Reason,
 }
 
 /// What makes a run fail.
@@ -50,17 +51,6 @@ impl FailOn {
     pub fn is_any(&self) -> bool {
         matches!(self.reason, Reason::Any)
     }
-
-    /// The lines that say why the run has failed; none if it has not.
-    pub fn failures(
-        &self,
-        summary: &Summary,
-        is_whole: bool,
-        axes: &[(usize, &AxisExtremes)],
-        machine: Option<&MachineFile>,
-    ) -> Vec<String> {
-        self.reason.failures(summary, is_whole, axes, machine)
-    }
 }
 
 impl Reason {
@@ -96,7 +86,7 @@ impl Reason {
         Ok(Self::Above(quantity, whole(limit)))
     }
 
-    /// The lines that say why the run has failed, as [`FailOn::failures`].
+    /// The lines that say why the run has failed; none if it has not.
     pub fn failures(
         self,
         summary: &Summary,

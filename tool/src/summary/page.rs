@@ -11,7 +11,7 @@ use super::{Args, text};
 use crate::error::CliError;
 use crate::filter::{AROUND_SECONDS, nanoseconds};
 use crate::machine_option::{alarm_words, label};
-use crate::markup::escaped;
+use crate::markup::{escaped, figure, page};
 use crate::motion::Quantity;
 use crate::plot::pictures::{Stretch, pictures};
 use crate::plot::survey::Survey;
@@ -21,11 +21,6 @@ use crate::recording::Frames;
 const PICTURES_MAX: usize = 30;
 /// Pictures that overlap become one up to this length, ns. \[OURS] Single cycles can still be told apart in it.
 const STRETCH_MAX_NS: i64 = 1_000_000_000;
-
-/// The style of pages.
-pub const STYLE: &str = "body{font:14px sans-serif;color:#202428;max-width:1200px;margin:1em auto;padding:0 1em}\
-    table{border-collapse:collapse}th,td{text-align:left;padding:.2em 1em .2em 0;border-bottom:1px solid #e4e8ec}\
-    pre{white-space:pre-wrap}svg{max-width:100%;height:auto}";
 
 /// What the page shows.
 pub struct Page<'a> {
@@ -42,12 +37,13 @@ impl Page<'_> {
     /// # Errors
     /// [`CliError`] if the recording cannot be read, or a picture cannot be drawn.
     pub fn html(&self, frames: Frames<impl Read>, survey: &Survey) -> Result<String, CliError> {
-        let file = self.args.file.display().to_string();
         let mut stretches = self.stretches();
         let left_out = stretches.len().saturating_sub(PICTURES_MAX);
         stretches.truncate(PICTURES_MAX);
         let drawn = pictures(&self.args.file, frames, survey, &stretches, self.machine)?;
-        let pictures: String = stretches.iter().zip(drawn).map(|(stretch, svg)| figure(stretch, svg)).collect();
+        let shown = |svg: Option<String>| svg.unwrap_or_else(|| "<p>The network is not in OP then.</p>".to_owned());
+        let pictures: String =
+            stretches.iter().zip(drawn).map(|(stretch, svg)| figure(&stretch.title, &shown(svg))).collect();
         let more =
             if left_out > 0 { format!("<p>{left_out} later moments have no picture.</p>\n") } else { String::new() };
         let wrong = match text(self.summary, self.machine) {
@@ -55,16 +51,14 @@ impl Page<'_> {
             wrong => wrong,
         };
         let link = survey.link().map(|link| format!(", recorded on {}", escaped(&link))).unwrap_or_default();
-        let (title, axes, alarms) = (escaped(&file), self.axes(), self.alarms());
-        Ok(format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\n\
-             <title>{title} - ecmsk</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n\
-             <p>Summary by ecmsk {}{link}. Times are seconds since the board was opened, in a capture since its first frame.</p>\n\
-             <h2>What went wrong</h2>\n<pre>{}</pre>\n{axes}{alarms}<h2>Moments</h2>\n{pictures}{more}</body>\n</html>\n",
+        let (axes, alarms) = (self.axes(), self.alarms());
+        let below = format!(
+            "<p>Summary by ecmsk {}{link}. Times are seconds since the board was opened, in a capture since its first frame.</p>\n\
+             <h2>What went wrong</h2>\n<pre>{}</pre>\n{axes}{alarms}<h2>Moments</h2>\n{pictures}{more}",
             env!("CARGO_PKG_VERSION"),
             escaped(&wrong),
-        ))
+        );
+        Ok(page(&self.args.file.display().to_string(), &below))
     }
 
     /// The table of the largest values of each axis.
@@ -146,10 +140,4 @@ impl Page<'_> {
         }
         stretches
     }
-}
-
-/// A picture under the names of its moments.
-fn figure(stretch: &Stretch, svg: Option<String>) -> String {
-    let svg = svg.unwrap_or_else(|| "<p>The network is not in OP then.</p>".to_owned());
-    format!("<h3>{}</h3>\n{svg}\n", escaped(&stretch.title))
 }

@@ -19,7 +19,6 @@ mod watch;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Duration;
 
 use clap::ValueEnum;
 use ecmsk::machine_file::MachineFile;
@@ -30,7 +29,6 @@ use super::fail_on::FailOn;
 use super::{Args, SummaryError, write};
 use crate::error::CliError;
 use crate::filter::Times;
-use crate::junit::{self, Case};
 use crate::output;
 use crate::recording::{Frames, Walked};
 use crate::stderr::say;
@@ -129,17 +127,16 @@ pub fn run(args: &Args, machine: Option<&MachineFile>) -> Result<ExitCode, CliEr
     {
         return Err(SummaryError::NoDays { file: source.file.clone() }.into());
     }
-    let any = [FailOn::any()];
-    let reasons = if args.fail_on.is_empty() && args.junit.is_some() { &any[..] } else { &args.fail_on[..] };
+    let reasons = args.reasons();
     let mut trends = Trends { by, parts: BTreeMap::new(), is_clean: true, failures: vec![Vec::new(); reasons.len()] };
     let recordings = std::mem::take(&mut sources.recordings);
     for (number, source) in recordings.iter().enumerate() {
         match trends.read(number, source, about) {
-            Ok((whole, is_whole)) => trends.judge(source, &whole, is_whole, reasons, machine),
+            Ok((whole, is_whole)) => trends.judge(source, &whole, is_whole, &reasons, machine),
             Err(error) => sources.pass_over_unread(&source.file, error),
         }
     }
-    trends.judge_damaged(&sources.damaged, reasons);
+    trends.judge_damaged(&sources.damaged, &reasons);
     note_passed_over(&sources);
     if trends.parts.is_empty() {
         return Err(SummaryError::NoRecording { folder: args.file.clone() }.into());
@@ -150,17 +147,7 @@ pub fn run(args: &Args, machine: Option<&MachineFile>) -> Result<ExitCode, CliEr
     if let Some(file) = &args.html {
         write(file, "--html", page::html(&report)?)?;
     }
-    if let Some(file) = &args.junit {
-        let case = |(reason, failures): (&FailOn, &Vec<String>)| {
-            let failure = (!failures.is_empty()).then(|| failures.join("; "));
-            Case { name: reason.text.clone(), failure, time: Duration::ZERO }
-        };
-        let cases: Vec<Case> = reasons.iter().zip(&trends.failures).map(case).collect();
-        junit::write(file, &format!("ecmsk summary {}", args.file.display()), &cases).map_err(SummaryError::from)?;
-    }
-    let failed = args.fail_on.iter().zip(&trends.failures).flat_map(|(_, failures)| failures);
-    let failed = failed.inspect(|failure| say("failed", failure)).count() > 0;
-    Ok(if failed || args.exit_code && !trends.is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    args.end(&reasons, &trends.failures, trends.is_clean)
 }
 
 fn note_passed_over(sources: &Sources) {
@@ -229,7 +216,7 @@ impl Trends {
         self.is_clean &= whole.summary.is_empty() && is_whole;
         let axes: Vec<_> = whole.axes.iter().map(|(slave, extremes)| (*slave, extremes)).collect();
         for (reason, failures) in reasons.iter().zip(&mut self.failures) {
-            let found = reason.failures(&whole.summary, is_whole, &axes, machine);
+            let found = reason.reason.failures(&whole.summary, is_whole, &axes, machine);
             failures.extend(found.into_iter().map(|why| format!("{}: {why}", source.file.display())));
         }
     }

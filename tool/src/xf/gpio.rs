@@ -12,6 +12,7 @@ use super::session::{ChipArgs, Session};
 use super::words::{chosen, word};
 use super::{Shown, XfVerbError};
 use crate::board::whole;
+use crate::filter::parse_range;
 
 /// Show or set the chip's general inputs and outputs
 ///
@@ -82,10 +83,8 @@ fn levels(text: &str) -> Result<AllPins, String> {
 fn pins(text: &str) -> Result<u32, String> {
     let wrong = || "allowed: pins from 0 to 19, e.g. 3 or 0,4-7".to_owned();
     text.split(',').try_fold(0, |mask, part| {
-        let (first, last) = part.split_once('-').unwrap_or((part, part));
-        let pin = |text: &str| text.trim().parse::<u32>().ok().filter(|pin| *pin <= 19).ok_or_else(wrong);
-        let (first, last) = (pin(first)?, pin(last)?);
-        if first > last { Err(wrong()) } else { Ok((first..=last).fold(mask, |mask, pin| mask | 1 << pin)) }
+        let (first, last) = parse_range(part, 0..=19).ok_or_else(wrong)?;
+        Ok((first..=last).fold(mask, |mask, pin| mask | 1 << pin))
     })
 }
 

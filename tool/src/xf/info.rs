@@ -12,9 +12,10 @@ use ecmsk::xf::{CheckType, Errors};
 use serde_json::{Map, Value, json};
 
 use super::error::unless_refused;
-use super::session::{ChipArgs, Session, counted};
+use super::session::{ChipArgs, Session};
 use super::words::{listed, state_name, state_text, word, words};
 use super::{Shown, XfVerbError};
+use crate::output::counted;
 
 /// Show the chip: firmware, packets, FIFOs, errors, interrupts, and the driver's counters
 ///
@@ -96,7 +97,7 @@ fn packets(session: &Session, page: &mut Page) {
 fn network(session: &mut Session, page: &mut Page) -> Result<(), XfVerbError> {
     let header = session.xf.header();
     let slaves = session.xf.run(&SlaveCountGet)?;
-    page.line("state", format_args!("{}, {}", state_text(header.state), counted(slaves)));
+    page.line("state", format_args!("{}, {}", state_text(header.state), counted(slaves, "slave")));
     page.set("state", header.state.state().map(state_name));
     page.set("failed", header.state.has_error());
     page.set("slaves", slaves);

@@ -5,9 +5,11 @@ use ecmsk::xf::request::{Reconfig, Slaves};
 use ecmsk::xf_api::{SlaveDescription, XfError};
 use serde_json::{Value, json};
 
-use super::session::{ChipArgs, Session, counted};
+use super::session::{ChipArgs, Session};
 use super::words::{al_status_text, state_name, state_text};
 use super::{Shown, XfVerbError};
+use crate::bus::words::name;
+use crate::output::counted;
 
 /// List the slaves of the chip's network
 ///
@@ -77,7 +79,7 @@ fn none_found(session: &mut Session, error: XfError) -> Result<u8, XfVerbError> 
     match session.xf.count_slaves()? {
         0 => Ok(0),
         slaves => {
-            session.reporter.note(format_args!("{} answered", counted(slaves)));
+            session.reporter.note(format_args!("{} answered", counted(slaves, "slave")));
             Err(error.into())
         }
     }
@@ -97,7 +99,7 @@ impl Columns {
         };
         Self {
             place: widest(|slave| slave.slave.to_string()),
-            name: widest(|slave| name(slave).to_owned()),
+            name: widest(|slave| name(&slave.name).to_owned()),
             state: widest(|slave| state_text(slave.state)),
         }
     }
@@ -113,7 +115,7 @@ impl Columns {
             "{:>place$}  {:name$}  vendor 0x{:08X}  product 0x{:08X}  revision 0x{:08X}  {:state$}  {} bytes out, {} in, \
              {dc}{al_status}",
             slave.slave,
-            self::name(slave),
+            name(&slave.name),
             slave.vendor,
             slave.product,
             slave.revision,
@@ -125,10 +127,6 @@ impl Columns {
             state = self.state,
         )
     }
-}
-
-fn name(slave: &SlaveDescription) -> &str {
-    if slave.name.is_empty() { "(no name)" } else { &slave.name }
 }
 
 fn line_json(slave: &SlaveDescription) -> Value {

@@ -11,6 +11,7 @@ use super::XfVerbError;
 use super::words::{state_name, state_text};
 use crate::board::Reporter;
 use crate::link_option::ChosenLink;
+use crate::output::counted;
 
 // No doc comment: clap would show it as the help of every verb.
 #[derive(Clone, Default, clap::Args)]
@@ -83,7 +84,7 @@ impl Session {
     /// [`XfError`] if the chip does not answer or cannot initialise the network.
     pub fn start(&mut self) -> Result<u8, XfError> {
         let slaves = self.xf.start_network(&NetworkConfig::default())?;
-        self.reporter.note(format_args!("the network was initialised: {}", counted(slaves)));
+        self.reporter.note(format_args!("the network was initialised: {}", counted(slaves, "slave")));
         Ok(slaves)
     }
 
@@ -129,9 +130,4 @@ impl Session {
             }),
         }
     }
-}
-
-/// A number of slaves as text: `1 slave`, `3 slaves`.
-pub fn counted(slaves: u8) -> String {
-    format!("{slaves} {}", if slaves == 1 { "slave" } else { "slaves" })
 }

@@ -1,14 +1,13 @@
 //! `ecmsk fault`, `--control`, and the step `fault` of scripts: events on a simulated board that runs.
 #![cfg(target_os = "linux")]
 
-use std::io::{BufRead as _, BufReader};
-use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use ecmsk::link::{self, Share};
 
 use crate::common::board::script;
 use crate::common::exec::ExecFolder;
+use crate::common::serving::Serving;
 use crate::common::{Ran, ecmsk, run};
 
 /// The tool's output for an event on a board on the real clock, in words and as JSON; a wrong event has the words of the
@@ -195,20 +194,11 @@ fn the_results_of_steps_are_written() {
 fn serve_tcp_lets_faults_happen() {
     let folder = tempfile::tempdir().expect("a folder");
     let control = folder.path().join("board").display().to_string();
-    let mut command =
-        ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2", "--control", &control]);
-    command.env_remove("ECMSK_TCP_SECRET");
-    let mut server = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("it starts");
-    let mut line = String::new();
-    BufReader::new(server.stdout.take().expect("its output")).read_line(&mut line).expect("a line");
-    let address = line.strip_prefix("listening on ").and_then(|line| line.split(';').next()).expect(&line);
+    let server = Serving::start("tcp", &["--link", "sim:?slaves=drive*2", "--control", &control]);
     let steps = format!(
         "state op\nservo on 1,2\nfault --control {control} alarm 2 0x7500\nexpect alarm 2=0x7500 1=none --wait 10s\n"
     );
-    let ran = script(&format!("tcp://{address}"), &steps);
-    let _ = server.kill();
-    let _ = server.wait();
-    ran.expect_code(0);
+    script(&server.link(), &steps).expect_code(0);
 }
 
 /// A server without a free file descriptor does not spin at its control socket, and takes events when it has one again.

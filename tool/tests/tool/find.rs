@@ -1,8 +1,8 @@
 //! `ecmsk find`: what may stand in an expression, and when it is true.
 
 use crate::common::board::{file, text};
-use crate::common::motion::FakeBoard;
-use crate::common::plots::Recorded;
+use crate::common::motion::{FakeBoard, go};
+use crate::common::plots::{Recorded, spans_are};
 use crate::common::{Ran, json_lines, run};
 use ecmsk::sk::SlotSize;
 
@@ -24,21 +24,9 @@ fn spans(recorded: &Recorded, expression: &str) -> Vec<(f64, Option<f64>)> {
 
 #[track_caller]
 fn near(found: &[(f64, Option<f64>)], expected: &[(f64, f64)]) {
-    let is_near = |a: f64, b: f64| (a - b).abs() < 0.0035;
-    let same = found.len() == expected.len()
-        && found
-            .iter()
-            .zip(expected)
-            .all(|((from, to), expected)| is_near(*from, expected.0) && to.is_some_and(|to| is_near(to, expected.1)));
-    assert!(same, "{found:?} instead of {expected:?}");
-}
-
-/// In each cycle moves axis 1 by 10 counts and axis 2 by 20 counts.
-fn go(board: &mut FakeBoard, cycles: std::ops::Range<i32>) {
-    for n in cycles {
-        board.send(&[10 * n, 20 * n]);
-        board.cycle();
-    }
+    // What has no end in the recording is near nothing.
+    let ended: Vec<_> = found.iter().map(|(from, to)| (*from, to.unwrap_or(f64::NAN))).collect();
+    spans_are(&ended, expected, 0.0035);
 }
 
 /// A slave that is lost in state 0x18 is found, and the state itself.

@@ -2,15 +2,13 @@
 
 use ecmsk::sk::SlotSize;
 
-use crate::common::motion::FakeBoard;
+use crate::common::motion::{FAULTED, FakeBoard};
 use crate::common::plots::{Recorded, near};
 use crate::common::svg::STATES;
 
 const FAULT: &str = STATES[0];
 /// The colour of the second recording.
 const BLACK: &str = "#202020";
-/// The statusword of a drive in the state Fault.
-const FAULTED: u16 = 0x0218;
 
 /// A run in which one axis moves 10 counts in each of `cycles` cycles; in the cycles `faulted` its drive has an alarm. Returns
 /// its recording, and the beginning and the end of the alarm in seconds.

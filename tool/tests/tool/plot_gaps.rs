@@ -1,7 +1,7 @@
 //! `ecmsk plot`: where the FIFO was empty while an axis was moving.
 
 use crate::common::motion::FakeBoard;
-use crate::common::plots::Recorded;
+use crate::common::plots::{Recorded, spans_are};
 use crate::common::svg::{GAP, Panel};
 use ecmsk::sk::SlotSize;
 
@@ -9,11 +9,7 @@ use ecmsk::sk::SlotSize;
 /// cycle.
 #[track_caller]
 fn are(panel: &Panel<'_>, expected: &[(f64, f64)]) {
-    let found = panel.spans(GAP);
-    let near = |a: f64, b: f64| (a - b).abs() < 0.0008;
-    let same = found.len() == expected.len()
-        && found.iter().zip(expected).all(|(found, expected)| near(found.0, expected.0) && near(found.1, expected.1));
-    assert!(same, "{found:?} instead of {expected:?}");
+    spans_are(&panel.spans(GAP), expected, 0.0008);
 }
 
 /// Axis 1 goes 10 counts a cycle, axis 2 stands. The host is `ahead` commands ahead, and sends nothing in the cycles

@@ -1,7 +1,7 @@
 //! `ecmsk plot`: a lost slave, targets that were never executed, homing's change of coordinates, and many axes.
 
-use crate::common::motion::{DriveSlot, FakeBoard};
-use crate::common::plots::Recorded;
+use crate::common::motion::{ATTAINED, CSP, DriveSlot, FakeBoard, GO_HOME, UNDER_WAY, go};
+use crate::common::plots::{Recorded, spans_are};
 use crate::common::svg::{COLOURS, Panel, Plot};
 use ecmsk::sk::{MasterState, SlaveCommand, SlaveKind, SlotSize};
 
@@ -9,28 +9,9 @@ const LOST: &str = "#B4BAC6";
 const FAILED: &str = "#FBC98E";
 const ALARM: &str = "#D01020";
 
-const CSP: u8 = 0x15;
-const GO_HOME: u8 = 0x18;
-const UNDER_WAY: u16 = 0x0237;
-const ATTAINED: u16 = 0x1637;
-
-/// In each cycle moves axis 1 by 10 counts and axis 2 by 20 counts.
-fn go(run: &mut FakeBoard, cycles: std::ops::Range<i32>) {
-    for n in cycles {
-        run.send(&[10 * n, 20 * n]);
-        run.cycle();
-    }
-}
-
 #[track_caller]
 fn near(found: &[(f64, f64)], expected: &[(f64, f64)]) {
-    let is_near = |a: f64, b: f64| (a - b).abs() < 0.004;
-    let same = found.len() == expected.len()
-        && found
-            .iter()
-            .zip(expected)
-            .all(|(found, expected)| is_near(found.0, expected.0) && is_near(found.1, expected.1));
-    assert!(same, "{found:?} instead of {expected:?}");
+    spans_are(found, expected, 0.004);
 }
 
 /// Whether the curve of a colour has a point between the times `from` and `to`, in seconds.

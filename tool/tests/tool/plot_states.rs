@@ -1,7 +1,7 @@
 //! `ecmsk plot`: where a drive is homing, has a fault or is not enabled.
 
-use crate::common::motion::{DriveSlot, ENABLED, FakeBoard};
-use crate::common::plots::Recorded;
+use crate::common::motion::{ATTAINED, CSP, DriveSlot, ENABLED, FAULTED, FakeBoard, GO_HOME, UNDER_WAY};
+use crate::common::plots::{Recorded, spans_are};
 use crate::common::svg::{COLOURS, Panel, STATES};
 use ecmsk::sk::{SlaveCommand, SlaveKind, SlotSize};
 
@@ -9,19 +9,13 @@ const FAULT: &str = STATES[0];
 const HOMING: &str = STATES[1];
 const NOT_ENABLED: &str = STATES[2];
 
-/// Statuswords in homing mode, all of them in Operation enabled: homing is under way, the drive stands before the start, home
-/// is attained, homing has failed.
-const UNDER_WAY: u16 = 0x0237;
+/// Statuswords in homing mode, both of them in Operation enabled: the drive stands before the start, homing has failed.
 const STANDS: u16 = 0x0637;
-const ATTAINED: u16 = 0x1637;
 const ERROR: u16 = 0x2637;
-/// Statuswords of the states Fault reaction active, Fault, and Switch on disabled.
+/// Statuswords of the states Fault reaction active and Switch on disabled.
 const REACTION: u16 = 0x021F;
-const FAULTED: u16 = 0x0218;
 const DISABLED: u16 = 0x0250;
 
-const CSP: u8 = 0x15;
-const GO_HOME: u8 = 0x18;
 const ABORT_HOME: u8 = 0x19;
 
 /// Runs `cycles` cycles in which the slot of the slave's drive has this id and statusword. Returns their beginning and end in
@@ -39,11 +33,7 @@ fn say(run: &mut FakeBoard, slave: usize, id: u8, statusword: u16, cycles: u32) 
 /// Asserts that the areas of a colour have these beginnings and ends in seconds, with a tolerance of 1.5 ms.
 #[track_caller]
 fn are(panel: &Panel<'_>, colour: &str, expected: &[(f64, f64)]) {
-    let found = panel.spans(colour);
-    let near = |a: f64, b: f64| (a - b).abs() < 0.0015;
-    let same = found.len() == expected.len()
-        && found.iter().zip(expected).all(|(found, expected)| near(found.0, expected.0) && near(found.1, expected.1));
-    assert!(same, "{found:?} instead of {expected:?}");
+    spans_are(&panel.spans(colour), expected, 0.0015);
 }
 
 /// SK-7.20 A drive is homing from the answer to GO_HOME until bits 10 and 12 are both 1; the other drive is not. Bits

@@ -8,6 +8,7 @@ use ecmsk::link::record::RecordingCopy;
 use ecmsk::recording::{Lacks, RecordMeta, Recorded, Recording};
 use support::dice::Dice;
 use support::recorded::{Program, Run};
+use support::recording::crc32;
 
 use crate::common::{Ran, run};
 
@@ -101,13 +102,6 @@ fn joined_recordings_are_read() {
         let is_damaged = parts.len() > 2 || expected == one;
         assert_eq!(said[6].contains("damaged"), is_damaged, "{}", said[6]);
     }
-}
-
-/// CRC-32 (IEEE), bit by bit.
-fn crc32(bytes: &[u8]) -> u32 {
-    !bytes.iter().fold(!0_u32, |crc, byte| {
-        (0..8).fold(crc ^ u32::from(*byte), |crc, _| crc >> 1 ^ (0xEDB8_8320 & (crc & 1).wrapping_neg()))
-    })
 }
 
 /// A recording of a newer version of the format is no damaged one: each verb says which program reads it.

@@ -34,7 +34,7 @@ impl Metrics {
     }
 
     fn link(&self) -> String {
-        format!("tcp://{}", self.serving.address())
+        self.serving.link()
     }
 
     fn get(&self, path: &str) -> (String, String) {
@@ -290,7 +290,7 @@ fn other_servers_have_the_same() {
     chip.serving.end();
 
     let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
-    let link = format!("tcp://{}", board.address());
+    let link = board.link();
     let web = Metrics::start("web", &["--link", &link]);
     insist(&["home", "1", "--up", "--link", &link]);
     let read = |values: &BTreeMap<String, f64>| values[r#"ecmsk_frames_read_total{board="1"}"#];

@@ -2,36 +2,26 @@
 //! not read holds nothing up. Their log, and what they read again on SIGHUP.
 #![cfg(target_os = "linux")]
 
-use std::io::{BufRead as _, BufReader, ErrorKind, Read as _};
+use std::io::ErrorKind;
 use std::net::TcpStream;
 use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt as _;
-use std::path::Path;
-use std::process::{Child, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::{ecmsk, json_lines, with_default_signals, without_times};
+use crate::common::serving::Serving;
+use crate::common::{Ran, ecmsk, json_lines, with_default_signals, without_times};
 use ecmsk::link::{self, Share};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::Signal;
 use support::tcp::{connect, until, uri};
 
-/// `ecmsk serve tcp` that reports to `socket` as its service manager, and the first line of its output.
-fn serve(socket: &Path) -> (Child, String) {
-    let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive"]);
-    command.env("NOTIFY_SOCKET", socket).env_remove("ECMSK_TCP_SECRET");
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
-    let mut line = String::new();
-    BufReader::new(child.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says where it listens");
-    (child, line)
-}
-
-fn end(child: Child) -> String {
-    kill_process(Pid::from_child(&child), Signal::TERM).expect("it runs");
-    let ended = child.wait_with_output().expect("it ends");
-    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert_eq!(ended.status.code(), Some(0), "{said}");
-    said
+/// `ecmsk serve tcp` of this link, which reports to `socket` as its service manager.
+fn serve(socket: &Path, link: &str) -> Command {
+    let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", link]);
+    command.env("NOTIFY_SOCKET", socket).env_remove("ECMSK_TCP_SECRET").env_remove("WATCHDOG_PID");
+    command
 }
 
 /// A server tells its service manager that it is ready once it serves, with the line that it prints.
@@ -41,12 +31,12 @@ fn a_service_is_ready_when_it_serves() {
     let socket = folder.path().join("notify");
     let manager = UnixDatagram::bind(&socket).expect("a socket");
     manager.set_read_timeout(Some(Duration::from_secs(60))).expect("a time");
-    let (child, line) = serve(&socket);
+    let serving = Serving::by(serve(&socket, "sim:?slaves=drive"));
     let mut message = [0; 1000];
     let len = manager.recv(&mut message).expect("it reports");
     let text = String::from_utf8_lossy(&message[..len]).into_owned();
-    assert_eq!(text, format!("READY=1\nSTATUS={line}"));
-    end(child);
+    assert_eq!(text, format!("READY=1\nSTATUS=listening on {}", serving.first_line));
+    serving.end();
 }
 
 /// A server does not wait for a service manager that reads nothing or does not exist: it serves, and a signal ends it.
@@ -58,11 +48,10 @@ fn a_service_manager_that_does_not_read_holds_nothing_up() {
     let filler = UnixDatagram::unbound().expect("a socket");
     filler.set_nonblocking(true).expect("it may");
     while filler.send_to(b"full", &socket).is_ok() {}
-    let (child, line) = serve(&socket);
-    assert!(line.starts_with("listening on 127.0.0.1:"), "{line}");
-    end(child);
-    let (child, _) = serve(&folder.path().join("nobody"));
-    let said = end(child);
+    let serving = Serving::by(serve(&socket, "sim:?slaves=drive"));
+    assert!(serving.first_line.starts_with("127.0.0.1:"), "{}", serving.first_line);
+    serving.end();
+    let said = Serving::by(serve(&folder.path().join("nobody"), "sim:?slaves=drive")).end();
     assert!(said.contains("warning: systemd does not know that the server is ready"), "{said}");
 }
 
@@ -70,7 +59,7 @@ fn a_service_manager_that_does_not_read_holds_nothing_up() {
 struct Manager {
     socket: UnixDatagram,
     _folder: tempfile::TempDir,
-    path: String,
+    path: PathBuf,
 }
 
 impl Manager {
@@ -78,7 +67,7 @@ impl Manager {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("notify");
         let socket = UnixDatagram::bind(&path).expect("a socket");
-        Self { socket, path: path.display().to_string(), _folder: folder }
+        Self { socket, path, _folder: folder }
     }
 
     /// The next report that comes within this time; `None`: none comes.
@@ -104,23 +93,16 @@ impl Manager {
         panic!("no report with `{words}`");
     }
 
-    /// Starts `ecmsk serve tcp` as this manager's service, with this time for its pings, and returns it with its first line.
-    fn serve(&self, link: &str, watchdog: Option<Duration>) -> (Child, String) {
-        let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", link]);
-        command.env("NOTIFY_SOCKET", &self.path).env_remove("ECMSK_TCP_SECRET").env_remove("WATCHDOG_PID");
-        if let Some(limit) = watchdog {
-            command.env("WATCHDOG_USEC", limit.as_micros().to_string());
-        }
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
-        let mut line = String::new();
-        BufReader::new(child.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("text");
-        (child, line)
+    /// `ecmsk serve tcp` as this manager's service, with this time for its pings.
+    fn service(&self, link: &str, watchdog: Option<Duration>) -> Command {
+        let mut command = serve(&self.path, link);
+        command.envs(watchdog.map(|limit| ("WATCHDOG_USEC", limit.as_micros().to_string())));
+        command
     }
-}
 
-/// The address in the first line of a server.
-fn address(line: &str) -> &str {
-    line.strip_prefix("listening on ").and_then(|rest| rest.split(';').next()).expect(line)
+    fn serve(&self, link: &str, watchdog: Option<Duration>) -> Serving {
+        Serving::by(self.service(link, watchdog))
+    }
 }
 
 /// TOOL-201 A service is ready when its board is open and its port listens, and not before: one whose board does not open is never
@@ -128,15 +110,16 @@ fn address(line: &str) -> &str {
 #[test]
 fn a_service_says_when_it_begins_and_ends() {
     let manager = Manager::new();
-    let (child, line) = manager.serve("sim:?slaves=drive", None);
-    assert_eq!(manager.next(support::tcp::LIMIT).as_deref(), Some(&*format!("READY=1\nSTATUS={line}")));
-    TcpStream::connect(address(&line)).expect("it listens");
+    let serving = manager.serve("sim:?slaves=drive", None);
+    let ready = format!("READY=1\nSTATUS=listening on {}", serving.first_line);
+    assert_eq!(manager.next(support::tcp::LIMIT), Some(ready));
+    TcpStream::connect(serving.address()).expect("it listens");
     assert_eq!(manager.next(Duration::from_millis(600)), None, "without a watchdog it says no more");
-    end(child);
+    serving.end();
     assert_eq!(manager.next(Duration::from_secs(1)).as_deref(), Some("STOPPING=1\n"));
 
-    let (mut child, line) = manager.serve("tcp://127.0.0.1:1", None);
-    assert_eq!((child.wait().expect("it ends").code(), &*line), (Some(1), ""));
+    let ran = Ran::from(manager.service("tcp://127.0.0.1:1", None).output().expect("the tool starts"));
+    assert_eq!((ran.code, &*ran.out), (Some(1), ""));
     assert_eq!(manager.next(Duration::from_millis(100)), None);
 }
 
@@ -146,22 +129,21 @@ fn a_service_says_when_it_begins_and_ends() {
 fn a_board_that_stands_still_gets_no_pings() {
     const WATCHDOG: Duration = Duration::from_secs(3);
     let manager = Manager::new();
-    let (own, _) = manager.serve("sim:?slaves=drive", Some(WATCHDOG));
+    let own = manager.serve("sim:?slaves=drive", Some(WATCHDOG));
     for _ in 0..3 {
         manager.wait_for("WATCHDOG=1");
     }
-    end(own);
+    own.end();
     manager.wait_for("STOPPING=1");
 
     // A board at another server, which stands still as a whole. With this keep-alive time the link does not end for it.
-    let (upstream, line) = Manager::new().serve("sim:?slaves=drive", None);
-    let link = format!("tcp://{}?keepalive_ms=3600000", address(&line));
-    let (child, _) = manager.serve(&link, Some(WATCHDOG));
+    let upstream = Manager::new().serve("sim:?slaves=drive", None);
+    let link = format!("{}?keepalive_ms=3600000", upstream.link());
+    let serving = manager.serve(&link, Some(WATCHDOG));
     for _ in 0..3 {
         manager.wait_for("WATCHDOG=1");
     }
-    let signal = |signal| kill_process(Pid::from_child(&upstream), signal).expect("it runs");
-    signal(Signal::STOP);
+    upstream.signal(Signal::STOP);
     // Pings that were due before are still there, and reports that were under way. systemd would end the service after this
     // silence.
     let began = Instant::now();
@@ -172,10 +154,10 @@ fn a_board_that_stands_still_gets_no_pings() {
             silent_since = Instant::now();
         }
     }
-    signal(Signal::CONT);
+    upstream.signal(Signal::CONT);
     manager.wait_for("WATCHDOG=1");
-    end(child);
-    end(upstream);
+    serving.end();
+    upstream.end();
 }
 
 /// TOOL-202 A server that is started, and one that is started again after it was killed, sends no frame to its board: what stood still
@@ -199,13 +181,10 @@ fn a_start_moves_nothing() {
             std::thread::sleep(Duration::from_millis(300));
             (frames() == before).then_some(before)
         });
-        let (mut child, _) = until("place for a writer", || {
-            let (mut child, line) = manager.serve(&upstream, None);
-            if line.is_empty() {
-                child.wait().expect("it ends");
-                return None;
-            }
-            Some((child, line))
+        let _serving = until("place for a writer", || {
+            let mut command = manager.service(&upstream, None);
+            let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
+            Serving::try_of(child).ok()
         });
         manager.wait_for("READY=1");
         let mut report = ecmsk::sk::Frame::new();
@@ -215,8 +194,6 @@ fn a_start_moves_nothing() {
         let drive = ecmsk::sk::DriveResponse::decode(&report.slot(support::tcp::SIZE, 1));
         assert!(drive.statusword.is_enabled() && drive.position == 0, "{drive:?}");
         assert_eq!(frames(), before, "the start has sent a frame");
-        child.kill().expect("it runs");
-        child.wait().expect("it ends");
     }
 }
 
@@ -236,7 +213,7 @@ fn a_service_reads_its_secret_again() {
     write(&mine, old);
     let name = file.to_str().expect("UTF-8");
     let mut server = serve_without_terminal(&["tcp", "--link", "sim:?slaves=drive", "--secret-file", name]);
-    let uri = format!("tcp://{}?role=reader&secret_file={}", server.address, mine.display());
+    let uri = format!("{}?role=reader&secret_file={}", server.link(), mine.display());
     let open = || link::open(&uri, Share::ByName);
     let client = open().expect("the old secret");
 
@@ -262,45 +239,14 @@ fn a_service_reads_its_secret_again() {
 }
 
 /// A server that has no terminal, as a service.
-struct Service {
-    child: Child,
-    address: String,
-    said: BufReader<std::process::ChildStderr>,
-}
-
-fn serve_without_terminal(arguments: &[&str]) -> Service {
+fn serve_without_terminal(arguments: &[&str]) -> Serving {
     let mut command = with_default_signals(&ecmsk([&["serve"], arguments, &["--listen", "127.0.0.1:0"]].concat()));
-    command.env_remove("ECMSK_TCP_SECRET").stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.env_remove("ECMSK_TCP_SECRET");
     // SAFETY: the call between fork and exec is one system call.
     unsafe {
         command.pre_exec(|| rustix::process::setsid().map(drop).map_err(Into::into));
     }
-    let mut child = command.spawn().expect("the tool starts");
-    let mut line = String::new();
-    BufReader::new(child.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says where it listens");
-    let address = line.strip_prefix("listening on ").and_then(|rest| rest.split([',', ';', '\n']).next()).expect(&line);
-    let address = address.to_owned();
-    let said = BufReader::new(child.stderr.take().expect("a pipe"));
-    Service { child, address, said }
-}
-
-impl Service {
-    fn signal(&self, signal: Signal) {
-        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
-    }
-
-    fn wait_for(&mut self, words: &str) {
-        let mut line = String::new();
-        while !line.contains(words) {
-            line.clear();
-            assert!(self.said.read_line(&mut line).expect("text") > 0, "no line with `{words}`");
-        }
-    }
-
-    fn end(mut self) {
-        self.signal(Signal::TERM);
-        assert_eq!(self.child.wait().expect("it ends").code(), Some(0));
-    }
+    Serving::by(command)
 }
 
 /// The log of a server has the time; in systemd's journal, which has its own, it has not. With `--log-format json` each line is an
@@ -310,15 +256,9 @@ fn the_log_has_the_time_or_is_json() {
     let said = |arguments: &[&str], variables: &[(&str, &str)]| {
         let mut command = ecmsk([&["serve", "tcp", "--listen", "127.0.0.1:0"], arguments].concat());
         command.env_remove("ECMSK_TCP_SECRET").envs(variables.iter().copied());
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
-        let mut line = String::new();
-        BufReader::new(child.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says where it listens");
-        link::open(&format!("tcp://{}", address(&line)), Share::ByName).expect("a board").close();
-        kill_process(Pid::from_child(&child), Signal::TERM).expect("it runs");
-        let mut said = String::new();
-        child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
-        assert_eq!(child.wait().expect("it ends").code(), Some(0), "{said}");
-        said
+        let serving = Serving::by(command);
+        link::open(&serving.link(), Share::ByName).expect("a board").close();
+        serving.end()
     };
     let link = ["--link", "sim:?slaves=drive"];
     let plain = without_times(&said(&link, &[]));

@@ -1,50 +1,16 @@
 //! `ecmsk serve usbip`: its output, its errors, its end.
 #![cfg(target_os = "linux")]
 
-use std::io::{BufRead, BufReader, Read};
-use std::net::SocketAddr;
-use std::process::{Child, ChildStdout, Stdio};
-
+use crate::common::serving::Serving;
 use crate::common::{Ran, ecmsk, without_times};
 use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::Signal;
 use support::usbip_client::{Client, Reply};
 
-/// A running `ecmsk serve usbip`.
-struct Serving {
-    child: Child,
-    out: BufReader<ChildStdout>,
-    address: SocketAddr,
-}
-
-impl Serving {
-    fn start(arguments: &[&str]) -> Self {
-        let mut command = ecmsk(["serve", "usbip", "--listen", "127.0.0.1:0"]);
-        let mut child =
-            command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
-        let mut out = BufReader::new(child.stdout.take().expect("a pipe"));
-        let mut line = String::new();
-        out.read_line(&mut line).expect("it says where it listens");
-        let address = line.trim_end().strip_prefix("listening on ").expect(&line).parse().expect(&line);
-        Self { child, out, address }
-    }
-
-    /// Reads the next line of standard output.
-    fn line(&mut self) -> String {
-        let mut line = String::new();
-        self.out.read_line(&mut line).expect("a line");
-        line
-    }
-
-    /// Sends a signal and returns standard error.
-    fn end_by(mut self, signal: Signal) -> String {
-        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
-        let mut said = String::new();
-        self.child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
-        assert_eq!(self.child.wait().expect("it ends").code(), Some(0), "{said}");
-        said
-    }
+/// A client of the first board.
+fn attached(serving: &Serving) -> Client {
+    Client::attached(serving.address().parse().expect("an address"))
 }
 
 fn run(arguments: &[&str]) -> Ran {
@@ -56,10 +22,10 @@ fn run(arguments: &[&str]) -> Ran {
 #[test]
 fn serve_usbip_says_what_it_serves_and_who_attaches() {
     for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
-        let mut serving = Serving::start(&["--link", "sim:?slaves=io", "--link", "sim:?name=b&queue=7"]);
-        assert_eq!(serving.line(), "1-1 sim:?slaves=io&queue=1\n");
-        assert_eq!(serving.line(), "1-2 sim:?name=b&queue=7\n");
-        let mut client = Client::attached(serving.address);
+        let mut serving = Serving::start("usbip", &["--link", "sim:?slaves=io", "--link", "sim:?name=b&queue=7"]);
+        assert_eq!(serving.next_line(), "1-1 sim:?slaves=io&queue=1\n");
+        assert_eq!(serving.next_line(), "1-2 sim:?name=b&queue=7\n");
+        let mut client = attached(&serving);
         let given = client.give(&[0; 512]);
         assert_eq!(client.reply(), Reply::done(given, 512));
         let host = client.stream.local_addr().expect("it is connected");
@@ -79,15 +45,15 @@ fn the_device_has_the_serial_number_and_names_that_were_set() {
     let options = "--vendor 1234 --product 0xabcd --release 0203 --serial S1 --name N --interval 4";
     let mut arguments = vec!["--link", "sim:"];
     arguments.extend(options.split(' '));
-    let serving = Serving::start(&arguments);
-    let mut client = Client::attached(serving.address);
+    let serving = Serving::start("usbip", &arguments);
+    let mut client = attached(&serving);
     let (_, device) = client.control([0x80, 6, 0, 1, 0, 0, 18, 0], &[]);
     assert_eq!(device[8..14], [0x34, 0x12, 0xCD, 0xAB, 0x03, 0x02]);
     let (_, configuration) = client.control([0x80, 6, 0, 2, 0, 0, 41, 0], &[]);
     assert_eq!(configuration[40], 4);
     let (_, serial) = client.control([0x80, 6, 3, 3, 9, 4, 255, 0], &[]);
     assert_eq!(serial, [6, 3, b'S', 0, b'1', 0]);
-    serving.end_by(Signal::TERM);
+    serving.end();
 }
 
 /// A recording by the served link's `record=` has the frames that the USB host sends.
@@ -95,8 +61,8 @@ fn the_device_has_the_serial_number_and_names_that_were_set() {
 fn what_a_host_sends_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
-    let serving = Serving::start(&["--link", &format!("sim:?slaves=io&record={}", file.display())]);
-    let mut client = Client::attached(serving.address);
+    let serving = Serving::start("usbip", &["--link", &format!("sim:?slaves=io&record={}", file.display())]);
+    let mut client = attached(&serving);
     for _ in 0..20 {
         let given = client.give(&[0; 512]);
         assert_eq!(client.reply(), Reply::done(given, 512));
@@ -124,17 +90,10 @@ fn listening_to_others_is_refused() {
 /// Any client that reaches the server can use the boards. With `--insecure-anyone` a note says so.
 #[test]
 fn listening_to_others_is_warned_of() {
-    let mut child = ecmsk(["serve", "usbip", "--link", "sim:", "--listen", "0.0.0.0:0", "--insecure-anyone"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the tool starts");
-    let mut line = String::new();
-    BufReader::new(child.stderr.take().expect("a pipe")).read_line(&mut line).expect("a line");
-    let line = without_times(&line);
+    let mut serving =
+        Serving::by(ecmsk(["serve", "usbip", "--link", "sim:", "--listen", "0.0.0.0:0", "--insecure-anyone"]));
+    let line = without_times(&serving.wait_for(""));
     assert!(line.starts_with("note: ") && line.contains("no password"), "{line}");
-    child.kill().expect("it runs");
-    child.wait().expect("it ends");
 }
 
 /// Boards that cannot be served are errors with the next step.

@@ -30,7 +30,7 @@ fn of_a_simulated_board() -> Serving {
 /// A board that is served over TCP, the link to it, and a page that shows it.
 fn of_a_served_board() -> (Serving, String, Serving) {
     let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
-    let link = format!("tcp://{}", board.address());
+    let link = board.link();
     let web = Serving::start("web", &["--link", &link]);
     (board, link, web)
 }

@@ -89,7 +89,7 @@ mod needs_chromium {
     #[test]
     fn a_board_is_shown_live() {
         let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
-        let link = format!("tcp://{}", board.address());
+        let link = board.link();
         let web = Serving::start("web", &["--link", &link]);
         let mut browser = Browser::start();
         browser.open(web.address());

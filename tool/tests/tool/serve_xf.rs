@@ -1,43 +1,16 @@
 //! `ecmsk serve xf`: its output, its errors, its end, and a host in C.
 #![cfg(target_os = "linux")]
 
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::process::{Child, Stdio};
 
+use crate::common::serving::Serving;
 use crate::common::{Ran, ecmsk, without_times};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::Signal;
 
-/// A running `ecmsk serve xf`.
-struct Serving {
-    child: Child,
-    /// The first line of the server's output.
-    line: String,
-}
-
-impl Serving {
-    fn start(arguments: &[&str]) -> Self {
-        let mut command = ecmsk(["serve", "xf"]);
-        let mut child =
-            command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
-        let mut line = String::new();
-        BufReader::new(child.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says where it listens");
-        Self { child, line }
-    }
-
-    fn port(&self) -> String {
-        let rest = self.line.strip_prefix("listening on 127.0.0.1:").expect(&self.line);
-        rest.split(';').next().expect("a port").to_owned()
-    }
-
-    /// Sends a signal and returns standard error.
-    fn end_by(mut self, signal: Signal) -> String {
-        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
-        let mut said = String::new();
-        self.child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
-        assert_eq!(self.child.wait().expect("it ends").code(), Some(0), "{said}");
-        said
-    }
+/// The port of a server.
+fn port(serving: &Serving) -> &str {
+    serving.address().strip_prefix("127.0.0.1:").expect("this machine")
 }
 
 fn run(arguments: &[&str]) -> Ran {
@@ -49,12 +22,10 @@ fn run(arguments: &[&str]) -> Ran {
 #[test]
 fn serve_xf_says_what_it_serves_and_who_comes() {
     for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
-        let serving = Serving::start(&["--link", "xf-sim:?int0=yes", "--listen", "127.0.0.1:0"]);
-        let port = serving.port();
-        assert_eq!(
-            serving.line,
-            format!("listening on 127.0.0.1:{port}; serving xf-sim:?int0=yes (real clock, with INT0)\n")
-        );
+        let serving = Serving::start("xf", &["--link", "xf-sim:?int0=yes"]);
+        let port = port(&serving);
+        let expected = format!("127.0.0.1:{port}; serving xf-sim:?int0=yes (real clock, with INT0)\n");
+        assert_eq!(serving.first_line, expected);
         let mut host = TcpStream::connect(format!("127.0.0.1:{port}")).expect("it listens");
         let from = host.local_addr().expect("it is connected");
         let mut greeting = [0; 12];
@@ -104,12 +75,12 @@ mod needs_cxx {
         support::succeed(support::Language::C("c99").compiler().arg(source).arg("-o").arg(&program));
         for (firmware, printed) in [("new", "n 1024, firmware 0x22\n"), ("old", "n 112, firmware 0x0E\n")] {
             let link = format!("xf-sim:?chip_fw={firmware}&clock=virtual");
-            let serving = Serving::start(&["--link", &link, "--listen", "127.0.0.1:0"]);
+            let serving = Serving::start("xf", &["--link", &link]);
             // A second host opens the chip after the first one has closed it.
             for _ in 0..2 {
-                assert_eq!(support::succeed(Command::new(&program).arg(serving.port())), printed);
+                assert_eq!(support::succeed(Command::new(&program).arg(port(&serving))), printed);
             }
-            serving.end_by(Signal::TERM);
+            serving.end();
         }
     }
 }

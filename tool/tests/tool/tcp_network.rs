@@ -1,9 +1,7 @@
 //! Clients know the slaves and units that the server knows; and the sources of both sides' secret.
 #![cfg(unix)]
 
-use std::io::{BufRead as _, BufReader};
-use std::process::{Child, Command, Stdio};
-
+use crate::common::serving::Serving;
 use crate::common::{ecmsk, run};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, Slave};
 use ecmsk::link::{self, KnownNetwork, Share};
@@ -45,39 +43,11 @@ fn clients_know_what_the_server_knows() {
 /// The environment variable with the secret that a server and its clients share.
 const SECRET: &str = "ECMSK_TCP_SECRET";
 
-/// The running `ecmsk serve` and its address; dropping the value ends the tool.
-struct Serving(Child, String);
-
-impl Serving {
-    fn start(mut command: Command) -> Self {
-        command.env_remove(SECRET);
-        Self::start_with_secret(command)
-    }
-
-    fn start_with_secret(mut command: Command) -> Self {
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let place = line.strip_prefix("listening on ").and_then(|rest| rest.split([',', ';', '\n']).next());
-        let link = format!("tcp://{}", place.unwrap_or_else(|| panic!("{line}")));
-        Self(child, link)
-    }
-}
-
-impl Drop for Serving {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 /// The tool shows kinds over the network without options, and moves in the server's units.
 #[test]
 fn the_tool_shows_kinds_and_units() {
-    let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2,io"]);
-    command.args(["--counts-per-unit", "1=1000"]);
-    let serving = Serving::start(command);
-    let link = serving.1.as_str();
+    let serving = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io", "--counts-per-unit", "1=1000"]);
+    let link = &*serving.link();
     let info: Value = serde_json::from_str(&run(["info", "--json", "--link", link]).expect_quiet()).unwrap();
     assert_eq!(info["network"], "1 drive, 2 drive, 3 io");
     let seen: Value =
@@ -95,10 +65,10 @@ fn the_tool_shows_kinds_and_units() {
 fn the_board_of_the_environment_is_served() {
     for port in ["tcp", "usbip"] {
         let mut command = ecmsk(["serve", port, "--listen", "127.0.0.1:0"]);
-        command.env("ECMSK_LINK", "sim:?slaves=drive,io");
-        let serving = Serving::start(command);
+        command.env("ECMSK_LINK", "sim:?slaves=drive,io").env_remove(SECRET);
+        let serving = Serving::by(command);
         if port == "tcp" {
-            assert_eq!(link::open(&serving.1, Share::ByName).unwrap().network(), known("drive,io", ""));
+            assert_eq!(link::open(&serving.link(), Share::ByName).unwrap().network(), known("drive,io", ""));
         }
         run(["serve", port, "--listen", "127.0.0.1:0"]).expect_misuse(&["--link", "ECMSK_LINK"]);
         let wrong = ecmsk(["serve", port]).env("ECMSK_LINK", "whale:").output().unwrap();
@@ -124,23 +94,23 @@ fn the_secret_of_a_file_counts_more_than_that_of_the_variable() {
             command.arg("--secret-file").arg(&file);
         }
         command.env(SECRET, variable);
-        Serving::start_with_secret(command)
+        Serving::by(command)
     };
     let shows = |link: &str, variable: &str| {
         let output = ecmsk(["info", "--link", link]).env(SECRET, variable).output().unwrap();
         output.status.success()
     };
     let environment = |serving: &Serving| {
-        let bytes = std::fs::read(format!("/proc/{}/environ", serving.0.id())).unwrap();
+        let bytes = std::fs::read(format!("/proc/{}/environ", serving.child.id())).unwrap();
         String::from_utf8_lossy(&bytes).into_owned()
     };
     let by_file = serve(other, true);
-    let with_file = format!("{}?secret_file={}", by_file.1, file.display());
-    assert!(shows(&with_file, other) && shows(&by_file.1, secret));
-    assert!(!shows(&by_file.1, other));
+    let with_file = format!("{}?secret_file={}", by_file.link(), file.display());
+    assert!(shows(&with_file, other) && shows(&by_file.link(), secret));
+    assert!(!shows(&by_file.link(), other));
     assert!(!environment(&by_file).contains(secret));
     let by_variable = serve(secret, false);
-    assert!(shows(&by_variable.1, secret) && !shows(&by_variable.1, other));
+    assert!(shows(&by_variable.link(), secret) && !shows(&by_variable.link(), other));
     assert!(environment(&by_variable).contains(secret));
     for help in [&["serve", "tcp", "--help"][..], &["link", "help"]] {
         let text = run(help.iter().copied()).out.split_whitespace().collect::<Vec<_>>().join(" ");

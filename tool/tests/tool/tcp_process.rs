@@ -1,58 +1,22 @@
 //! `ecmsk serve tcp`, and processes that are killed while axes move.
 #![cfg(unix)]
 
-use std::io::{BufRead as _, BufReader, Read as _};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
+use crate::common::serving::Serving;
 use crate::common::{Ran, ecmsk, without_times};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Slave};
 use ecmsk::link::{self, LinkError, Share, Wait};
 use ecmsk::sk::{Frame, MasterState};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::Signal;
 use support::tcp::{LIMIT, options, serve_with, until, uri};
 
-/// A running `ecmsk serve tcp` on any free port; dropping the value kills it.
-struct Serving {
-    child: Child,
-    address: String,
-    says: BufReader<std::process::ChildStderr>,
-}
-
-impl Serving {
-    fn start(keys: &str) -> Self {
-        let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link"]);
-        command.arg(format!("sim:?slaves=drive*2{keys}")).env_remove("ECMSK_TCP_SECRET");
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let address = line.strip_prefix("listening on ").and_then(|line| line.split(';').next());
-        let address = address.unwrap_or_else(|| panic!("{line}")).to_owned();
-        assert!(line.contains("serving sim:") && line.contains("slots of 12 bytes, real clock"), "{line}");
-        let says = BufReader::new(child.stderr.take().unwrap());
-        Self { child, address, says }
-    }
-
-    fn uri(&self) -> String {
-        format!("tcp://{}", self.address)
-    }
-
-    /// Reads standard error until a line contains `part`; returns the line.
-    fn wait(&mut self, part: &str) -> String {
-        loop {
-            let mut line = String::new();
-            assert!(self.says.read_line(&mut line).unwrap() > 0, "no line with `{part}`");
-            if line.contains(part) {
-                return line;
-            }
-        }
-    }
-}
-
-impl Drop for Serving {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+/// A server of two drives.
+fn serving() -> Serving {
+    let serving = Serving::start("tcp", &["--link", "sim:?slaves=drive*2"]);
+    let line = &serving.first_line;
+    assert!(line.contains("serving sim:") && line.contains("slots of 12 bytes, real clock"), "{line}");
+    serving
 }
 
 /// The tool prints its address, what it serves, and the clients that come and go; it ends by SIGINT and SIGTERM, and
@@ -60,18 +24,16 @@ impl Drop for Serving {
 #[test]
 fn the_tool_serves_until_it_is_stopped() {
     for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
-        let mut serving = Serving::start("");
-        let link = link::open(&serving.uri(), Share::ByName).unwrap();
-        let came = serving.wait("is a writer");
+        let mut serving = serving();
+        let link = link::open(&serving.link(), Share::ByName).unwrap();
+        let came = serving.wait_for("is a writer");
         let came = without_times(&came);
         assert!(came.starts_with("serve: ") && came.contains(&format!("PID {}", std::process::id())), "{came}");
         link.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
-        kill_process(Pid::from_child(&serving.child), signal).unwrap();
+        serving.signal(signal);
         let end = until("the end", || link.read(&mut Frame::new(), Wait::For(LIMIT)).err());
         assert!(matches!(&end, LinkError::Lost { reason, .. } if reason.contains("stopped")), "{end:?}");
-        assert_eq!(serving.child.wait().unwrap().code(), Some(0));
-        let mut rest = String::new();
-        serving.says.read_to_string(&mut rest).unwrap();
+        let rest = serving.ended();
         assert!(rest.contains(name), "{rest}");
     }
 }
@@ -109,8 +71,8 @@ fn in_op(uri: &str) -> Ecm {
 /// When a server is killed while axes move, every call of its clients ends at once with an error.
 #[test]
 fn killing_the_server_ends_every_call_of_its_clients() {
-    let mut serving = Serving::start("");
-    let ecm = in_op(&serving.uri());
+    let mut serving = serving();
+    let ecm = in_op(&serving.link());
     let mut stream = ecm.stream(16).unwrap();
     let mut killed = false;
     let mut n = 0;

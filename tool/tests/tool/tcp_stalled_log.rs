@@ -4,11 +4,12 @@
 
 use std::io::{BufRead as _, BufReader, PipeReader, Read as _};
 use std::net::SocketAddr;
-use std::process::{Child, ChildStdout, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread;
 
 use crate::common::ecmsk;
+use crate::common::serving::Serving;
 use ecmsk::ecm::{Axis, Config, Ecm, Slave};
 use ecmsk::link::{self, Share, Wait};
 use ecmsk::port::tcp::ServeOptions;
@@ -18,19 +19,12 @@ use support::full_pipe;
 use support::tcp::proxy::Cable;
 use support::tcp::{LIMIT, Raw, SIZE, options, serve_with, until};
 
-/// Starts the tool with a standard error that is a full pipe. Returns the tool, its standard output, the address on which it
-/// listens, and the reading end of the pipe.
-fn serving(arguments: &[&str], keys: &[(&str, &str)]) -> (Child, BufReader<ChildStdout>, String, PipeReader) {
+/// Starts a server of two drives with a standard error that is a full pipe. Returns it and the reading end of the pipe.
+fn serving(port: &str, log: &str) -> (Serving, PipeReader) {
     let (reader, writer) = full_pipe();
-    let mut command = ecmsk(arguments);
-    command.envs(keys.iter().copied()).env_remove("ECMSK_TCP_SECRET");
-    let mut child = command.stdout(Stdio::piped()).stderr(writer).spawn().unwrap();
-    let mut out = BufReader::new(child.stdout.take().unwrap());
-    let mut line = String::new();
-    out.read_line(&mut line).unwrap();
-    let address = line.strip_prefix("listening on ").and_then(|line| line.split([';', '\n']).next());
-    let address = address.unwrap_or_else(|| panic!("{line}")).to_owned();
-    (child, out, address, reader)
+    let mut command = ecmsk(["serve", port, "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"]);
+    command.env("ECMSK_LOG", log).env_remove("ECMSK_TCP_SECRET");
+    (Serving::of(command.stdout(Stdio::piped()).stderr(writer).spawn().unwrap()), reader)
 }
 
 fn ends(child: &mut Child) {
@@ -78,30 +72,27 @@ fn a_writer_vanishes(server: SocketAddr) {
 #[test]
 fn a_full_pipe_stops_nothing() {
     for level in ["off", "trace"] {
-        let arguments = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];
-        let (mut child, _out, address, _unread) = serving(&arguments, &[("ECMSK_LOG", level)]);
-        a_writer_vanishes(address.parse().unwrap());
-        ends(&mut child);
+        let (mut serving, _unread) = serving("tcp", level);
+        a_writer_vanishes(serving.address().parse().unwrap());
+        ends(&mut serving.child);
     }
 }
 
 /// TCP-25 A pipe that is read again gets the newest lines, and the number of missing ones.
 #[test]
 fn a_pipe_that_is_read_again_gets_the_newest_lines_and_the_number_of_missing_ones() {
-    let arguments = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];
-    let (mut child, _out, address, mut unread) = serving(&arguments, &[("ECMSK_LOG", "off")]);
-    let uri = format!("tcp://{address}");
+    let (mut serving, mut unread) = serving("tcp", "off");
     // The server logs at least two lines for each writer, in all more lines than its queue holds.
     for _ in 0..700 {
-        link::open(&uri, Share::ByName).unwrap().close();
+        link::open(&serving.link(), Share::ByName).unwrap().close();
     }
-    a_writer_vanishes(address.parse().unwrap());
+    a_writer_vanishes(serving.address().parse().unwrap());
     let text = thread::spawn(move || {
         let mut text = String::new();
         unread.read_to_string(&mut text).unwrap();
         text
     });
-    ends(&mut child);
+    ends(&mut serving.child);
     let text = text.join().unwrap();
     assert!(text.contains("lines were dropped") || text.contains("more times"), "{text}");
     assert!(text.contains("axes stand still after") && text.contains("stopped by SIGTERM"), "{text}");
@@ -126,12 +117,11 @@ fn a_standard_output_that_nobody_reads_stops_nothing() {
 /// `ecmsk serve usbip` ends by SIGTERM, too, while its output is not read.
 #[test]
 fn usbip_ends_with_a_full_pipe() {
-    let arguments = ["serve", "usbip", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];
-    let (mut child, _out, address, _unread) = serving(&arguments, &[("ECMSK_LOG", "trace")]);
+    let (mut serving, _unread) = serving("usbip", "trace");
     for _ in 0..50 {
-        Raw::dial_to(address.parse().unwrap()).send(&[7; 8]);
+        Raw::dial_to(serving.address().parse().unwrap()).send(&[7; 8]);
     }
-    ends(&mut child);
+    ends(&mut serving.child);
 }
 
 /// TCP-25 TCP-9 The server calls the program's function for messages in a thread of its own. If the function never returns,

@@ -11,17 +11,9 @@ use ecmsk::sk::{MasterState, SlaveCommand, SlotSize};
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::common::motion::{DriveSlot, ENABLED, FakeBoard};
+use crate::common::motion::{ATTAINED, CSP, DriveSlot, ENABLED, FAULTED, FakeBoard, GO_HOME, UNDER_WAY};
 use crate::common::recordings::Script;
 use crate::common::run;
-
-const GO_HOME: u8 = 0x18;
-const CSP: u8 = 0x15;
-/// Statuswords in homing mode: homing is under way, home is attained.
-const UNDER_WAY: u16 = 0x0237;
-const ATTAINED: u16 = 0x1637;
-/// Fault.
-const FAULTED: u16 = 0x0218;
 
 const SECOND_NS: u64 = 1_000_000_000;
 const DAY_NS: u64 = 86_400 * SECOND_NS;

@@ -3,7 +3,7 @@
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::{Command, ExitCode, ExitStatus};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::{io, thread};
 
 use rustix::io::Errno;
@@ -12,6 +12,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 use super::{ExecError, failed, not_started};
+use crate::lock::lock;
 use crate::signals;
 
 /// The next step for a program without the right to execute it.
@@ -30,7 +31,7 @@ pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecErro
     let mut signals = Signals::new(ours).map_err(failed("catch signals"))?;
     // The program's process id, while it runs; `None` before it is started and after it was waited for.
     let running = Arc::new(Mutex::new(None));
-    let mut started = running.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut started = lock(&running);
     // The signals have their own thread, so that the end of the program is noticed even if the system loses a signal.
     // The thread waits for the lock until the program runs.
     let passed_on = Arc::clone(&running);
@@ -55,7 +56,7 @@ pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecErro
             return Err(failed("wait for the program")(io::Error::from(error)));
         }
     }
-    running.lock().unwrap_or_else(PoisonError::into_inner).take();
+    lock(&running).take();
     child.wait().map_err(failed("wait for the program"))
 }
 
@@ -69,7 +70,7 @@ pub fn end_as(ended: ExitStatus) -> ExitCode {
 /// Passes a signal on to the program, unless the program was waited for: its process id may then belong to another
 /// process.
 fn pass_on(running: &Mutex<Option<Pid>>, signal: Signal) {
-    let running = running.lock().unwrap_or_else(PoisonError::into_inner);
+    let running = lock(running);
     if let Some(id) = *running {
         // Sending fails if the program has ended already.
         let _ = kill_process(id, signal);

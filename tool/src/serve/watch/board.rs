@@ -6,7 +6,7 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
 use ecmsk::link::uri::LinkUri;
@@ -15,6 +15,7 @@ use ecmsk::sk::{Frame, StateByte};
 
 use super::frames::{Frames, Shown};
 use super::trouble;
+use crate::lock::lock;
 
 /// A board on the real clock that runs no cycle, or sends no report, for this long counts as silent. \[OURS]
 pub const SILENT: Duration = Duration::from_secs(1);
@@ -303,10 +304,6 @@ fn count<T>(done: &Result<T, LinkError>, good: &AtomicU64, bad: &AtomicU64) {
         Err(_) => bad,
     };
     counted.fetch_add(1, Ordering::Relaxed);
-}
-
-fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

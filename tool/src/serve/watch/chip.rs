@@ -1,10 +1,12 @@
 //! A chip ECM-XF as its server sees it: a link around the chip's link that counts the exchanges.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use ecmsk::link::chip::{self, ChipError, ChipInfo, ChipLink};
 use ecmsk::xf::host::{HostConfig, Wires};
+
+use crate::lock::lock;
 
 /// A chip that a server serves, watched.
 #[derive(Default)]
@@ -71,7 +73,7 @@ impl ChipWatch {
 
     /// Why the chip cannot be used, in words; `None`: it can, as far as it was.
     pub fn trouble(&self) -> Option<String> {
-        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        let failed = lock(&self.failed);
         failed.as_ref().map(|why| format!("the chip: {why}"))
     }
 }

@@ -7,7 +7,7 @@
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -23,6 +23,7 @@ use super::WebError;
 use crate::CliError;
 use crate::kind_list::KindList;
 use crate::link_option::{ChosenLink, as_reader};
+use crate::lock::lock;
 use crate::monitor::source::Feed;
 use crate::monitor::{self, json as view_json};
 use crate::serve::watch::BoardWatch;
@@ -339,10 +340,6 @@ impl Publisher {
         hello["type"] = "hello".into();
         hello.to_string().into()
     }
-}
-
-fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -6,39 +6,29 @@ use super::By;
 use super::part::AxisPart;
 use super::report::{AxisTrend, Report};
 use crate::error::CliError;
-use crate::markup::escaped;
+use crate::markup::{escaped, figure, page};
 use crate::motion::Quantity;
 use crate::plot::trend::{Curve, Diagram, Picture};
 use crate::summary::extremes::named;
-use crate::summary::page::STYLE;
 
 /// The text of the page.
 ///
 /// # Errors
 /// [`CliError`] if a picture cannot be drawn.
 pub fn html(report: &Report) -> Result<String, CliError> {
-    let title = escaped(&report.folder.display().to_string());
-    let mut pictures = String::new();
-    pictures += &figure("The FIFO", &board(report).svg()?);
+    let mut pictures = figure("The FIFO", &board(report).svg()?);
     for trend in report.axes() {
         let (axis, name) = named(trend.slave, report.machine);
         let heading = format!("Axis {name}{}", report.way_text(&trend));
         pictures += &figure(&heading, &of_axis(report, &trend, axis, &name).svg()?);
     }
-    Ok(format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\n\
-         <title>{title} - ecmsk</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n\
-         <p>Trends by ecmsk {}, a line for each {}. Times are UTC.</p>\n<pre>{}</pre>\n<h2>Pictures</h2>\n{pictures}\
-         </body>\n</html>\n",
+    let below = format!(
+        "<p>Trends by ecmsk {}, a line for each {}. Times are UTC.</p>\n<pre>{}</pre>\n<h2>Pictures</h2>\n{pictures}",
         env!("CARGO_PKG_VERSION"),
         report.by.word(),
         escaped(&report.text()),
-    ))
-}
-
-fn figure(heading: &str, svg: &str) -> String {
-    format!("<h3>{}</h3>\n{svg}\n", escaped(heading))
+    );
+    Ok(page(&report.folder.display().to_string(), &below))
 }
 
 /// The name of the horizontal axis.

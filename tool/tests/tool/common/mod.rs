@@ -8,6 +8,7 @@
 //! - `machine.rs`: a machine made of files, for `list` and `doctor`
 //! - `motion.rs`, `recordings.rs`: a board in motion without the model, and recordings of its frames
 //! - `page.rs`: the page, its server, and a browser
+//! - `serving.rs`: a running server
 //! - `plots.rs`, `svg.rs`: plots of recordings, and reading them back
 //! - `tshark.rs`: what tshark shows with the plugin of `ecmsk wireshark`, compared with `ecmsk dump`
 
@@ -21,6 +22,8 @@ pub mod motion;
 pub mod page;
 pub mod plots;
 pub mod recordings;
+#[cfg(unix)]
+pub mod serving;
 pub mod svg;
 pub mod tshark;
 

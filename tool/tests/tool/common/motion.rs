@@ -16,6 +16,14 @@ const MS: u64 = 1_000_000;
 const CALL: u64 = MS / 8;
 /// The statusword of a drive in Operation enabled that follows its target (bit 12).
 pub const ENABLED: u16 = 0x1637;
+/// Statuswords of a drive in homing mode: homing is under way, home is attained.
+pub const UNDER_WAY: u16 = 0x0237;
+pub const ATTAINED: u16 = 0x1637;
+/// The statusword of a drive in Fault.
+pub const FAULTED: u16 = 0x0218;
+/// Ids of commands that a drive's slot answers.
+pub const CSP: u8 = 0x15;
+pub const GO_HOME: u8 = 0x18;
 
 /// The fake board and its host, with a cycle of 1 ms, and the frames between them so far.
 pub struct FakeBoard {
@@ -40,6 +48,14 @@ pub struct FakeBoard {
     last: BTreeMap<usize, RawSlot>,
     /// The drives that are lost: the state is 0x18, and their slots keep their values.
     pub lost: Vec<usize>,
+}
+
+/// In each cycle moves axis 1 by 10 counts and axis 2 by 20 counts.
+pub fn go(board: &mut FakeBoard, cycles: std::ops::Range<i32>) {
+    for n in cycles {
+        board.send(&[10 * n, 20 * n]);
+        board.cycle();
+    }
 }
 
 /// The values in a drive's slot besides position and torque.

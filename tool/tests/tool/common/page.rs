@@ -1,16 +1,16 @@
-//! Code for tests of the tool's page: the data in an HTML file and their points, `ecmsk serve`, and a browser.
+//! Code for tests of the tool's page: the data in an HTML file and their points, its server, and a browser.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
-use std::process::{Child, ChildStdout, Stdio};
+use std::process::{Child, Stdio};
 
-use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message, WebSocket};
 
-use super::{ecmsk, run};
+use super::run;
+pub use super::serving::Serving;
 
 /// The text of the element of a recording's page that contains its data as JSON.
 #[track_caller]
@@ -69,55 +69,11 @@ pub fn channel(hello: &Value, slave: u64, quantity: &str) -> usize {
     channels.iter().position(is_it).unwrap_or_else(|| panic!("no {quantity} of {slave} in {channels:?}"))
 }
 
-/// A running `ecmsk serve`, of a page or of a board.
-pub struct Serving {
-    child: Child,
-    out: BufReader<ChildStdout>,
-    /// The first line of the server's output, without `listening on `.
-    pub first_line: String,
-}
-
 impl Serving {
-    pub fn start(port: &str, arguments: &[&str]) -> Self {
-        let mut command = ecmsk([&["serve", port, "--listen", "127.0.0.1:0"], arguments].concat());
-        command.env_remove("ECMSK_TCP_SECRET");
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
-        let mut out = BufReader::new(child.stdout.take().expect("a pipe"));
-        let mut line = String::new();
-        out.read_line(&mut line).expect("it says where it listens");
-        let Some(first_line) = line.strip_prefix("listening on ") else {
-            let mut said = String::new();
-            child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
-            panic!("{line}{said}");
-        };
-        Self { child, out, first_line: first_line.to_owned() }
-    }
-
-    /// The next line of the server's output.
-    pub fn next_line(&mut self) -> String {
-        let mut line = String::new();
-        self.out.read_line(&mut line).expect("text");
-        line
-    }
-
-    /// The address of the page, or that of the served board.
-    pub fn address(&self) -> &str {
-        self.first_line.split(';').next().expect("an address")
-    }
-
     /// The host with the port, and the token, in the address of a page.
     pub fn host_and_token(&self) -> (&str, &str) {
         let rest = self.address().strip_prefix("http://").expect("an address of a page");
         rest.split_once("/?token=").expect("a token")
-    }
-
-    /// Ends the server by SIGTERM; returns its standard error.
-    pub fn end(mut self) -> String {
-        kill_process(Pid::from_child(&self.child), Signal::TERM).expect("it runs");
-        let mut said = String::new();
-        self.child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
-        assert_eq!(self.child.wait().expect("it ends").code(), Some(0), "{said}");
-        said
     }
 
     /// Sends an HTTP request with these lines to the server of the page; returns the head and the body of the answer.
@@ -143,14 +99,6 @@ pub fn ask(host: &str, lines: &[&str]) -> (String, String) {
     stream.read_to_string(&mut answer).expect("text");
     let (head, body) = answer.split_once("\r\n\r\n").expect("a head");
     (head.to_owned(), body.to_owned())
-}
-
-impl Drop for Serving {
-    /// Ends the server if the test has failed before it called [`Self::end`].
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 /// Runs the tool until it succeeds, at most 20 times: on a late machine a board on the real clock may run into a timeout.

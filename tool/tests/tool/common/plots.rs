@@ -70,3 +70,12 @@ pub struct Cycle {
 pub fn near(found: f64, expected: f64, whole: f64) {
     assert!((found - expected).abs() <= whole / 100.0, "{found} instead of {expected}");
 }
+
+/// Asserts that spans of time have these beginnings and ends, all in seconds, with a tolerance.
+#[track_caller]
+pub fn spans_are(found: &[(f64, f64)], expected: &[(f64, f64)], tolerance: f64) {
+    let near = |a: f64, b: f64| (a - b).abs() < tolerance;
+    let same = found.len() == expected.len()
+        && found.iter().zip(expected).all(|(found, expected)| near(found.0, expected.0) && near(found.1, expected.1));
+    assert!(same, "{found:?} instead of {expected:?}");
+}

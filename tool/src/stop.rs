@@ -101,7 +101,7 @@ impl Args {
         let board = Board::open(&args, BoardUse::Switches, StepSource::CommandLine, interrupt()?)?;
         let done = self.stop(&board).and_then(|in_op| {
             let is_served = board.uri.scheme() == Scheme::Tcp;
-            self.say(&board.reporter, &Stopped { writer, in_op, text: String::new() }, is_served)
+            self.say(&board.reporter, &Stopped { writer, in_op, text: board.held_back().join("; ") }, is_served)
         });
         board.close(done)
     }

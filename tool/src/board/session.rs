@@ -6,8 +6,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ecmsk::cia402::{Mode, Statusword};
-use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, Options, Scale, Scales, SlaveView, Snapshot, Suspect};
+use ecmsk::cia402::{ErrorCode, Mode, Statusword};
+use ecmsk::ecm::{
+    Axis, Close, Config, Ecm, EcmError, Guard, HeldBack, Options, Scale, Scales, SlaveView, Snapshot, Suspect,
+};
 use ecmsk::engine::StateFailure;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Link, LinkError, Share};
@@ -173,6 +175,32 @@ impl Board {
             Some(units) => (format!("{units}{unit} ({counts} counts)"), Some(units)),
             None => (counts.to_string(), None),
         }
+    }
+
+    /// A distance on an axis as text, see [`in_units`](Self::in_units). It has no sign, whatever that of the counts per unit.
+    pub fn distance_in_units(&self, number: u8, counts: u32) -> String {
+        match self.in_units(number, i32::try_from(counts).unwrap_or(i32::MAX)) {
+            (text, Some(_)) => text.trim_start_matches('-').to_owned(),
+            (_, None) => format!("{counts} counts"),
+        }
+    }
+
+    /// The axes that did not follow when they were stopped since the last call, a text for each.
+    pub fn held_back(&self) -> Vec<String> {
+        let text = |axis: HeldBack| {
+            let slave = axis.slave;
+            if axis.is_second {
+                return axis.to_string();
+            }
+            let away = axis.away.map_or_else(
+                || "held back from its target".to_owned(),
+                |away| format!("{} from its target", self.distance_in_units(slave, away)),
+            );
+            let at = self.in_units(slave, axis.position).0;
+            format!("axis {} pushed, {away}: its target is now its actual position, {at}", self.label(slave))
+        };
+        // The next call of the board shows if it is lost.
+        self.ecm.take_held_back().unwrap_or_default().into_iter().map(text).collect()
     }
 
     /// The names and units with which the axes and positions of a step are converted.

@@ -147,6 +147,8 @@ fn a_drive_that_holds_an_axis_back_ends_the_move() {
                 why.starts_with("its drive holds it back (internal limit active, statusword bit 11); see "),
                 "{what}"
             );
+            let pushed = ran.err.lines().find_map(|line| line.strip_prefix("note: axis 1 pushed, ")).expect(&what);
+            assert!(pushed.contains(" from its target: its target is now its actual position, 1"), "{what}");
             let second = ran.err.lines().find_map(|line| line.strip_prefix("note: axis 2 is at ")).expect(&what);
             assert!((5000..40_000).contains(&second.parse::<i32>().expect(&what)), "{what}");
         }

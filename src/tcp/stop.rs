@@ -70,15 +70,31 @@ pub fn stop(uri: &LinkUri, off: bool) -> Result<Stopped, StopError> {
         what: format!("stop the axes at `{name}`"),
         message: format!("{error}; use the emergency stop if axes move"),
     })?;
-    let Connected { channel, out, .. } = &mut connected;
-    // The stop is done. An error of saying so is ignored, since it would only say that the connection has ended already.
+    leave(&mut connected);
+    answer
+}
+
+/// The URI with which the server of a `tcp:` link has opened its board, for example `nic:eth1`. The call takes no place of a
+/// client, and changes nothing. A URI longer than 256 bytes is cut.
+///
+/// # Errors
+/// [`LinkError`] if it is no `tcp:` link, or the server cannot be reached, has no board or refuses this client.
+pub fn served_board(uri: &LinkUri) -> Result<String, LinkError> {
+    let options = TcpOptions { role: Role::Stopper, ..TcpOptions::from_uri(uri).map_err(LinkError::from)? };
+    let mut connected = connect(&uri.to_string(), &options)?;
+    leave(&mut connected);
+    Ok(connected.board)
+}
+
+/// Says goodbye. An error of that is ignored, since it would only say that the connection has ended already.
+fn leave(connected: &mut Connected) {
+    let Connected { channel, out, .. } = connected;
     let bye = Message::Bye { end: End::Closed, text: "" };
     let until = Instant::now() + CLOSE_LIMIT;
     if channel.stage(&bye, out).and_then(|()| channel.flush(out, until)).is_ok() {
         channel.end(false);
         until_closed(channel, until);
     }
-    answer
 }
 
 /// Sends the request, and keep-alive messages until the answer arrives.

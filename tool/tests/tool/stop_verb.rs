@@ -47,12 +47,17 @@ fn a_second_terminal_stops_what_a_program_moves() {
     });
 }
 
-/// A board that is not served: one that was just switched on has nothing to stop, and one that another program has is
-/// named with it.
+/// A simulated board that the verb opens itself is not the one that moves: never a success. Nor is a server that is not
+/// there, and the error says what to do if axes move.
 #[test]
 fn a_board_that_is_not_served() {
-    let said = run(["stop", "--machine", "none", "--link", "sim:?slaves=drive&clock=virtual"]).expect_quiet();
-    assert_eq!(said, "no axis follows commands: the network is not in OP\n");
+    // No server at the default port has such a board.
+    let link = "sim:?slaves=hsp*7,step&clock=virtual";
+    run(["stop", "--machine", "none", "--link", link]).expect_failure(
+        1,
+        &["is a new board of this program, on which nothing moves"],
+        "`ecmsk stop --link tcp://localhost:PORT`",
+    );
     run(["stop", "--machine", "none", "--link", "tcp://127.0.0.1:1"]).expect_failure(
         1,
         &["nobody listens there"],

@@ -112,7 +112,11 @@ fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port:
                     .to_owned(),
             next: "say --slaves, with which this verb stops the axes, or use the emergency stop".to_owned(),
         }),
-        Err(StopError::Link(error)) => Err(chosen.if_unnamed(&error).map_or(error.into(), BoardError::from)),
+        Err(StopError::Link(error)) => Err(match chosen.if_unnamed(&error) {
+            Some(unnamed) => unnamed.into(),
+            None if error.to_string().contains("emergency stop") => error.into(),
+            None => BoardError::NotStopped(error),
+        }),
         Err(error) => Err(error.into()),
     }
 }

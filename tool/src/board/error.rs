@@ -59,6 +59,12 @@ pub enum BoardError {
     /// The link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The board was lost while the verb commanded axes, and it is not known who stops them.
+    #[error("{0}; axes may go on: use the emergency stop if they do")]
+    MayGoOn(LinkError),
+    /// A server has not stopped the axes of its board, since it cannot be reached.
+    #[error("{0}; use the emergency stop if axes move")]
+    NotStopped(LinkError),
     /// A server has not stopped the axes of its board.
     #[error(transparent)]
     Stop(#[from] ecmsk::link::tcp::StopError),

@@ -29,7 +29,7 @@ const SETTLE_WINDOW_COUNTS: u32 = 2;
 /// Move axes to positions, all together
 ///
 /// The axes start and arrive at the same time, on a straight line, with bounded speed, acceleration and jerk (CSP). Ctrl-C
-/// brakes on that line, within 2 s; the axes stay on.
+/// brakes on that line, within 2 s; the axes stay on, unless this program is the board itself (nic:, xf-spi:, xf-usb:).
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Examples:

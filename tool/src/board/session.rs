@@ -302,9 +302,21 @@ impl Board {
     pub fn explain(&self, error: EcmError) -> BoardError {
         match error {
             EcmError::TooFar { slave, target, actual, limit } => {
-                BoardError::TooFarAhead { slave, target, actual, limit }
+                let at = |counts| self.in_units(slave, counts).0;
+                let way = |counts| self.distance_in_units(slave, counts);
+                BoardError::TooFarAhead {
+                    axis: self.label(slave),
+                    actual: at(actual),
+                    target: at(target),
+                    away: way(target.wrapping_sub(actual).unsigned_abs()),
+                    limit: way(limit),
+                }
             }
-            EcmError::Alarm { slave, code } => BoardError::Alarm { slave, code, next: self.clear_words(slave) },
+            EcmError::Alarm { slave, code } => {
+                let of_file = self.machine.as_ref().and_then(|machine| machine.alarm_text(slave, code));
+                let alarm = of_file.map_or_else(|| ErrorCode(code).to_string(), |text| format!("0x{code:04X}: {text}"));
+                BoardError::Alarm { axis: self.label(slave), alarm, next: self.clear_words(slave) }
+            }
             // A report does not show which slave has refused, but the link may know it.
             EcmError::StateStuck { wanted, found, suspect: Suspect::Unknown } => {
                 match self.link_stats().state_failure {

@@ -187,7 +187,6 @@ impl Args {
         let shorter = "--velocity and --first-repeat make that shorter";
         board.reporter.note(format_args!("one tap of a key moves {taps}; {shorter}"));
         self.say_keys(board, &axes);
-        let cycle = f64::from(config.cycle_us) * 1e-6;
         let terminal = Terminal::open().map_err(BoardError::system("read the keys of the terminal"))?;
         let is_measured = HAS_ANSWERS && !self.any_line;
         if is_measured {
@@ -384,7 +383,8 @@ impl Jog<'_> {
             let target = axis.motion.target();
             if axis.held.held_for(self.board, &self.snapshot, target, seconds) >= self.held_limit_s {
                 let at = self.snapshot.position(axis.slave).unwrap_or_default();
-                let why = format!("axis {} stands at {at}: {}", axis.slave, internal_limit::WHY);
+                let (label, at) = (self.board.label(axis.slave), self.board.in_units(axis.slave, at).0);
+                let why = format!("axis {label} stands at {at}: {}", internal_limit::WHY);
                 return Err(refused(why, internal_limit::NEXT));
             }
         }

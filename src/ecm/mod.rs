@@ -74,6 +74,7 @@ pub use homing::{Homing, HomingPhase, HomingProgress};
 pub use options::{CLOSE_LIMIT, Close, Options};
 pub use sdo::SdoValue;
 pub use snapshot::{SlaveView, Snapshot};
+pub use standstill::HeldBack;
 pub use stream::{Stream, StreamStats};
 pub(crate) use takeover::Succeeded;
 pub use takeover::Watch;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::tcp::OnVanish;
-use crate::ecm::{Close, Ecm, EcmError, Options, Succeeded, Watch};
+use crate::ecm::{Close, Ecm, EcmError, HeldBack, Options, Succeeded, Watch};
 use crate::link::{Link, Wait};
 use crate::sk::{FifoAction, Frame, MasterCommand};
 use crate::tcp::wire::StopEnd;
@@ -51,13 +51,13 @@ impl LeftBoard<'_> {
         }
         let who = self.who;
         let (end, text) = match self.stop_axes(off) {
-            Ok(Succeeded::Stand { discarded: entries }) => {
-                let dropped = dropped(entries);
-                (self.tell)(&format!("axes stand still after {who}{dropped}"));
-                (StopEnd::Stand, dropped.trim_start_matches("; ").to_owned())
+            Ok((Succeeded::Stand { discarded: entries }, held_back)) => {
+                let more = dropped(entries) + &pushed(&held_back);
+                (self.tell)(&format!("axes stand still after {who}{more}"));
+                (StopEnd::Stand, more.trim_start_matches("; ").to_owned())
             }
-            Ok(Succeeded::NotInOp) => (StopEnd::NotInOp, String::new()),
-            Ok(Succeeded::Unknown { discarded: entries }) => {
+            Ok((Succeeded::NotInOp, _)) => (StopEnd::NotInOp, String::new()),
+            Ok((Succeeded::Unknown { discarded: entries }, _)) => {
                 (self.tell)(&format!(
                     "the network was configured before this server came: what moves is not known to it and goes on{}; \
                      use the emergency stop if axes move",
@@ -73,12 +73,13 @@ impl LeftBoard<'_> {
         Some(Standstill { off, end, text })
     }
 
-    fn stop_axes(&self, off: bool) -> Result<Succeeded, EcmError> {
+    /// Returns how the stop has ended, and the axes that did not follow.
+    fn stop_axes(&self, off: bool) -> Result<(Succeeded, Vec<HeldBack>), EcmError> {
         let options = Options { close: Close::Leave, ..Options::default() };
         let begun =
             Ecm::over(Arc::clone(&self.link), options).and_then(|ecm| ecm.see_what_is_left(self.watch).map(|()| ecm));
         match begun {
-            Ok(ecm) => ecm.succeed(&(self.watch)(), off),
+            Ok(ecm) => Ok((ecm.succeed(&(self.watch)(), off)?, ecm.take_held_back()?)),
             Err(error) => {
                 self.clear_fifo_unseen();
                 Err(error)
@@ -99,6 +100,17 @@ impl LeftBoard<'_> {
                 "what waits in the board's FIFO stays there: {error}; use the emergency stop before its cable is plugged"
             ));
         }
+    }
+}
+
+/// The number of axes that did not follow that are named in a text, which has to fit into a message.
+const NAMED_MAX: usize = 2;
+
+fn pushed(axes: &[HeldBack]) -> String {
+    let named: String = axes.iter().take(NAMED_MAX).map(|axis| format!("; {axis}")).collect();
+    match axes.len().saturating_sub(NAMED_MAX) {
+        0 => named,
+        more => format!("{named}; so did {more} more"),
     }
 }
 

@@ -1,7 +1,7 @@
-//! Finds in the frames of a running program what a flight recorder keeps: alarms, lost slaves, changes of state that
-//! failed, gaps in the reports, following errors beyond a limit.
+//! Finds in the frames of a running program what a flight recorder keeps: alarms, axes that their drives hold back, lost
+//! slaves, changes of state that failed, gaps in the reports, following errors beyond a limit.
 
-use super::line::Alarm;
+use super::line::{Alarm, HeldBack};
 use super::watch::{FrameEvent, FrameWatch};
 use crate::link::Dir;
 use crate::link::record::flight::{FlightWatch, Kind};
@@ -71,6 +71,7 @@ impl FlightWatch for FlightEvents {
         self.frames.report(at, frame, &mut |event| match event {
             // The recorder states the time.
             FrameEvent::Alarm(alarm) => found(Kind::Alarm, Alarm { at_ns: None, ..alarm }.to_string()),
+            FrameEvent::HeldBack(held) => found(Kind::HeldBack, HeldBack { at_ns: None, ..held }.to_string()),
             FrameEvent::StateFailed(failed) => {
                 // Changes of state that fail end below OP: a failure that OP shows is a slave that has left it.
                 let is_lost = StateByte(failed.state).state() == Some(MasterState::Op);

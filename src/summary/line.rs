@@ -26,6 +26,8 @@ pub enum Line {
     },
     /// A drive has an alarm.
     Alarm(Alarm),
+    /// A drive holds its axis back.
+    HeldBack(HeldBack),
     /// A change of the AL state of the network has failed.
     StateFailed(StateFailed),
     /// The present value of a counter of a board.
@@ -55,6 +57,18 @@ pub struct Alarm {
     pub at_ns: Option<i64>,
 }
 
+/// An axis that its drive holds back: it is enabled and stands, and its statusword has shown internal limit active (bit 11)
+/// for a while. Its torque limit, a limit switch or a software limit keeps it from its target.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HeldBack {
+    /// The slave, from 1.
+    pub slave: u8,
+    /// The position of the axis, counts.
+    pub position: i32,
+    /// When this was found, ns; the time counts as that of an [`Alarm`].
+    pub at_ns: Option<i64>,
+}
+
 /// A change of the AL state of the network that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct StateFailed {
@@ -79,6 +93,10 @@ impl fmt::Display for Line {
                 write!(f, "alarm {slave} {code}")?;
                 at_ns.map_or(Ok(()), |at_ns| write!(f, " {at_ns}"))
             }
+            Self::HeldBack(HeldBack { slave, position, at_ns }) => {
+                write!(f, "held {slave} {position}")?;
+                at_ns.map_or(Ok(()), |at_ns| write!(f, " {at_ns}"))
+            }
             Self::StateFailed(StateFailed { state, declared }) => write!(f, "state {state} {}", u8::from(*declared)),
             Self::Count { board, name, value } => write!(f, "count {board} {name} {value}"),
             Self::Dropped(lines) => write!(f, "dropped {lines}"),
@@ -100,6 +118,11 @@ impl Line {
             "alarm" => Self::Alarm(Alarm {
                 slave: words.next()?.parse().ok()?,
                 code: words.next()?.parse().ok()?,
+                at_ns: words.next().map(str::parse).transpose().ok()?,
+            }),
+            "held" => Self::HeldBack(HeldBack {
+                slave: words.next()?.parse().ok()?,
+                position: words.next()?.parse().ok()?,
                 at_ns: words.next().map(str::parse).transpose().ok()?,
             }),
             "state" => {
@@ -126,6 +149,20 @@ impl fmt::Display for Alarm {
             0 => f.write_str(", and shows no error code"),
             code => write!(f, ", 0x{code:04X}: {}", crate::ethercat::cia402::error_name(code)),
         }
+    }
+}
+
+impl fmt::Display for HeldBack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(at_ns) = self.at_ns {
+            write!(f, "at {:.3} s: ", at_ns as f64 / 1e9)?;
+        }
+        write!(
+            f,
+            "the drive of slave {} holds its axis back at {} counts (internal limit active, statusword bit 11); see its load, its \
+             limit switches (0x60FD) and its limits",
+            self.slave, self.position
+        )
     }
 }
 
@@ -183,6 +220,7 @@ mod tests {
             Line::Repeated { id: 7, times: 3000 },
             Line::Alarm(Alarm { slave: 40, code: 0x7500, at_ns: Some(1_501_000_000) }),
             Line::Alarm(Alarm { slave: 40, code: 0x7500, at_ns: None }),
+            Line::HeldBack(HeldBack { slave: 1, position: -14_585, at_ns: Some(2) }),
             Line::StateFailed(StateFailed { state: 0x12, declared: true }),
             Line::Count { board: 1, name: "rejected.wrong_state".to_owned(), value: u64::MAX },
             Line::Dropped(5),

@@ -92,6 +92,7 @@ impl Layer for WatchLink {
         self.watch().report(self.time_ns(meta.at), out, &mut |event| {
             self.summary_writer.queue_line(match event {
                 FrameEvent::Alarm(alarm) => Line::Alarm(alarm),
+                FrameEvent::HeldBack(held) => Line::HeldBack(held),
                 FrameEvent::StateFailed(failed) => Line::StateFailed(failed),
             });
         });

@@ -29,7 +29,7 @@ use std::fmt;
 
 pub use flight::FlightEvents;
 pub use gaps::GapFinder;
-pub use line::{Alarm, Line, StateFailed};
+pub use line::{Alarm, HeldBack, Line, StateFailed};
 pub use watch::{FrameCounts, FrameEvent, FrameWatch};
 
 use crate::engine::{Counters, Reason, Unexecuted};
@@ -56,6 +56,8 @@ const RECORD_DROPPED: &str = "record_dropped";
 pub struct Summary {
     /// The alarms by slave and error code: the first one, and how often it began.
     alarms: BTreeMap<(u8, u16), (Alarm, u64)>,
+    /// The axes that were held back by their drives, by slave: when first, and how often.
+    held_back: BTreeMap<u8, (HeldBack, u64)>,
     failed: BTreeMap<StateFailed, u64>,
     counts: BTreeMap<String, u64>,
     /// Messages of the log: the text of the first one of each kind, and the number of messages of the kind.
@@ -69,6 +71,7 @@ impl Summary {
     pub fn add_event(&mut self, event: FrameEvent) {
         match event {
             FrameEvent::Alarm(alarm) => self.alarms.entry((alarm.slave, alarm.code)).or_insert((alarm, 0)).1 += 1,
+            FrameEvent::HeldBack(held) => self.held_back.entry(held.slave).or_insert((held, 0)).1 += 1,
             FrameEvent::StateFailed(failed) => *self.failed.entry(failed).or_default() += 1,
         }
     }
@@ -99,6 +102,7 @@ impl Summary {
                     }
                 }
                 Line::Alarm(alarm) => self.add_event(FrameEvent::Alarm(*alarm)),
+                Line::HeldBack(held) => self.add_event(FrameEvent::HeldBack(*held)),
                 Line::StateFailed(failed) => self.add_event(FrameEvent::StateFailed(*failed)),
                 Line::Count { board, name, value } => {
                     newest.insert((*board, name), *value);
@@ -140,6 +144,11 @@ impl Summary {
     /// The alarms as they first began, with the number of times each began.
     pub fn alarms(&self) -> impl Iterator<Item = (Alarm, u64)> {
         self.alarms.values().copied()
+    }
+
+    /// The axes that their drives held back: when first, and how often.
+    pub fn held_back(&self) -> impl Iterator<Item = (HeldBack, u64)> {
+        self.held_back.values().copied()
     }
 
     /// The changes of state that failed, with the number of times each failed.
@@ -201,8 +210,9 @@ impl Summary {
         }
         let failed = self.failed.iter().map(|(failed, count)| (failed.to_string(), *count));
         let alarms = self.alarms().map(|(alarm, count)| (alarm.to_string(), count));
+        let held_back = self.held_back().map(|(held, count)| (held.to_string(), count));
         let messages = self.messages.iter().filter(|(text, _)| !is_counted(text)).cloned();
-        let others = failed.chain(alarms).chain(messages).filter(|(_, count)| !told || *count > 1);
+        let others = failed.chain(alarms).chain(held_back).chain(messages).filter(|(_, count)| !told || *count > 1);
         lines.extend(others.map(|(text, count)| format!("{text}{}", times(count))));
         if self.dropped > 0 {
             lines.push(format!("{} more word(s) of the library are not known: they came too fast", self.dropped));

@@ -2,20 +2,27 @@
 //! because of a full FIFO or a wrong CRC.
 
 use super::gaps::GapFinder;
-use super::line::{Alarm, StateFailed};
+use super::line::{Alarm, HeldBack, StateFailed};
 use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::recording::Kinds;
 use crate::sk::dump::MAX_SLAVES;
 use crate::sk::{
-    CommandId, DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, SlotSize,
-    StateByte,
+    CommandId, DriveResponse, FIFO_ENTRIES, Frame, HspResponse, MasterCommand, MasterResponse, MasterState, SlaveKind,
+    SlotSize, StateByte,
 };
+
+/// \[OURS] A drive holds its axis back if it shows an internal limit for this long while the axis stands, ns.
+const HELD_MIN_NS: i64 = 150_000_000;
+/// \[OURS] An axis stands if its position changes by at most this many counts.
+const STANDING_COUNTS: u32 = 16;
 
 /// An event that was found in a report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameEvent {
     /// A drive has a new alarm.
     Alarm(Alarm),
+    /// A drive holds its axis back, and it did not before.
+    HeldBack(HeldBack),
     /// A change of the AL state has failed.
     StateFailed(StateFailed),
 }
@@ -55,6 +62,9 @@ pub struct FrameWatch {
     losses: Option<(u16, u8)>,
     /// The error code of each slave that has an alarm.
     alarms: [Option<u16>; MAX_SLAVES],
+    /// For each slave whose drive shows an internal limit and whose axis stands: since when, at which position, and whether
+    /// that was reported.
+    held: [Option<(i64, i32, bool)>; MAX_SLAVES],
     gaps: [GapFinder; MAX_SLAVES],
     /// The time of the newest command frame, ns.
     sent_ns: i64,
@@ -77,6 +87,7 @@ impl FrameWatch {
             is_waiting: false,
             losses: None,
             alarms: [None; MAX_SLAVES],
+            held: [None; MAX_SLAVES],
             gaps: std::array::from_fn(|_| GapFinder::default()),
             sent_ns: i64::MIN,
             idle_reports: 0,
@@ -97,6 +108,7 @@ impl FrameWatch {
         if damage_before > self.damage_before {
             self.damage_before = damage_before;
             (self.losses, self.idle_reports) = (None, 0);
+            self.held = [None; MAX_SLAVES];
             self.gaps.iter_mut().for_each(GapFinder::reset);
         }
     }
@@ -159,6 +171,7 @@ impl FrameWatch {
         if !matches!(board.state.state(), Some(MasterState::SafeOp | MasterState::Op)) {
             // Below SafeOP reports have no FIFO counts, and the slaves' slots have no process data.
             self.losses = None;
+            self.held = [None; MAX_SLAVES];
             self.gaps.iter_mut().for_each(GapFinder::reset);
             return;
         }
@@ -190,6 +203,29 @@ impl FrameWatch {
             let drive = DriveResponse::decode(&slot);
             let code = if kind == Some(SlaveKind::Hsp) { 0 } else { drive.error_code };
             self.alarm(at_ns, slave, is_fault(drive.statusword).then_some(code), on_event);
+            let is_hsp = kind == Some(SlaveKind::Hsp);
+            let position = if is_hsp { HspResponse::decode(&slot, self.size).first.position } else { drive.position };
+            // Homing may end at a stop, and an axis in CST may push on purpose.
+            let is_held = drive.statusword.is_enabled()
+                && drive.statusword.0 & Statusword::INTERNAL_LIMIT != 0
+                && !matches!(CommandId::from_code(slot.id), CommandId::GoHome | CommandId::Cst);
+            self.held_back(at_ns, slave, is_held.then_some(position), on_event);
+        }
+    }
+
+    /// `at`: the position of an axis whose drive shows an internal limit.
+    fn held_back(&mut self, at_ns: i64, slave: usize, at: Option<i32>, on_event: &mut dyn FnMut(FrameEvent)) {
+        let held = &mut self.held[slave - 1];
+        let Some(position) = at else {
+            *held = None;
+            return;
+        };
+        let stands = |(_, from, _): &(i64, i32, bool)| from.wrapping_sub(position).unsigned_abs() <= STANDING_COUNTS;
+        let (since_ns, from, is_reported) = held.filter(stands).unwrap_or((at_ns, position, false));
+        let is_event = !is_reported && at_ns.saturating_sub(since_ns) >= HELD_MIN_NS;
+        *held = Some((since_ns, from, is_reported || is_event));
+        if is_event {
+            on_event(FrameEvent::HeldBack(HeldBack { slave: slave as u8, position, at_ns: Some(at_ns) }));
         }
     }
 

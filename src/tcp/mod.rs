@@ -67,7 +67,7 @@ pub use machine::machine;
 pub use options::{DEFAULT_PORT, TcpOptions};
 pub(crate) use proof::{Material, PROOF_LEN, Side};
 pub use proof::{SECRET, Secret};
-pub use stop::{StopError, Stopped, stop};
+pub use stop::{StopError, Stopped, served_board, stop};
 pub(crate) use tls::ServerTls;
 #[cfg(all(test, feature = "sim"))]
 pub(crate) use tls::connect as client_session;

@@ -74,6 +74,18 @@ pub fn stop(uri: &LinkUri, off: bool) -> Result<Stopped, StopError> {
     answer
 }
 
+/// The URI with which the server of a `tcp:` link has opened its board, for example `nic:eth1`. The call takes no place of a
+/// client, and changes nothing. A URI longer than 256 bytes is cut.
+///
+/// # Errors
+/// [`LinkError`] if it is no `tcp:` link, or the server cannot be reached, has no board or refuses this client.
+pub fn served_board(uri: &LinkUri) -> Result<String, LinkError> {
+    let options = TcpOptions { role: Role::Stopper, ..TcpOptions::from_uri(uri).map_err(LinkError::from)? };
+    let mut connected = connect(&uri.to_string(), &options)?;
+    connected.end(CLOSE_LIMIT);
+    Ok(connected.board)
+}
+
 /// Sends the request, and keep-alive messages until the answer arrives.
 fn ask(
     connected: &mut Connected,

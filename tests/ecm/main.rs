@@ -9,7 +9,7 @@
 //! - `threads.rs`, `answers.rs`, `ends.rs`, `interrupt.rs`: several threads, lost frames, calls that something comes
 //!   between, or that the program interrupts
 //! - `bad_states.rs`, `bad_boards.rs`: every call in every state, and with every failure of a board
-//! - `stop.rs`: what another program has left moving
+//! - `stop.rs`: what another program has left moving; `held_back.rs`: axes that do not follow
 //! - `safety.rs`, `example.rs`: the statements of docs/SAFETY.md; the programs of `examples/rust/`
 //! - `common/`: programs and links that the tests share
 
@@ -23,6 +23,7 @@ mod common;
 mod dp3cl;
 mod ends;
 mod example;
+mod held_back;
 mod homing;
 mod interrupt;
 mod kinds;

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
+use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Close, Ecm, EcmError, Homing, HomingPhase, Options};
 use ecmsk::link::tcp::{Secret, StopError, Stopped, stop};
 use ecmsk::link::uri::LinkUri;
@@ -312,4 +313,50 @@ fn nobody_writes_before_a_stop_is_answered() {
     let said = stopper.take_messages().unwrap();
     assert!(said.iter().any(|message| matches!(message, ServerMessage::Stopped { .. })), "{said:?}");
     assert!(server.join(true).is_some());
+}
+
+/// docs/SAFETY.md: an axis that is jammed when it is stopped holds where it is, and does not jump when it comes free. The
+/// stop says that it pushed.
+#[test]
+fn a_stop_holds_a_jammed_axis_where_it_is() {
+    const FREE_NS: u64 = 9_000_000_000;
+    let folder = tempfile::tempdir().unwrap();
+    let script = folder.path().join("jam.ecmscript");
+    fs::write(&script, "at 5s jam 1 for 4s\n").unwrap();
+    let (options, told) = options();
+    let server = serve_with(&format!("sim:?slaves=drive*3&clock=virtual&script={}", script.display()), options);
+    let leave = Options { close: Close::Leave, ..Options::default() };
+    let link = connect(&server, "");
+    let ecm = Ecm::over(link.clone(), leave).unwrap();
+    ecm.configure(&config()).unwrap();
+    ecm.sdo_write(1, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
+    ecm.set_state(MasterState::Op).unwrap();
+    ecm.servo_on(&[1]).unwrap();
+    let mut stream = ecm.stream(16).unwrap();
+    for n in 1.. {
+        stream.csp(1, n * 10).unwrap();
+        stream.step().unwrap();
+        if (n * 10).abs_diff(stream.snapshot().unwrap().position(1).unwrap()) > 20_000 {
+            break;
+        }
+    }
+    std::mem::forget(stream);
+    let done = stopped(&server, false).unwrap();
+    assert!(
+        done.text.starts_with("axis 1 pushed, 2") && done.text.contains("its target is now its actual position"),
+        "{done:?}"
+    );
+    told.wait("axis 1 pushed, 2");
+    drop(ecm);
+    let ecm = until("place for a writer", || Ecm::open_with(&uri(&server, ""), leave).ok());
+    ecm.adopt(&config()).unwrap();
+    let first = ecm.next_cycle(LIMIT).unwrap();
+    assert!(first.meta.at.0 < FREE_NS, "it is jammed still");
+    let mut last = first.clone();
+    while last.meta.at.0 < FREE_NS + 1_000_000_000 {
+        last = ecm.next_cycle(LIMIT).unwrap();
+    }
+    let [first, last] = [first, last].map(|seen| seen.drive(1).unwrap());
+    assert!((last.position - first.position).abs() < 64 && last.statusword.is_enabled(), "{first:?} {last:?}");
+    assert_eq!(stopped(&server, false).unwrap().text, "", "it does not push any more");
 }

@@ -100,8 +100,8 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true, global = true, help_heading = HEADING)]
     counts_per_unit: Option<Scales>,
 
-    /// What the axes do at the end: hold (stop and stay on), servo-off (stop and switch off), leave (change nothing)
-    /// [default: hold; leave for a verb that moves nothing]
+    /// What the axes do at the end: hold (stop and stay on), servo-off (stop and switch off), leave (change nothing). Behind
+    /// nic:, xf-spi: and xf-usb: they are always off then [default: hold; leave for a verb that moves nothing]
     #[arg(long, value_name = "HOW", value_parser = close, global = true, help_heading = HEADING)]
     pub close: Option<Close>,
 

@@ -42,6 +42,13 @@ pub struct Unnamed {
     error: Box<LinkError>,
 }
 
+impl Unnamed {
+    /// Why the default link does not open.
+    pub const fn error(&self) -> &LinkError {
+        &self.error
+    }
+}
+
 impl ChosenLink {
     /// Finds the link: that of the option `link`, otherwise that of the environment or of a configuration file.
     ///

@@ -201,6 +201,23 @@ fn write(file: &Path, text: &str, overwrite: bool) -> io::Result<()> {
     file.sync_all()
 }
 
+/// Prints advice on what is allowed in a machine file, and hardly meant.
+fn advise(reporter: &Reporter, machine: &MachineFile) {
+    for axis in &machine.axes {
+        let has = [axis.limits.min != i32::MIN, axis.limits.max != i32::MAX];
+        // With a unit in the opposite direction the lowest position has the highest count.
+        let [has_min, has_max] = if axis.scale.counts_per_unit < 0.0 { [has[1], has[0]] } else { has };
+        let (has, lacks) = match (has_min, has_max) {
+            (false, true) => ("max", "min"),
+            (true, false) => ("min", "max"),
+            _ => continue,
+        };
+        let name = &axis.name;
+        reporter
+            .note(format_args!("axis {name} has {has} and no {lacks}, so that nothing limits it there; add {lacks}"));
+    }
+}
+
 fn check(file: &Path, link: Option<&Option<LinkUri>>, json: bool) -> Result<ExitCode, MachineVerbError> {
     let machine = MachineFile::load(file)?;
     let shown = file.display().to_string();
@@ -211,6 +228,7 @@ fn check(file: &Path, link: Option<&Option<LinkUri>>, json: bool) -> Result<Exit
         let reporter = Reporter::new(json, false);
         let line = json!({"verb": "machine check", "file": shown, "slaves": slaves, "axes": axes});
         reporter.result(format_args!("{shown}: nothing is wrong; slaves: {slaves}, axes: {axes}"), &line)?;
+        advise(&reporter, &machine);
         return Ok(ExitCode::SUCCESS);
     };
     let chosen = ChosenLink::find_with(link.as_ref(), Some(&machine))?;
@@ -231,5 +249,6 @@ fn check(file: &Path, link: Option<&Option<LinkUri>>, json: bool) -> Result<Exit
     let line =
         json!({"verb": "machine check", "file": shown, "slaves": slaves, "axes": axes, "link": chosen.uri.to_string()});
     reporter.result(format_args!("{shown}: nothing is wrong; slaves: {slaves}, as they are there"), &line)?;
+    advise(&reporter, &machine);
     Ok(ExitCode::SUCCESS)
 }

@@ -4,27 +4,33 @@ use std::path::PathBuf;
 
 use clap::ValueHint;
 use ecmsk::ecm::Close;
+use ecmsk::link::LinkError;
 use ecmsk::link::keys::Scheme;
-use ecmsk::link::tcp::{StopError, Stopped, stop};
+use ecmsk::link::tcp::{DEFAULT_PORT, StopError, Stopped, served_board, stop};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::{MasterState, SlotSize};
 use serde_json::json;
 
 use super::board::network::Network;
 use super::board::{self, Board, BoardError, BoardUse, Interrupt, Reporter, StepSource};
+use super::stderr::say;
 use super::{machine_option, slot_size};
 
 const WHAT: &str = "stop";
+/// \[OURS] A server of this machine answers at once, or it is passed over.
+const SERVER_KEYS: &str = "?connect_timeout_ms=1000";
 
 /// Bring all axes to a standstill, also while another program moves them
 ///
 /// On a served board (tcp:) the server ends the connection of the program that writes, and brakes its axes as those of one
-/// that has vanished. Any other link has to be free: the verb opens the board, and stops what a program has left moving.
+/// that has vanished. If another link is in use, or simulated, the verb asks the server at port 4711 of this machine whether
+/// it serves that board. Otherwise the link has to be free: the verb opens the board, and stops what a program has left moving.
 /// It aborts homing, and axes stay on. It is no emergency stop, which works without software.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   ecmsk stop --link tcp://localhost
+  ecmsk stop
   ecmsk stop --link tcp://192.168.1.20?secret_file=secret --servo-off
   ecmsk stop --link usb: --slaves drive*2,io")]
 pub struct Args {
@@ -62,14 +68,35 @@ pub struct Args {
 /// [`BoardError`] if axes may still move: no server or board answers, another program has a board that is not served, the
 /// slaves are not known, or the brake has failed.
 pub fn run(args: &Args) -> Result<(), BoardError> {
-    run_with(args, Interrupt::watch)
+    run_with(args, Interrupt::watch, DEFAULT_PORT)
 }
 
-fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>) -> Result<(), BoardError> {
+/// `port`: where a server of this machine is looked for.
+fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port: u16) -> Result<(), BoardError> {
     let machine = machine_option::load_or_pass_over(args.machine.as_deref())?;
     let chosen = board::Args::for_stop(args).chosen(machine.as_ref())?;
     if chosen.uri.scheme() != Scheme::Tcp {
-        return args.stop_free_board(None, interrupt);
+        // A simulated board that this program opens is another one than that of a server, and never in use.
+        let server = is_simulated(&chosen.uri).then(|| server_of(&chosen.uri, port)).flatten();
+        let user = match server {
+            Some(_) => None,
+            None => match args.stop_free_board(None, interrupt) {
+                Err(error) => Some(user(error)?),
+                done => return done,
+            },
+        };
+        let Some(server) = server.or_else(|| server_of(&chosen.uri, port)) else {
+            return Err(BoardError::Refused {
+                what: WHAT.to_owned(),
+                why: user.unwrap_or_default(),
+                next:
+                    "if `ecmsk serve tcp` has it, say `ecmsk stop --link tcp://localhost:PORT` with the port that it \
+                       listens on; otherwise stop the axes there, or use the emergency stop"
+                        .to_owned(),
+            });
+        };
+        say("note", &format_args!("`{}` is served at {server}", chosen.uri));
+        return run_with(&Args { link: Some(server), ..args.clone() }, interrupt, port);
     }
     match stop(&chosen.uri, args.servo_off) {
         Ok(stopped) => args.say(&Reporter::new(args.json, false), &stopped, true),
@@ -84,8 +111,40 @@ fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>) -> Re
                     .to_owned(),
             next: "say --slaves, with which this verb stops the axes, or use the emergency stop".to_owned(),
         }),
-        Err(StopError::Link(error)) => Err(chosen.if_unnamed(&error).map_or(error.into(), BoardError::from)),
+        Err(StopError::Link(error)) => Err(match chosen.if_unnamed(&error) {
+            Some(unnamed) => unnamed.into(),
+            None if error.to_string().contains("emergency stop") => error.into(),
+            None => BoardError::NotStopped(error),
+        }),
         Err(error) => Err(error.into()),
+    }
+}
+
+const fn is_simulated(uri: &LinkUri) -> bool {
+    matches!(uri.scheme(), Scheme::Sim | Scheme::XfSim)
+}
+
+/// The link to the server at a port of this machine, if that serves the board of the link `uri`.
+fn server_of(uri: &LinkUri, port: u16) -> Option<LinkUri> {
+    let link = |keys| LinkUri::parse(&format!("tcp://localhost:{port}{keys}")).ok();
+    let board = LinkUri::parse(&served_board(&link(SERVER_KEYS)?).ok()?).ok()?;
+    let is_simulated = is_simulated(uri);
+    // A link without a path is the only board of its kind.
+    let is_its_path = uri.path() == board.path() || !is_simulated && (uri.path().is_empty() || board.path().is_empty());
+    let is_its_network = !is_simulated || uri.value("slaves") == board.value("slaves");
+    (uri.scheme() == board.scheme() && is_its_path && is_its_network).then(|| link("")).flatten()
+}
+
+/// Why a board cannot be opened that another program has. Any other error is returned.
+fn user(error: BoardError) -> Result<String, BoardError> {
+    let in_use = match &error {
+        BoardError::Link(error) => Some(error),
+        BoardError::Unnamed(unnamed) => Some(unnamed.error()),
+        _ => None,
+    };
+    match in_use {
+        Some(LinkError::InUse { name, by, .. }) => Ok(format!("`{name}` is in use{by}")),
+        _ => Err(error),
     }
 }
 
@@ -99,8 +158,17 @@ impl Args {
         let args = board::Args::for_stop(self);
         let board = Board::open(&args, BoardUse::Switches, StepSource::CommandLine, interrupt()?)?;
         let done = self.stop(&board).and_then(|in_op| {
+            if !in_op && is_simulated(&board.uri) {
+                return Err(BoardError::Refused {
+                    what: WHAT.to_owned(),
+                    why: format!("`{}` is a new board of this program, on which nothing moves", board.uri),
+                    next: "name the board whose axes move, e.g. `ecmsk stop --link tcp://localhost:PORT` for one that \
+                           `ecmsk serve tcp` serves"
+                        .to_owned(),
+                });
+            }
             let is_served = board.uri.scheme() == Scheme::Tcp;
-            self.say(&board.reporter, &Stopped { writer, in_op, text: String::new() }, is_served)
+            self.say(&board.reporter, &Stopped { writer, in_op, text: board.held_back().join("; ") }, is_served)
         });
         board.close(done)
     }
@@ -149,10 +217,13 @@ impl board::Args {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use ecmsk::port::tcp::{ServeOptions, Server};
 
     use super::*;
 
     const LINK: &str = "sim:?slaves=drive*2&clock=virtual&name=stop-verb";
+    /// No server listens there.
+    const NO_PORT: u16 = 1;
 
     #[derive(Parser)]
     struct Verb {
@@ -200,10 +271,42 @@ mod tests {
         let (moved, is_on) = axis_1();
         assert!(moved > 4000 && is_on, "{moved}");
 
-        run_with(&verb(&[]), || Ok(Interrupt::default())).unwrap();
+        run_with(&verb(&[]), || Ok(Interrupt::default()), NO_PORT).unwrap();
         let (moved, is_on) = axis_1();
         assert!(moved.abs() <= 2 && is_on, "{moved}");
-        run_with(&verb(&["--servo-off"]), || Ok(Interrupt::default())).unwrap();
+        run_with(&verb(&["--servo-off"]), || Ok(Interrupt::default()), NO_PORT).unwrap();
         assert!(!axis_1().1);
+    }
+
+    /// A simulated board that a server of this machine has is stopped there, and not a new one of this program; without
+    /// such a server the verb fails.
+    #[test]
+    fn a_simulated_board_is_stopped_where_it_is_served() {
+        let link = "sim:?slaves=drive,io&clock=virtual&name=stop-served";
+        let open = move || ecmsk::link::open(link, ecmsk::link::Share::ByUri);
+        let listen = ([127, 0, 0, 1], 0).into();
+        let server = Server::start(open, ServeOptions { listen, ..ServeOptions::default() }).unwrap();
+        let port = server.address().port();
+        let of = |link: &str| server_of(&LinkUri::parse(link).unwrap(), port).map(|server| server.to_string());
+        assert_eq!(of("sim:?slaves=drive,io"), Some(format!("tcp://localhost:{port}")));
+        assert_eq!(of("sim:?slaves=drive"), None, "another network");
+        assert_eq!(of("usb:"), None);
+        assert_eq!(server_of(&LinkUri::parse(link).unwrap(), NO_PORT), None);
+        let args = |link: &str| Verb::parse_from(["stop", "--machine", "none", "--link", link]).args;
+        run_with(&args("sim:?slaves=drive,io"), || Ok(Interrupt::default()), port).unwrap();
+        let error = run_with(&args("sim:?slaves=drive"), || Ok(Interrupt::default()), port).unwrap_err().to_string();
+        assert!(
+            error.contains("is a new board of this program") && error.contains("ecmsk stop --link tcp://"),
+            "{error}"
+        );
+    }
+
+    /// The error for a board that another program has names the command that stops its axes.
+    #[test]
+    fn a_board_in_use_is_stopped_by_its_server() {
+        let by = " by mover (PID 12)".to_owned();
+        let in_use = LinkError::InUse { name: "nic:eth1".to_owned(), by, instead: "end that program" };
+        assert_eq!(user(in_use.into()).unwrap(), "`nic:eth1` is in use by mover (PID 12)");
+        assert!(user(LinkError::Closed.into()).is_err());
     }
 }

@@ -97,9 +97,10 @@ pub struct Args {
     #[arg(long)]
     exit_code: bool,
 
-    /// End with exit code 1 if one of these happened, and print which: any (as --exit-code), alarm, state, gap, or an axis
-    /// went beyond a limit: following-error>COUNTS, target-step>COUNTS, velocity>COUNTS_PER_S, torque>PERCENT. With a
-    /// machine file, limits may be in units, as in following-error>0.5mm
+    /// End with exit code 1 if one of these happened, and print which: any (as --exit-code), alarm, held-back (a drive held
+    /// its axis back: internal limit active), state, gap, or an axis went beyond a limit: following-error>COUNTS,
+    /// target-step>COUNTS, velocity>COUNTS_PER_S, torque>PERCENT. With a machine file, limits may be in units, as in
+    /// following-error>0.5mm
     #[arg(long, value_name = "REASON,..", value_delimiter = ',', value_parser = FailOn::parse)]
     fail_on: Vec<FailOn>,
 
@@ -285,6 +286,13 @@ pub fn json(summary: &Summary, machine: Option<&MachineFile>) -> Value {
             object!({"slave": alarm.slave, "error_code": alarm.code, "meaning": meaning, "times": times, "at_s": at_s})
         })
         .collect();
+    let held_back: Vec<_> = summary
+        .held_back()
+        .map(|(held, times)| {
+            let at_s = held.at_ns.map(|at_ns| (at_ns as f64 / 1e6).round() / 1e3);
+            object!({"slave": held.slave, "position_counts": held.position, "times": times, "at_s": at_s})
+        })
+        .collect();
     let states: Vec<_> = summary
         .states_failed()
         .map(|(failed, times)| object!({"state": failed.state, "text": failed.to_string(), "times": times}))
@@ -292,5 +300,5 @@ pub fn json(summary: &Summary, machine: Option<&MachineFile>) -> Value {
     let messages: Vec<_> = summary.messages().map(|(text, times)| object!({"text": text, "times": times})).collect();
     let counts: serde_json::Map<String, Value> =
         summary.counts().map(|(name, value)| (name.to_owned(), value.into())).collect();
-    object!({"counts": counts, "alarms": alarms, "states_failed": states, "said": messages})
+    object!({"counts": counts, "alarms": alarms, "held_back": held_back, "states_failed": states, "said": messages})
 }

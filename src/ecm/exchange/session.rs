@@ -19,6 +19,7 @@ use crate::ecm::EcmError;
 use crate::ecm::config::Slave;
 use crate::ecm::network::Network;
 use crate::ecm::snapshot::Snapshot;
+use crate::ecm::standstill::HeldBack;
 use crate::ethercat::SlaveSet;
 use crate::ethercat::cia402::Statusword;
 use crate::ethercat::coe::ObjectAddress;
@@ -73,6 +74,8 @@ pub struct Session {
     pub fifo_clears: u64,
     /// Objects of SDO transfers that have timed out and may still be answered.
     pub late_sdos: Vec<ObjectAddress>,
+    /// Axes that stops have held at their actual positions, since they did not follow.
+    pub held_back: Vec<HeldBack>,
     pub stats: Stats,
     pub news: NewsQueue,
     /// Whether the board was closed, so that every call returns an error.
@@ -98,6 +101,7 @@ impl Session {
             pacer: None,
             fifo_clears: 0,
             late_sdos: Vec::new(),
+            held_back: Vec::new(),
             stats: Stats::default(),
             news: NewsQueue::new(),
             closed: false,

@@ -8,6 +8,7 @@
 use std::time::Duration;
 
 use super::axis_ramp::ramp_from_position;
+use super::held_back::hold_of;
 use super::movement::{self, Observation};
 use super::{RAMP_FRAMES_MIN, Stop, settling_time};
 use crate::ecm::EcmError;
@@ -112,8 +113,11 @@ impl Stop<'_, '_> {
                 Some(Mode::Csp) if is_fresh => {
                     let limits = (0.0, self.left.is_foreign);
                     let ramp = ramp_from_position(session, &observed, slave, config, self.left, limits);
-                    let Some(hold) = ramp else { continue };
-                    hold.at(1, 1)
+                    let held_back = || hold_of(session, &observed, slave, config, self.left);
+                    match ramp.map(|ramp| ramp.at(1, 1)).or_else(|| held_back().map(|hold| hold.command)) {
+                        Some(hold) => hold,
+                        None => continue,
+                    }
                 }
                 Some(Mode::Csv) => SlaveCommand::Csv(Motion { first, second }),
                 Some(Mode::Cst) if movement::may_move(session, slave, config) => SlaveCommand::Cst(0),

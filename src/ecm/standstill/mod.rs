@@ -6,11 +6,12 @@
 //! when the FIFO is empty, at the speed that reports show.
 //!
 //! How to read this folder: `mod.rs` has the whole stop. `movement.rs` judges whether an axis moves, `axis_ramp.rs` has
-//! the ramp of one axis, `left_behind.rs` the treatment of entries that wait in the FIFO, and `close.rs` the other
-//! steps of closing a board.
+//! the ramp of one axis, `left_behind.rs` the treatment of entries that wait in the FIFO, `held_back.rs` that of axes
+//! that do not follow, and `close.rs` the other steps of closing a board.
 
 mod axis_ramp;
 mod close;
+mod held_back;
 mod left_behind;
 mod movement;
 
@@ -20,6 +21,8 @@ use std::time::Duration;
 use parking_lot::MutexGuard;
 
 use axis_ramp::{AxisRamp, needs_observation, ramp_from_position, ramp_of};
+pub use held_back::HeldBack;
+use held_back::{Hold, hold_of};
 use movement::Observation;
 
 use super::config::Slave;
@@ -110,6 +113,8 @@ struct Stop<'a, 's> {
     left: &'a mut LeftBehind,
     /// Slaves for whose axes this stop has written a ramp.
     ramped: SlaveSet,
+    /// Slaves with an axis that this stop holds at its actual position.
+    held_back: SlaveSet,
     /// Whether this stop has reset the FIFO threshold, so that the board executes its entries however few they are.
     unlocked: bool,
     /// Whether an axis may have moved since the stop began. An axis that is about to reverse is stationary for a cycle,
@@ -125,7 +130,17 @@ impl<'a, 's> Stop<'a, 's> {
         left: &'a mut LeftBehind,
     ) -> Self {
         let began = ecm.exchange.now();
-        Self { ecm, session, began, deadline, left, ramped: SlaveSet::EMPTY, unlocked: false, has_moved: false }
+        Self {
+            ecm,
+            session,
+            began,
+            deadline,
+            left,
+            ramped: SlaveSet::EMPTY,
+            held_back: SlaveSet::EMPTY,
+            unlocked: false,
+            has_moved: false,
+        }
     }
 
     fn until_all_stand(&mut self) -> Result<(), EcmError> {
@@ -143,7 +158,7 @@ impl<'a, 's> Stop<'a, 's> {
                 // queued commands or to reset the threshold that holds entries back.
                 self.write()?;
             }
-            if self.stands()? {
+            if self.stands()? && !self.hold_back()? {
                 break;
             }
         }
@@ -334,6 +349,44 @@ impl<'a, 's> Stop<'a, 's> {
             self.read()?;
         }
         Ok(true)
+    }
+
+    /// Holds axes in CSP that stand far from their last targets at their actual positions. Returns whether a frame was
+    /// written for that.
+    fn hold_back(&mut self) -> Result<bool, EcmError> {
+        let observed = Observation::begin(self.session);
+        if self.holds(&observed).is_empty() {
+            return Ok(false);
+        }
+        // A drive may have got its target just now, and has some time to begin. Without that time the axis is held at once.
+        let cycle = self.session.network.cycle();
+        let time = cycle.mul_f64(movement::lag_cycles(self.session).ceil() + 1.0);
+        let until = self.ecm.exchange.now() + time;
+        while until < self.deadline && self.ecm.exchange.now() < until && self.session.in_op() {
+            self.read()?;
+        }
+        // This process may have stalled meanwhile, and an axis have come free.
+        self.see_the_present()?;
+        let holds = self.holds(&observed);
+        if holds.is_empty() || !self.session.in_op() {
+            return Ok(false);
+        }
+        self.write_with(|session| {
+            for (slave, hold) in &holds {
+                session.targets.set(*slave, Some(hold.command));
+            }
+        })?;
+        for (slave, hold) in holds {
+            self.held_back.insert(slave);
+            hold.note(self.session);
+        }
+        Ok(true)
+    }
+
+    fn holds(&self, observed: &Observation) -> Vec<(u8, Hold)> {
+        let slaves = self.session.network.slaves().filter(|(slave, _)| !self.held_back.contains(*slave));
+        let hold = |(slave, config)| Some((slave, hold_of(self.session, observed, slave, config, self.left)?));
+        slaves.filter_map(hold).collect()
     }
 
     /// The ramps of axes in CSP that will not reach their last targets before the deadline of this stop.

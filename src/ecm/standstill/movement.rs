@@ -115,7 +115,7 @@ fn commanded_ways(session: &Session, slave: u8, config: &Slave, ways: [i32; 2]) 
 
 /// Whether the slave may have two axes. Its slot has only the statusword of the first axis. The second axis may be on
 /// while the first one is off, for example after an alarm, so it always counts as on.
-fn may_have_two_axes(session: &Session, config: &Slave) -> bool {
+pub(super) fn may_have_two_axes(session: &Session, config: &Slave) -> bool {
     matches!(config, Slave::Hsp(_)) && session.size == SlotSize::Bytes16
 }
 

@@ -12,7 +12,7 @@ use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait
 use crate::port::passing_frames::PassingFrames;
 use crate::sk::{Frame, SlotSize};
 use crate::span::Seconds;
-use crate::summary::{Alarm, FrameEvent, FrameWatch};
+use crate::summary::{Alarm, FrameEvent, FrameWatch, HeldBack};
 use crate::tcp::wire::{Counts, TEXT_MAX};
 
 /// How long an opened board may take to show how wide its slots are, before clients are served without that. \[OURS]
@@ -164,7 +164,8 @@ impl Board {
         (passing.size(), passing.next_sequence())
     }
 
-    /// Calls `found` with a line for the log for each alarm and failed change of state that a report shows. Their times
+    /// Calls `found` with a line for the log for each alarm, axis that is held back and failed change of state
+    /// that a report shows. Their times
     /// count from the opening of the board, as in a recording.
     pub(super) fn find_troubles(&self, frame: &Frame, at: Stamp, found: &mut dyn FnMut(String)) {
         let Some(size) = self.size() else { return };
@@ -173,6 +174,7 @@ impl Board {
             let at = Seconds(at.0.saturating_sub(self.info.opened_at.0));
             found(match event {
                 FrameEvent::Alarm(alarm) => format!("at {at}: {}", Alarm { at_ns: None, ..alarm }),
+                FrameEvent::HeldBack(held) => format!("at {at}: {}", HeldBack { at_ns: None, ..held }),
                 FrameEvent::StateFailed(failed) => format!("at {at}: {failed}"),
             });
         });

@@ -5,7 +5,7 @@ use ecmsk::sk::MasterState;
 
 use super::error::BoardError;
 use super::network::list;
-use super::session::{Board, StepSource, numbered, statusword_text};
+use super::session::{Board, StepSource, statusword_text};
 
 /// The state of the network that a step needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,14 +55,15 @@ impl Board {
             let next = self.next(&format!("`servo on {slave}`"));
             return Err(BoardError::AxisOff {
                 what: what.to_owned(),
-                slave: *slave,
+                axis: self.label(*slave),
                 state: statusword_text(*word),
                 next,
             });
         }
         let axes: Vec<u8> = off.iter().map(|(slave, _)| *slave).collect();
         self.run_interruptible("switching on", |ecm| ecm.servo_on(&axes))?;
-        self.reporter.note(format_args!("switched on: {}", numbered("axis", "axes", &axes)));
+        let labels = axes.iter().map(|slave| self.label(*slave)).collect::<Vec<_>>().join(", ");
+        self.reporter.note(format_args!("switched on: {} {labels}", if axes.len() == 1 { "axis" } else { "axes" }));
         Ok(())
     }
 

@@ -2,7 +2,6 @@
 
 use std::io;
 
-use ecmsk::cia402::ErrorCode;
 use ecmsk::ecm::EcmError;
 use ecmsk::engine::StateFailure;
 use ecmsk::link::LinkError;
@@ -59,6 +58,12 @@ pub enum BoardError {
     /// The link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The board was lost while the verb commanded axes, and it is not known who stops them.
+    #[error("{0}; axes may go on: use the emergency stop if they do")]
+    MayGoOn(LinkError),
+    /// A server has not stopped the axes of its board, since it cannot be reached.
+    #[error("{0}; use the emergency stop if axes move")]
+    NotStopped(LinkError),
     /// A server has not stopped the axes of its board.
     #[error(transparent)]
     Stop(#[from] ecmsk::link::tcp::StopError),
@@ -88,42 +93,43 @@ pub enum BoardError {
         why: StateFailure,
     },
     /// An axis is not enabled, but the operation needs it enabled.
-    #[error("{what} needs axis {slave} on, it is in {state}; {next}")]
+    #[error("{what} needs axis {axis} on, it is in {state}; {next}")]
     AxisOff {
         /// The operation that failed, as the error text names it.
         what: String,
-        /// The number of the slave, from 1 in network order.
-        slave: u8,
+        /// The name of the axis in the machine file, or the number of its slave.
+        axis: String,
         /// The CiA 402 state of the axis.
         state: String,
         /// What the user can do next; the error text ends with it.
         next: String,
     },
     /// An axis has an alarm.
-    #[error("axis {slave} has alarm {}; remove the cause (drive's manual), then {next}", ErrorCode(*.code))]
+    #[error("axis {axis} has alarm {alarm}; remove the cause (drive's manual), then {next}")]
     Alarm {
-        /// The number of the slave, from 1 in network order.
-        slave: u8,
-        /// The error code, 0x603F.
-        code: u16,
+        /// The name of the axis in the machine file, or the number of its slave.
+        axis: String,
+        /// The error code, 0x603F, and its meaning, by the machine file or else by CiA 402.
+        alarm: String,
         /// What the user can do next; the error text ends with it.
         next: String,
     },
     /// The axis does not follow: the target of a cycle is too far ahead of its actual position.
     #[error(
-        "axis {slave} does not follow: it is at {actual}, and the target {target} of this cycle is {} counts away, the limit is \
-         {limit}; see its load and its limits, move slower, or widen --lead-limit",
-        target.wrapping_sub(*actual).unsigned_abs()
+        "axis {axis} does not follow: it is at {actual}, and the target {target} of this cycle is {away} away, the limit is \
+         {limit}; see its load and its limits, move slower, or widen --lead-limit"
     )]
     TooFarAhead {
-        /// The number of the slave, from 1 in network order.
-        slave: u8,
-        /// The target of the cycle, in counts.
-        target: i32,
-        /// The actual position of the axis, in counts.
-        actual: i32,
-        /// The greatest distance that `--lead-limit` allows, counts.
-        limit: u32,
+        /// The name of the axis in the machine file, or the number of its slave.
+        axis: String,
+        /// The target of the cycle, in counts or in units and counts.
+        target: String,
+        /// The actual position of the axis.
+        actual: String,
+        /// The distance between them.
+        away: String,
+        /// The greatest distance that `--lead-limit` allows.
+        limit: String,
     },
     /// Neither an option nor the link says which slaves the network has.
     #[error("{what} needs the list of slaves; give it with --slaves, e.g. --slaves drive*2,io")]

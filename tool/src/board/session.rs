@@ -6,9 +6,12 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ecmsk::cia402::{Mode, Statusword};
-use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, Options, Scale, Scales, SlaveView, Snapshot, Suspect};
+use ecmsk::cia402::{ErrorCode, Mode, Statusword};
+use ecmsk::ecm::{
+    Axis, Close, Config, Ecm, EcmError, Guard, HeldBack, Options, Scale, Scales, SlaveView, Snapshot, Suspect,
+};
 use ecmsk::engine::StateFailure;
+use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Link, LinkError, Share};
 use ecmsk::machine_file::MachineFile;
@@ -51,6 +54,13 @@ pub enum BoardUse {
     Moves,
 }
 
+impl BoardUse {
+    /// Whether the verb may move axes or switch them.
+    const fn commands_axes(self) -> bool {
+        matches!(self, Self::Switches | Self::Moves)
+    }
+}
+
 /// The open board of a verb, with the options that apply to it.
 pub struct Board {
     pub ecm: Ecm,
@@ -74,6 +84,7 @@ pub struct Board {
     /// Whether `--up` is given.
     pub(super) up: bool,
     close: Close,
+    board_use: BoardUse,
     pub(super) source: StepSource,
     /// Whether the network was already running when the board was opened, and this process has not configured it since. Its
     /// configuration is then taken from the options, and may differ from the actual one.
@@ -156,6 +167,7 @@ impl Board {
             link,
             up: args.up,
             close,
+            board_use,
             source,
             adopted: Cell::new(adopted),
             targets: RefCell::default(),
@@ -173,6 +185,32 @@ impl Board {
             Some(units) => (format!("{units}{unit} ({counts} counts)"), Some(units)),
             None => (counts.to_string(), None),
         }
+    }
+
+    /// A distance on an axis as text, see [`in_units`](Self::in_units). It has no sign, whatever that of the counts per unit.
+    pub fn distance_in_units(&self, number: u8, counts: u32) -> String {
+        match self.in_units(number, i32::try_from(counts).unwrap_or(i32::MAX)) {
+            (text, Some(_)) => text.trim_start_matches('-').to_owned(),
+            (_, None) => format!("{counts} counts"),
+        }
+    }
+
+    /// The axes that did not follow when they were stopped since the last call, a text for each.
+    pub fn held_back(&self) -> Vec<String> {
+        let text = |axis: HeldBack| {
+            let slave = axis.slave;
+            if axis.is_second {
+                return axis.to_string();
+            }
+            let away = axis.away.map_or_else(
+                || "held back from its target".to_owned(),
+                |away| format!("{} from its target", self.distance_in_units(slave, away)),
+            );
+            let at = self.in_units(slave, axis.position).0;
+            format!("axis {} pushed, {away}: its target is now its actual position, {at}", self.label(slave))
+        };
+        // The next call of the board shows if it is lost.
+        self.ecm.take_held_back().unwrap_or_default().into_iter().map(text).collect()
     }
 
     /// The names and units with which the axes and positions of a step are converted.
@@ -219,11 +257,19 @@ impl Board {
     /// # Errors
     /// The error of the steps, otherwise that of closing.
     pub fn close(self, done: Result<(), BoardError>) -> Result<(), BoardError> {
-        let Self { ecm, reporter, close, uri, .. } = self;
+        let Self { ecm, reporter, close, board_use, uri, .. } = self;
         reporter.clear();
+        let had_axes =
+            board_use.commands_axes() && ecm.state().is_ok_and(|state| state.state() == Some(MasterState::Op));
+        let ends_board = ends_with_its_program(uri.scheme());
         let closed = ecm.close(close);
+        if ends_board && had_axes && closed.is_ok() {
+            reporter.note(OFF_WITH_THE_BOARD);
+        }
+        let done = if board_use.commands_axes() { done.map_err(may_go_on) } else { done };
         if let (Err(BoardError::Stopped { signal, .. }), Ok(())) = (&done, &closed) {
             let next = match close {
+                _ if ends_board => "no axis moves, and the network is in PreOP; run it again to go on",
                 Close::Hold => "no axis moves, those that were on stay on; run it again to go on",
                 Close::ServoOff => "the axes are off; run it again to go on",
                 Close::Leave => "the axes were left as they are; see what they do with `ecmsk info`",
@@ -257,9 +303,21 @@ impl Board {
     pub fn explain(&self, error: EcmError) -> BoardError {
         match error {
             EcmError::TooFar { slave, target, actual, limit } => {
-                BoardError::TooFarAhead { slave, target, actual, limit }
+                let at = |counts| self.in_units(slave, counts).0;
+                let way = |counts| self.distance_in_units(slave, counts);
+                BoardError::TooFarAhead {
+                    axis: self.label(slave),
+                    actual: at(actual),
+                    target: at(target),
+                    away: way(target.wrapping_sub(actual).unsigned_abs()),
+                    limit: way(limit),
+                }
             }
-            EcmError::Alarm { slave, code } => BoardError::Alarm { slave, code, next: self.clear_words(slave) },
+            EcmError::Alarm { slave, code } => {
+                let of_file = self.machine.as_ref().and_then(|machine| machine.alarm_text(slave, code));
+                let alarm = of_file.map_or_else(|| ErrorCode(code).to_string(), |text| format!("0x{code:04X}: {text}"));
+                BoardError::Alarm { axis: self.label(slave), alarm, next: self.clear_words(slave) }
+            }
             // A report does not show which slave has refused, but the link may know it.
             EcmError::StateStuck { wanted, found, suspect: Suspect::Unknown } => {
                 match self.link_stats().state_failure {
@@ -267,6 +325,7 @@ impl Board {
                     None => error.into(),
                 }
             }
+            error if self.board_use.commands_axes() => may_go_on(error.into()),
             error => error.into(),
         }
     }
@@ -328,6 +387,32 @@ impl Board {
     }
 }
 
+/// Says that the axes of a verb do not stay on, see [`ends_with_its_program`].
+const OFF_WITH_THE_BOARD: &str = "the axes are off, and the network is in PreOP: this program was the board; with `ecmsk serve tcp` \
+                                  and --link tcp://localhost they stay on";
+
+/// Whether the board of a real network is the program itself, so that its axes go off with the end of the program, whatever
+/// `--close` says.
+const fn ends_with_its_program(scheme: Scheme) -> bool {
+    matches!(scheme, Scheme::Nic | Scheme::XfSpi | Scheme::XfUsb)
+}
+
+/// Adds to the error of a verb that commands axes what they may do if the board was lost and nobody has stopped them.
+fn may_go_on(error: BoardError) -> BoardError {
+    let lost = match error {
+        BoardError::Link(error) | BoardError::Ecm(EcmError::Link(error)) => error,
+        error => return error,
+    };
+    match &lost {
+        LinkError::Unsure { .. } => BoardError::MayGoOn(lost),
+        // A server that is stopped, or that stops the axes for another client, brakes them first.
+        LinkError::Lost { reason, .. } if !reason.contains("was stopped") && !reason.contains("stopped by another") => {
+            BoardError::MayGoOn(lost)
+        }
+        _ => lost.into(),
+    }
+}
+
 /// Checks that an axis runs in this mode of operation; otherwise returns [`BoardError::Refused`].
 pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
     if axis.mode == wanted {
@@ -358,5 +443,36 @@ fn wrong_slot(error: EcmError, given: Option<SlotSize>) -> BoardError {
             BoardError::WrongSlot { slot: slot.bytes(), bad_crc, other }
         }
         (error, _) => error.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// docs/SAFETY.md: a board of a real network that is the program itself ends with it, and its axes go off.
+    #[test]
+    fn some_boards_end_with_their_programs() {
+        let ends: Vec<_> = Scheme::ALL.into_iter().filter(|scheme| ends_with_its_program(*scheme)).collect();
+        assert_eq!(ends, [Scheme::XfSpi, Scheme::XfUsb, Scheme::Nic]);
+    }
+
+    /// If a board is lost while a verb commands axes, the error says that they may go on; not where its server brakes them.
+    #[test]
+    fn axes_of_a_lost_board_may_go_on() {
+        let lost = |reason: &'static str| LinkError::Lost { name: "tcp://localhost".into(), reason: reason.into() };
+        for (error, says) in [
+            (lost("its server has closed the connection"), true),
+            (lost("no USB device is there any more"), true),
+            (LinkError::Unsure { name: "tcp://localhost".into(), reason: "its end".into() }, true),
+            (lost("its server was stopped"), false),
+            (lost("stopped by another client, ecmsk (PID 5), and its server brings the axes to a standstill"), false),
+            (LinkError::Closed, false),
+        ] {
+            for error in [BoardError::Link(error.clone()), BoardError::Ecm(error.into())] {
+                let text = may_go_on(may_go_on(error)).to_string();
+                assert_eq!(text.ends_with("; axes may go on: use the emergency stop if they do"), says, "{text}");
+            }
+        }
     }
 }

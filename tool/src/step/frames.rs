@@ -140,12 +140,15 @@ impl<'a> Frames<'a> {
         Ok(refused)
     }
 
-    /// Ends the motion: axes that still move hold their last targets.
+    /// Ends the motion: axes that still move hold their last targets, and those that do not follow their actual positions,
+    /// of which it prints a note.
     ///
     /// # Errors
     /// As [`Stream::finish`].
     pub fn finish(self) -> Result<StreamStats, BoardError> {
-        self.stream.finish().map_err(|error| self.board.explain(error))
+        let finished = self.stream.finish();
+        self.board.held_back().into_iter().for_each(|text| self.board.reporter.note(text));
+        finished.map_err(|error| self.board.explain(error))
     }
 }
 

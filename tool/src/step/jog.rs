@@ -28,7 +28,7 @@ use crate::board::{
     AxisWord, Board, BoardError, BoardUse, Interrupt, Needs, StepSource, duration, find_axis, in_mode, positive,
 };
 use crate::signals;
-use axis::{Doing, JogAxis, within_guard};
+use axis::{Doing, JogAxis, tap, within_guard};
 use dead_man::{DeadMan, MotionKey, Times};
 use line::ASK_INTERVAL;
 use terminal::{HAS_ANSWERS, Terminal, Token};
@@ -165,6 +165,17 @@ impl Args {
         // Commands that are still in the FIFO may move the axes, so their execution is awaited.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
         let snapshot = board.ecm.snapshot()?;
+        let cycle = f64::from(config.cycle_us) * 1e-6;
+        // A motion that is not possible is refused when its key is pressed.
+        let taps = slaves.iter().zip(&asked).filter_map(|(slave, (speeds, _))| {
+            let way = tap(*speeds, self.first_repeat.as_secs_f64(), cycle).ok()?;
+            Some(format!(
+                "axis {} by about {}",
+                board.label(*slave),
+                board.distance_in_units(*slave, way.unsigned_abs())
+            ))
+        });
+        let taps = taps.collect::<Vec<_>>().join(", ");
         let axes = slaves.iter().zip(asked).map(|(slave, (speeds, counts_up))| {
             let limits = units.axis(*slave).map_or(SoftLimits::NONE, |axis| axis.limits);
             let start = board.standing_position(&snapshot, *slave);
@@ -173,8 +184,9 @@ impl Args {
             Jogged { slave: *slave, motion, counts_up, start, limits, held, sent }
         });
         let axes: Vec<Jogged> = axes.collect();
+        let shorter = "--velocity and --first-repeat make that shorter";
+        board.reporter.note(format_args!("one tap of a key moves {taps}; {shorter}"));
         self.say_keys(board, &axes);
-        let cycle = f64::from(config.cycle_us) * 1e-6;
         let terminal = Terminal::open().map_err(BoardError::system("read the keys of the terminal"))?;
         let is_measured = HAS_ANSWERS && !self.any_line;
         if is_measured {
@@ -371,7 +383,8 @@ impl Jog<'_> {
             let target = axis.motion.target();
             if axis.held.held_for(self.board, &self.snapshot, target, seconds) >= self.held_limit_s {
                 let at = self.snapshot.position(axis.slave).unwrap_or_default();
-                let why = format!("axis {} stands at {at}: {}", axis.slave, internal_limit::WHY);
+                let (label, at) = (self.board.label(axis.slave), self.board.in_units(axis.slave, at).0);
+                let why = format!("axis {label} stands at {at}: {}", internal_limit::WHY);
                 return Err(refused(why, internal_limit::NEXT));
             }
         }

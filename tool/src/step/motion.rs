@@ -29,7 +29,7 @@ const SETTLE_WINDOW_COUNTS: u32 = 2;
 /// Move axes to positions, all together
 ///
 /// The axes start and arrive at the same time, on a straight line, with bounded speed, acceleration and jerk (CSP). Ctrl-C
-/// brakes on that line, within 2 s; the axes stay on.
+/// brakes on that line, within 2 s; the axes stay on, unless this program is the board itself (nic:, xf-spi:, xf-usb:).
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -181,7 +181,8 @@ impl Args {
         for axis in &path.axes {
             let off = axis.off(&after);
             if off > NEAR_COUNTS {
-                let why = format!("axis {} is {off} counts off its target", axis.slave);
+                let (label, off) = (board.label(axis.slave), board.distance_in_units(axis.slave, off));
+                let why = format!("axis {label} is {off} off its target");
                 return Err(if after.state().is_failed() && !lost_before {
                     lost(board, after.state())
                 } else if internal_limit::is_limited(board, &after, axis.slave) {
@@ -262,8 +263,11 @@ impl Args {
             if let Guard::Within(limit) = board.guard
                 && end.abs_diff(start) > limit
             {
-                let (slave, way) = (target.slave, end.abs_diff(start));
-                let why = format!("axis {slave} is at {start}, and {end} is {way} counts away; --guard allows {limit}");
+                let slave = target.slave;
+                let [way, limit] = [end.abs_diff(start), limit].map(|counts| board.distance_in_units(slave, counts));
+                let [start, goal] = [start, end].map(|counts| board.in_units(slave, counts).0);
+                let axis = board.label(slave);
+                let why = format!("axis {axis} is at {start}, and {goal} is {way} away; --guard allows {limit}");
                 return Err(refused(why, "name a nearer target, or widen --guard"));
             }
             Ok(AxisPath { slave: target.slave, start, end, speeds: self.speeds(target, board.units())? })
@@ -278,7 +282,8 @@ fn note_positions(board: &Board, path: &Path) -> Result<(), BoardError> {
     let after = board.ecm.snapshot()?;
     for axis in &path.axes {
         if let Some(position) = after.position(axis.slave) {
-            board.reporter.note(format_args!("axis {} is at {position}", axis.slave));
+            let at = board.in_units(axis.slave, position).0;
+            board.reporter.note(format_args!("axis {} is at {at}", board.label(axis.slave)));
         }
     }
     Ok(())
@@ -297,10 +302,8 @@ fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
         now = board.ecm.next_cycle(board.options.read_limit)?;
     }
     for axis in path.axes.iter().filter(|axis| axis.off(&now) > SETTLE_WINDOW_COUNTS) {
-        let (slave, counts) = (axis.slave, axis.off(&now));
-        board
-            .reporter
-            .note(format_args!("axis {slave} is {counts} counts off its target; see its load and its tuning"));
+        let (label, off) = (board.label(axis.slave), board.distance_in_units(axis.slave, axis.off(&now)));
+        board.reporter.note(format_args!("axis {label} is {off} off its target; see its load and its tuning"));
     }
     Ok(now)
 }

@@ -23,6 +23,8 @@ pub enum Reason {
     Any,
     /// A drive had an alarm.
     Alarm,
+    /// A drive held its axis back.
+    HeldBack,
     /// A change of the network's state failed.
     State,
     /// An underrun made a gap in a motion.
@@ -62,13 +64,14 @@ impl Reason {
         let allowed = || {
             let quantities = Quantity::ALL.map(Quantity::word).join(">N, ");
             format!(
-                "allowed: any, alarm, state, gap, {quantities}>PERCENT, several with commas; N is counts, or e.g. 0.5mm by the \
+                "allowed: any, alarm, held-back, state, gap, {quantities}>PERCENT, several with commas; N is counts, or e.g. 0.5mm by the \
                  machine file"
             )
         };
         match text.trim() {
             "any" => return Ok(Self::Any),
             "alarm" => return Ok(Self::Alarm),
+            "held-back" => return Ok(Self::HeldBack),
             "state" => return Ok(Self::State),
             "gap" => return Ok(Self::Gap),
             _ => {}
@@ -100,6 +103,7 @@ impl Reason {
             Self::Any if !is_whole => vec!["the recording is not whole".to_owned()],
             Self::Any => if_any(u64::from(!summary.is_empty()), "summary that is not empty"),
             Self::Alarm => if_any(summary.alarms().map(|(_, times)| times).sum(), "alarm(s)"),
+            Self::HeldBack => if_any(summary.held_back().map(|(_, times)| times).sum(), "axis held back by its drive"),
             Self::State => if_any(summary.states_failed().map(|(_, times)| times).sum(), "failed change(s) of state"),
             Self::Gap => if_any(gaps, "gap(s) in a motion"),
             Self::Above(quantity, limit) => {
@@ -171,6 +175,7 @@ mod tests {
         for (text, reason) in [
             ("any", Reason::Any),
             (" alarm", Reason::Alarm),
+            ("held-back", Reason::HeldBack),
             ("following-error>500", Reason::Above(Quantity::FollowingError, 500)),
             ("torque > 80.5 %", Reason::Above(Quantity::Torque, 805)),
             ("velocity>0", Reason::Above(Quantity::Velocity, 0)),
@@ -193,7 +198,10 @@ mod tests {
             "velocity>NaNmm",
         ] {
             let error = Reason::parse(text).unwrap_err();
-            assert!(error.starts_with("allowed: any, alarm, state, gap, following-error>N, "), "{text}: {error}");
+            assert!(
+                error.starts_with("allowed: any, alarm, held-back, state, gap, following-error>N, "),
+                "{text}: {error}"
+            );
         }
     }
 }

@@ -65,6 +65,31 @@ fn a_kept_moment_is_a_recording_for_every_verb() {
     assert!(fs::read_to_string(svg).expect("a picture").contains("0x7500"));
 }
 
+/// An axis that its drive holds back is kept as a moment, and the summary has it: `--exit-code` and `--fail-on` see it.
+#[test]
+fn an_axis_that_is_held_back_is_an_event() {
+    let place = ExecFolder::new();
+    let link = "sim:?slaves=drive:limits@-1000..1000&clock=virtual";
+    let moves = format!("{TOOL} move 1=5000 --up >/dev/null 2>&1; exit 0");
+    let ran = place.run(&["--link", link, "--flight", "flight"], &moves);
+    let says = "the drive of slave 1 holds its axis back at 10";
+    assert!(ran.code == Some(0) && ran.err.contains(says), "{ran:?}");
+
+    let folder = place.path().join("flight");
+    let folder = folder.to_str().expect("UTF-8");
+    let json: Value =
+        serde_json::from_str(&run(["flight", "list", folder, "--json"]).expect_quiet()).expect("an object");
+    assert_eq!(json["moments"][0]["reasons"][0]["kind"], "held-back", "{json}");
+    let file = json["moments"][0]["file"].as_str().expect("a file");
+    let summary = run(["summary", "--exit-code", file]);
+    assert!(summary.code == Some(1) && summary.out.contains(says), "{summary:?}");
+    for (reason, code) in [("any", 1), ("held-back", 1), ("alarm", 0)] {
+        run(["summary", "--fail-on", reason, file]).expect_code(code);
+    }
+    let json = run(["summary", "--json", file]).json();
+    assert_eq!((&json["held_back"][0]["slave"], &json["held_back"][0]["times"]), (&1.into(), &1.into()), "{json}");
+}
+
 /// A folder that another process records to is refused with its number; `mark` reaches that process. A process that was
 /// killed is no obstacle, and the next `exec` that is killed is named by its parent.
 #[test]

@@ -94,6 +94,8 @@ impl Hand {
 #[test]
 fn an_axis_runs_while_its_key_is_held() {
     let mut hand = Hand::start();
+    // 400 ms at that speed.
+    assert!(hand.jog.text().contains("one tap of a key moves axis 1 by about 8"), "{}", hand.jog.text());
     let start = hand.stands();
     hand.hold(RIGHT, SPEED / 4);
     let there = hand.stands();

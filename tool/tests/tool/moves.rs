@@ -25,7 +25,7 @@ fn the_guard_refuses_a_target_that_is_too_far() {
     for (words, why) in [
         (
             &["move", "1=200000", "--guard", "1000"] as &[_],
-            "axis 1 is at 5000, and 200000 is 195000 counts away; --guard allows 1000; ",
+            "axis 1 is at 5000, and 200000 is 195000 counts away; --guard allows 1000 counts; ",
         ),
         (&["move", "2=-5001", "1=5010", "--guard", "10000"], "axis 2 is at 5000, and -5001 is 10001 counts away; "),
         (&["move", "1=1001", "--relative", "--guard", "1000"], "axis 1 is at 5000, and 6001 is 1001 counts away; "),
@@ -147,6 +147,8 @@ fn a_drive_that_holds_an_axis_back_ends_the_move() {
                 why.starts_with("its drive holds it back (internal limit active, statusword bit 11); see "),
                 "{what}"
             );
+            let pushed = ran.err.lines().find_map(|line| line.strip_prefix("note: axis 1 pushed, ")).expect(&what);
+            assert!(pushed.contains(" from its target: its target is now its actual position, 1"), "{what}");
             let second = ran.err.lines().find_map(|line| line.strip_prefix("note: axis 2 is at ")).expect(&what);
             assert!((5000..40_000).contains(&second.parse::<i32>().expect(&what)), "{what}");
         }

@@ -21,6 +21,8 @@ pub enum Kind {
     State,
     /// An axis was further from its executed target than the limit.
     FollowingError,
+    /// A drive has held its axis back (internal limit active).
+    HeldBack,
     /// A slave was lost.
     LostSlave,
     /// A drive has an alarm.
@@ -31,7 +33,8 @@ pub enum Kind {
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 6] = [Self::Gap, Self::State, Self::FollowingError, Self::LostSlave, Self::Alarm, Self::Mark];
+    pub const ALL: [Self; 7] =
+        [Self::Gap, Self::State, Self::FollowingError, Self::HeldBack, Self::LostSlave, Self::Alarm, Self::Mark];
 
     /// The word for the kind, in texts and in JSON.
     pub const fn word(self) -> &'static str {
@@ -39,6 +42,7 @@ impl Kind {
             Self::Gap => "gap",
             Self::State => "state",
             Self::FollowingError => "following-error",
+            Self::HeldBack => "held-back",
             Self::LostSlave => "lost-slave",
             Self::Alarm => "alarm",
             Self::Mark => "mark",

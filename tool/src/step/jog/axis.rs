@@ -53,6 +53,22 @@ pub fn within_guard(limits: SoftLimits, start: i32, guard: Guard) -> SoftLimits 
     SoftLimits { min: min.max(start.saturating_sub_unsigned(way)), max: max.min(start.saturating_add_unsigned(way)) }
 }
 
+/// How far one tap of a key moves an axis, counts, if its terminal does not report releases: for `held_s` seconds the key
+/// counts as held, then the axis brakes.
+///
+/// # Errors
+/// The library for trajectories finds no motion within the limits.
+pub fn tap(speeds: Speeds, held_s: f64, cycle: f64) -> Result<i32, String> {
+    let mut axis = JogAxis::new(0, speeds, SoftLimits::NONE);
+    axis.run(true)?;
+    (0..(held_s / cycle).ceil() as u32).for_each(|_| axis.advance(cycle));
+    axis.brake()?;
+    while axis.doing() != Doing::Stands {
+        axis.advance(cycle);
+    }
+    Ok(axis.target())
+}
+
 impl JogAxis {
     /// An axis that stands at `position`.
     pub fn new(position: i32, speeds: Speeds, limits: SoftLimits) -> Self {
@@ -209,6 +225,17 @@ mod tests {
         assert!((200..=500).contains(&count), "{count} ms: 10000 counts/s with 50000 counts/s^2 and their jerk");
         assert!((1000..=2000).contains(&(high - released)), "{}", high - released);
         assert_eq!(axis.target(), high);
+    }
+
+    /// A tap is as long as the key counts as held, at the speed of the axis: the brake takes the time that the start took.
+    #[test]
+    fn a_tap_moves_the_axis_for_the_time_of_a_key() {
+        for (velocity, held_s) in [(10_000.0, 0.4), (20_000.0, 0.4), (2000.0, 1.0)] {
+            let way = f64::from(tap(speeds(velocity), held_s, CYCLE).unwrap());
+            assert!((way / (velocity * held_s) - 1.0).abs() < 0.05, "{velocity} {held_s}: {way}");
+        }
+        let short = tap(speeds(10_000.0), 0.1, CYCLE).unwrap();
+        assert!((10..1000).contains(&short), "{short}: it does not reach its speed");
     }
 
     /// A held axis stops at its soft limit exactly, goes no further, and comes back. Beyond a limit it goes only back.

@@ -66,7 +66,8 @@ impl Run<'_> {
                 return Err(self.braked(frames, last, lost(self.board, now.state())));
             }
             if let Some((slave, at)) = self.held_axis(&now, &mut watched, last, time) {
-                let why = format!("axis {slave} stands at {at}: {}", internal_limit::WHY);
+                let (axis, at) = (self.board.label(slave), self.board.in_units(slave, at).0);
+                let why = format!("axis {axis} stands at {at}: {}", internal_limit::WHY);
                 return Err(self.braked(frames, last, refused(why, internal_limit::NEXT)));
             }
             last = profile.at(time);

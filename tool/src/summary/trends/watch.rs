@@ -75,6 +75,7 @@ impl Watch {
                     summary.add_event(event);
                     match event {
                         FrameEvent::Alarm(_) => part.alarms += 1,
+                        FrameEvent::HeldBack(_) => {}
                         // A failure that OP shows is a slave that has left it.
                         FrameEvent::StateFailed(failed) => match StateByte(failed.state).state() {
                             Some(MasterState::Op) => part.lost_slaves += 1,

@@ -1,0 +1,126 @@
+//! Axes in CSP that stand far from their last targets: a jam, an end stop or a limit of the drive holds them back, and
+//! the drives push. If such an axis came free it would go to that target by itself, with no program to command it. A
+//! stop makes its actual position its target, so it rests where it is. A vertical axis is held there, too. \[OURS]
+
+use std::fmt;
+
+use super::LeftBehind;
+use super::movement::{self, Observation};
+use crate::ecm::config::Slave;
+use crate::ecm::exchange::Session;
+use crate::ecm::{Ecm, EcmError};
+use crate::ethercat::cia402::{Mode, Statusword};
+use crate::sk::{AxisTarget, Motion, SlaveCommand};
+
+/// \[OURS] An axis that stands further than this many counts from its last target does not follow. A standing axis that
+/// follows is nearer, also where a load pulls and the drive's position loop has no integral part.
+const AWAY_COUNTS: u32 = 1000;
+/// \[OURS] The same for an axis whose drive shows that it cannot follow (bit 11, internal limit, or 13, following error,
+/// of its statusword).
+const AWAY_COUNTS_LIMITED: u32 = 64;
+
+/// An axis that did not follow its target, and that a stop therefore holds at its actual position
+/// ([`Ecm::take_held_back`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct HeldBack {
+    /// The slave, 1 to 40.
+    pub slave: u8,
+    /// Whether it is the second axis of an HSP.
+    pub is_second: bool,
+    /// How far from its target the axis stood, counts; `None` if another program has set the target and it is not known.
+    pub away: Option<u32>,
+    /// Where it stood, and what its target is now, counts.
+    pub position: i32,
+}
+
+impl fmt::Display for HeldBack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let which = if self.is_second { "the second axis of slave" } else { "axis" };
+        match self.away {
+            Some(away) => write!(f, "{which} {} pushed, {away} counts from its target", self.slave)?,
+            None => write!(f, "{which} {} pushed, held back from its target", self.slave)?,
+        }
+        write!(f, ": its target is now its actual position, {}", self.position)
+    }
+}
+
+/// What a slave gets whose axes are held back.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hold {
+    /// The actual positions of axes that are held back; the last targets of others.
+    pub(super) command: SlaveCommand,
+    axes: [Option<HeldBack>; 2],
+}
+
+impl Hold {
+    /// Keeps what is to be said of the axes.
+    pub(super) fn note(&self, session: &mut Session) {
+        for axis in self.axes.iter().flatten() {
+            session.held_back.retain(|other| (other.slave, other.is_second) != (axis.slave, axis.is_second));
+            session.held_back.push(*axis);
+        }
+    }
+}
+
+/// How a slave's axes in CSP that are held back are held at their actual positions; `None` if there are none. `observed` has
+/// shown whether they stand. If the last target is not known, as another program has set it, the statusword has to show that
+/// the axis cannot follow. An axis whose homing was aborted has no target: the board holds it.
+pub(super) fn hold_of(
+    session: &Session,
+    observed: &Observation,
+    slave: u8,
+    config: &Slave,
+    left: &LeftBehind,
+) -> Option<Hold> {
+    let axis = config.axis()?;
+    let is_homing = session.homing.active.contains(slave) || left.homing.contains(slave);
+    if axis.mode != Mode::Csp || session.credit.ahead() > 0 || is_homing || session.lost.contains(slave) {
+        return None;
+    }
+    let targets = match session.targets.last(slave) {
+        Some(SlaveCommand::Csp(last)) => Some([last.first.target, last.second.target]),
+        _ => None,
+    };
+    let first = session.statusword(slave);
+    let is_limited = |word: Statusword| word.0 & (Statusword::INTERNAL_LIMIT | Statusword::BIT13) != 0;
+    let second = movement::may_have_two_axes(session, config).then(|| session.second_channels.statusword(slave));
+    let is_on = [first.is_enabled(), second.is_some_and(|word| word.is_none_or(Statusword::is_enabled))];
+    let is_limited = [is_limited(first), second.flatten().is_some_and(is_limited)];
+    let moved = observed.moved(session, slave, config);
+    let positions = movement::positions(session, slave, config);
+    let axes = [0, 1].map(|i| {
+        let away = targets.map(|targets| targets[i].wrapping_sub(positions[i]).unsigned_abs());
+        let is_away = match away {
+            Some(away) => away > if is_limited[i] { AWAY_COUNTS_LIMITED } else { AWAY_COUNTS },
+            None => left.is_foreign && is_limited[i],
+        };
+        let is_held_back = is_on[i] && is_away && moved[i].unsigned_abs() <= axis.standstill;
+        is_held_back.then_some(HeldBack { slave, is_second: i == 1, away, position: positions[i] })
+    });
+    if axes == [None; 2] {
+        return None;
+    }
+    let outputs = session.targets.outputs()[usize::from(slave)];
+    let [first, second] = [0, 1].map(|i| {
+        let target = match (axes[i], targets) {
+            (None, Some(targets)) => targets[i],
+            _ => positions[i],
+        };
+        AxisTarget { target, outputs: outputs[i] }
+    });
+    Some(Hold { command: SlaveCommand::Csp(Motion { first, second }), axes })
+}
+
+impl Ecm {
+    /// Takes the axes in CSP that did not follow when they were stopped, by the end of a stream or [`Ecm::stop`], since
+    /// the last call: the newest finding for each axis. They stood, more than 1000 counts from their last targets, or more
+    /// than 64 with internal limit active or a following error in the statusword. Their drives pushed, and each would have
+    /// gone on by itself when it came free. Each holds at its actual position now, enabled.
+    ///
+    /// # Errors
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
+    pub fn take_held_back(&self) -> Result<Vec<HeldBack>, EcmError> {
+        Ok(std::mem::take(&mut self.exchange.lock()?.held_back))
+    }
+}

@@ -1,0 +1,89 @@
+//! Axes that do not follow when they are stopped: they hold where they are, and go nowhere when they come free.
+
+use crate::common::{SECOND, enable, open, script};
+use ecmsk::cia402::Statusword;
+use ecmsk::coe::ObjectAddress;
+use ecmsk::ecm::{Close, Config, Ecm};
+
+/// From when on axis 1 is jammed, and for how long.
+const JAM: &str = "at 4s jam 1 for 4s\n";
+const FREE_NS: u64 = 8_000_000_000;
+
+/// A board of two drives that are on. No following error causes an alarm.
+fn board(name: &str) -> (String, Ecm) {
+    let keys = format!("slaves=drive*2&name={name}&script={}", script(name, JAM));
+    let ecm = open(&keys);
+    ecm.configure(&Config::drives(2)).unwrap();
+    for slave in [1, 2] {
+        ecm.sdo_write(slave, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
+    }
+    (keys, enable(ecm, &Config::drives(2)))
+}
+
+/// Moves both axes until the jammed one is 20000 counts from its target. Returns the last target.
+fn move_into_the_jam(stream: &mut ecmsk::ecm::Stream<'_>) -> i32 {
+    for n in 1.. {
+        for slave in [1, 2] {
+            stream.csp(slave, n * 10).unwrap();
+        }
+        stream.step().unwrap();
+        let seen = stream.snapshot().unwrap();
+        if (n * 10).abs_diff(seen.position(1).unwrap()) > 20_000 {
+            let word = seen.drive(1).unwrap().statusword;
+            assert!(word.0 & Statusword::INTERNAL_LIMIT != 0, "it pushes with all it has: {word:?}");
+            return n * 10;
+        }
+    }
+    unreachable!("it is jammed")
+}
+
+/// The positions of the axes now, and after the jam.
+fn before_and_after(ecm: &Ecm) -> [[i32; 2]; 2] {
+    let of = |seen: &ecmsk::ecm::Snapshot| [1, 2].map(|slave| seen.position(slave).unwrap());
+    let first = ecm.next_cycle(SECOND).unwrap();
+    assert!(first.meta.at.0 < FREE_NS, "it is jammed still");
+    let mut last = first.clone();
+    while last.meta.at.0 < FREE_NS + 1_000_000_000 {
+        last = ecm.next_cycle(SECOND).unwrap();
+    }
+    assert!([1, 2].iter().all(|slave| last.drive(*slave).unwrap().statusword.is_enabled()));
+    [of(&first), of(&last)]
+}
+
+/// API-10 The end of a stream holds an axis that is jammed where it is: when it comes free it stays there. The other one
+/// has gone to its last target.
+#[test]
+fn the_end_of_a_stream_holds_a_jammed_axis_where_it_is() {
+    let (_, ecm) = board("held-stream");
+    let mut stream = ecm.stream(16).unwrap();
+    let target = move_into_the_jam(&mut stream);
+    stream.finish().unwrap();
+    let held = ecm.take_held_back().unwrap();
+    let [first, last] = before_and_after(&ecm);
+    assert!((last[0] - first[0]).abs() < 64, "it holds: {first:?} {last:?}");
+    assert!((last[1] - target).abs() < 20, "it has followed: {last:?}, {target}");
+    let [axis] = held.as_slice() else { panic!("{held:?}") };
+    let away = axis.away.expect("this program has set its target");
+    assert!(axis.slave == 1 && !axis.is_second && (axis.position - first[0]).abs() < 64, "{axis:?}");
+    assert_eq!(away, target.abs_diff(axis.position));
+    let said = axis.to_string();
+    let rest = format!("axis 1 pushed, {away} counts from its target: its target is now its actual position, ");
+    assert!(said.starts_with(&rest), "{said}");
+    assert_eq!(ecm.take_held_back(), Ok(Vec::new()), "it was taken");
+}
+
+/// A program has left an axis pushing, and what its target was is not known. The drive shows that it is held back.
+#[test]
+fn a_stop_holds_a_jammed_axis_of_another_program_where_it_is() {
+    let (keys, ecm) = board("held-stop");
+    let mut stream = ecm.stream(16).unwrap();
+    move_into_the_jam(&mut stream);
+    std::mem::forget(stream);
+    ecm.close(Close::Leave).unwrap();
+    let ecm = open(&keys);
+    assert!(ecm.stop(&Config::drives(2), false).unwrap());
+    let held = ecm.take_held_back().unwrap();
+    let [first, last] = before_and_after(&ecm);
+    assert!((last[0] - first[0]).abs() < 64, "it holds: {first:?} {last:?}");
+    assert!(matches!(held.as_slice(), [axis] if axis.slave == 1 && axis.away.is_none()), "{held:?}");
+}

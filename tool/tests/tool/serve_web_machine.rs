@@ -34,10 +34,10 @@ fn a_recording_has_what_its_machine_file_says_of_the_axes() {
     let folder = tempfile::tempdir().expect("a folder");
     let machine = machine_file(folder.path(), MACHINE);
     let file = folder.path().join("run.pcapng");
-    let link = format!("{SLAVES}&clock=virtual&record={}", file.display());
-    run(["move", "Z=1", "C=5", "--up", "--link", &link, "--machine", &machine]).expect_code(0);
     let html = folder.path().join("run.html");
     let [file, html] = [&file, &html].map(|path| path.to_str().expect("UTF-8"));
+    let link = format!("{SLAVES}&clock=virtual");
+    run(["move", "Z=1", "C=5", "--up", "--link", &link, "--machine", &machine, "--record", file]).expect_code(0);
     let page = |options: &[&str]| {
         run([&["plot", file, "-o", html], options].concat()).expect_code(0);
         hello(&std::fs::read_to_string(html).expect("a page"))

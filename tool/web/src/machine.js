@@ -176,7 +176,8 @@ function dial(axis) {
   });
   const ticks = Array.from({ length: 12 }, (_, i) => line("tick", ...around(44, i * 30), ...around(48, i * 30)));
   const open = sector(axis.reach, turn);
-  const range = open ? [svg("path", { class: "range", d: arc(48, open) }), ...open.map((end) => line("limit", ...around(40, end), ...around(52, end)))] : [];
+  const ends = (open ?? []).map((end) => line("limit", ...around(40, end), ...around(52, end)));
+  const range = open ? [svg("path", { class: "range", d: arc(48, open) }), ...ends] : [];
   const target = svg("path", { class: "moves target", d: "M0 -40L5 0L-5 0Z" });
   const pointer = svg("g", { class: "moves carriage" }, svg("path", { d: "M0 -42L6 0L-6 0Z" }), svg("circle", { r: 7 }));
   const mark = svg("text", { class: "mark", y: 4 }, "!");
@@ -209,12 +210,13 @@ function plane(kind, axes) {
   const x = (/** @type {number} */ at) => place(at, across, left, left + width);
   const y = (/** @type {number} */ at) => (along ? place(at, along.reach, 0, -height) : -height / 2);
   const upright = along ? upScale(along, (at) => bottom + y(at), left) : [];
-  const rails = [line("rail", left - 12, bottom, left + width + 12, bottom), line("rail", left - 12, top, left + width + 12, top)];
+  const rails = [bottom, top].map((y) => line("rail", left - 12, y, left + width + 12, y));
   const one = (/** @type {boolean} */ isTarget) => {
     const part = isTarget ? "target" : "carriage";
     const shape = isTarget ? svg("circle", { r: 8 }) : svg("rect", { x: -8, y: -8, width: 16, height: 16, rx: 2 });
     const tool = svg("g", { class: `moves ${part} tool` }, shape, svg("text", { class: "mark", y: 4 }, "!"));
-    const ends = [0, -height].map((end) => svg("g", { class: part }, svg("rect", { x: -7, y: end - 5, width: 14, height: 10, rx: 2 })));
+    const foot = (/** @type {number} */ end) => svg("rect", { x: -7, y: end - 5, width: 14, height: 10, rx: 2 });
+    const ends = [0, -height].map((end) => svg("g", { class: part }, foot(end)));
     const bridge = svg("g", { class: "moves" }, svg("g", { class: part }, line("beam", 0, 0, 0, -height)), ...ends, tool);
     coloured(sides[0], bridge);
     coloured(sides[1], ends[1]);
@@ -267,7 +269,9 @@ function upScale({ reach }, y, x) {
   const texts = steps(at);
   const ends = [reach.min, reach.max].filter((end) => end !== undefined);
   return [
-    ...at.flatMap((mark, i) => [line("tick", x - 20, y(mark), x - 15, y(mark)), svg("text", { class: "left", x: x - 23, y: y(mark) + 4 }, texts[i])]),
+    ...at.flatMap((mark, i) => [
+      line("tick", x - 20, y(mark), x - 15, y(mark)), svg("text", { class: "left", x: x - 23, y: y(mark) + 4 }, texts[i]),
+    ]),
     ...ends.map((end) => line("limit", x - 14, y(end), x - 4, y(end))),
   ];
 }

@@ -2,21 +2,22 @@
 //! against a bare loop of absolute sleeps. Both are counted from their own earliest cycle.
 
 mod common;
+#[path = "common/late.rs"]
+mod late;
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use common::Demand;
 use ecmsk::engine::{Board, EngineConfig, Rate, RealTime, Threaded};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{CycleDone, Fieldbus, Inputs, Ns};
 use ecmsk::sk::{
     CycleTime, DcShift, Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, SlotSize, StateByte,
 };
 use ecmsk::slave::{Drive, DriveConfig, Slave};
+use late::{Begins, Watched, p99_lateness};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_gettime};
-use support::hand_on;
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 const DRIVES: usize = 4;
@@ -29,27 +30,6 @@ fn main() {
         let cycle = CycleTime::from_us(cycle_us).expect("a cycle time");
         let demand = Demand { name, target: Some(1.2), allowance: Some(ALLOWANCE), against: None };
         common::pair_of_blocks(demand, BLOCKS, || runner(cycle), || bare_loop(cycle));
-    }
-}
-
-/// Instants at which cycles began, each with the time at which it was due by its own clock.
-type Begins = Arc<Mutex<Vec<(Instant, Ns)>>>;
-
-/// A bus that notes when it is polled.
-struct Watched {
-    bus: SimBus,
-    begins: Begins,
-}
-
-impl Fieldbus for Watched {
-    hand_on!(bus: pacing, start, start_sdo, poll_job, poll_sdo, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
-
-    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
-        let mut begins = self.begins.lock().expect("nobody panics");
-        if begins.len() < begins.capacity() {
-            begins.push((Instant::now(), now));
-        }
-        self.bus.poll(now, inputs)
     }
 }
 
@@ -80,15 +60,6 @@ fn bare_loop(cycle: CycleTime) -> f64 {
         })
         .collect();
     p99_lateness(begins.into_iter())
-}
-
-/// The lateness that 99 of 100 cycles do not exceed, nanoseconds, counted from the one that was least late.
-fn p99_lateness(begins: impl Iterator<Item = (Instant, Ns)>) -> f64 {
-    let mut begins = begins.peekable();
-    let start = begins.peek().expect("cycles ran").0;
-    let mut late: Vec<i64> = begins.map(|(at, due)| at.duration_since(start).as_nanos() as i64 - due as i64).collect();
-    late.sort_unstable();
-    (late[late.len() * 99 / 100] - late[0]) as f64
 }
 
 fn board_in_op(cycle: CycleTime, begins: &Begins) -> Board {

@@ -92,6 +92,11 @@ pub fn drives_in_op(n: usize) -> Board {
     board_in_op(drives(n))
 }
 
+/// The same over another bus around the simulated one.
+pub fn drives_in_op_over(n: usize, over: impl FnOnce(SimBus) -> Box<dyn Fieldbus>) -> Board {
+    board_in_op_over(drives(n), over)
+}
+
 /// The same over a bus that takes outputs ahead.
 pub fn drives_in_op_ahead(n: usize, how: Ahead) -> Board {
     board_in_op_over(drives(n), |bus| Box::new(AheadBus::new(bus, how)))

@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 use super::check::{Fault, Source, fault, slave_number};
 use super::format::{AxisFields, HomingFields, Number};
 use super::unit::Unit;
-use super::{AxisHoming, MachineAxis, MachineFileError, MachineSlave, same_name};
+use super::{AxisHoming, AxisKind, MachineAxis, MachineFileError, MachineSlave, same_name};
 use crate::address::scale::{Scale, SoftLimits, fraction};
 use crate::address::text::visible;
 use crate::sk::SlaveKind;
@@ -63,12 +63,23 @@ fn axis(
         name: name.to_owned(),
         slave,
         unit,
+        kind: kind(fields.kind, unit).map_err(|fault| wrong("kind", fault))?,
         scale,
         limits,
         max_velocity: above_0("max_velocity", fields.max_velocity)?,
         max_acceleration: above_0("max_acceleration", fields.max_acceleration)?,
         homing: homing.unwrap_or_default(),
     })
+}
+
+/// Whether an axis turns: as the file says, else if its unit is an angle.
+fn kind(given: Option<AxisKind>, unit: Unit) -> Result<AxisKind, Fault> {
+    let of_unit = if unit.per_turn().is_some() { AxisKind::Rotary } else { AxisKind::Linear };
+    if given == Some(AxisKind::Rotary) && of_unit == AxisKind::Linear {
+        let what = format!("how many {unit} a turn has is not known");
+        return Err(fault(what, "give the axis unit deg, rad or turn, with its per, or take kind out"));
+    }
+    Ok(given.unwrap_or(of_unit))
 }
 
 /// A fault of a field, with the name of the field.

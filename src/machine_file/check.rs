@@ -7,6 +7,7 @@ use toml::de::DeValue;
 
 use super::axes::{axes, check_name, number};
 use super::format::{AlarmFields, Content, LineFields, ModeWord, SlaveFields};
+use super::picture::picture;
 use super::places::Places;
 use super::{AlarmTexts, FORMAT, IoLine, MachineFile, MachineFileError, MachineSlave};
 use crate::address::slaves::{self, IdentitySpec, SlaveModel, SlaveSpec, declared_words};
@@ -68,6 +69,7 @@ pub(super) fn machine(file: &str, text: &str) -> Result<MachineFile, MachineFile
         inputs: lines(&source, "inputs", &content.inputs, &slaves)?,
         outputs: lines(&source, "outputs", &content.outputs, &slaves)?,
         program_limits: content.limits.program,
+        picture: picture(&source, &content.picture, &axes)?,
         alarms: alarms(&source, &content.alarms)?,
         axes,
         slaves,

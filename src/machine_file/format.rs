@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::ProgramLimits;
 use super::unit::Unit;
+use super::{AxisKind, ProgramLimits};
 
 /// A machine with an EtherCAT network: its link, slaves, axes, inputs and outputs.
 #[derive(Debug, Deserialize)]
@@ -42,6 +42,9 @@ pub(super) struct Content {
     /// What happens at the soft limits of the axes.
     #[serde(default)]
     pub(super) limits: LimitsFields,
+    /// Which axes are drawn together where the machine is shown in motion.
+    #[serde(default)]
+    pub(super) picture: PictureFields,
 }
 
 /// What happens at the soft limits of the axes.
@@ -53,6 +56,30 @@ pub(super) struct LimitsFields {
     /// does not send it either, so that the axis holds its last target.
     #[serde(default)]
     pub(super) program: ProgramLimits,
+}
+
+/// Which axes are drawn together where the machine is shown in motion; the others are drawn one by one.
+#[derive(Debug, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub(super) struct PictureFields {
+    /// XY tables: pairs of linear axes with one unit, the axis across first, e.g. [["X", "Y"]].
+    #[serde(default)]
+    pub(super) xy: Vec<[String; 2]>,
+    /// Gantries: bridges whose two ends are moved by an axis each.
+    #[serde(default)]
+    pub(super) gantries: Vec<GantryFields>,
+}
+
+/// A bridge whose two ends are moved by an axis each.
+#[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub(super) struct GantryFields {
+    /// The two axes that move the ends of the bridge.
+    pub(super) sides: [String; 2],
+    /// The axis that moves along the bridge.
+    pub(super) bridge: Option<String>,
 }
 
 /// A slave of the network, and which device it has to be.
@@ -102,6 +129,9 @@ pub(super) struct AxisFields {
     pub(super) slave: i64,
     /// The unit of the axis's positions; default counts.
     pub(super) unit: Option<Unit>,
+    /// Whether the axis moves along a line or turns, for its picture: linear or rotary. Default: rotary with the unit deg,
+    /// rad or turn, otherwise linear.
+    pub(super) kind: Option<AxisKind>,
     /// Units per count: a number, or a fraction as "360/131072". Negative: the unit counts in the opposite direction.
     pub(super) per: Option<Number>,
     /// The lowest position that a target may have, units.

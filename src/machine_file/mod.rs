@@ -19,13 +19,14 @@
 //! ```
 //!
 //! - `format.rs`: the fields as they are written; `unit.rs`: the units
-//! - `check.rs`, `axes.rs`: check the values and convert them; `places.rs`: the lines of the fields in the text
+//! - `check.rs`, `axes.rs`, `picture.rs`: check the values and convert them; `places.rs`: the lines of the fields in the text
 //! - `error.rs`: [`MachineFileError`]
 
 mod axes;
 mod check;
 mod error;
 mod format;
+mod picture;
 mod places;
 #[cfg(test)]
 mod tests;
@@ -40,6 +41,7 @@ use crate::ethercat::cia402::Mode;
 use crate::files::read_small;
 use crate::sk::SlaveKind;
 pub use error::MachineFileError;
+pub use picture::{AxisKind, Gantry, Picture};
 pub use unit::Unit;
 
 /// The name of the file that the tool looks for in its working directory.
@@ -70,6 +72,8 @@ pub struct MachineFile {
     pub outputs: Vec<IoLine>,
     /// What happens if a program's target is beyond the limits of its axis.
     pub program_limits: ProgramLimits,
+    /// The axes that are drawn together where the machine is shown in motion.
+    pub picture: Picture,
     alarms: Vec<AlarmTexts>,
 }
 
@@ -107,6 +111,8 @@ pub struct MachineAxis {
     pub slave: u8,
     /// The unit of the axis's positions.
     pub unit: Unit,
+    /// Whether the axis moves along a line or turns, for its picture.
+    pub kind: AxisKind,
     /// How many counts one unit has.
     pub scale: Scale,
     /// The range in which targets of the axis have to be, counts. The tool refuses other targets. Those of programs are

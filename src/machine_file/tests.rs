@@ -104,6 +104,53 @@ fn limits(min: i32, max: i32) -> SoftLimits {
     SoftLimits { min, max }
 }
 
+const PORTAL: &str = r#"
+format = 1
+[axes]
+X = { slave = 1, unit = "mm", per = 0.001 }
+Y = { slave = 2, unit = "mm", per = 0.001 }
+Y1 = { slave = 3, kind = "linear", unit = "deg", per = 0.01 }
+Y2 = { slave = 4, kind = "linear", unit = "deg", per = 0.01 }
+Z = { slave = 5, kind = "linear", unit = "deg", per = 0.01 }
+A = { slave = 6, unit = "turn", per = 0.01 }
+B = { slave = 7, kind = "rotary", unit = "rad", per = 0.01 }
+C = { slave = 8 }
+[picture]
+xy = [["X", "y"]]
+gantries = [{ sides = ["Y1", "Y2"], bridge = "Z" }]
+"#;
+
+/// An axis turns if its unit is an angle, unless the file says otherwise. Axes that are drawn together are slaves.
+#[test]
+fn a_picture_has_the_axes_of_the_file() {
+    let machine = parse(PORTAL).unwrap();
+    let turning: Vec<&str> =
+        machine.axes.iter().filter(|axis| axis.kind == AxisKind::Rotary).map(|axis| &*axis.name).collect();
+    assert_eq!(turning, ["A", "B"]);
+    let gantry = Gantry { sides: [3, 4], bridge: Some(5) };
+    assert_eq!(machine.picture, Picture { xy: vec![[1, 2]], gantries: vec![gantry] });
+    assert_eq!(parse(WHOLE).unwrap().picture, Picture::default());
+    for (replaced, by, said) in [
+        (
+            "C = { slave = 8",
+            "C = { slave = 8, kind = \"rotary\"",
+            "line 11: axes.C.kind: how many counts a turn has is",
+        ),
+        ("C = { slave = 8", "C = { slave = 8, kind = \"round\"", "line 11: axes.C.kind: unknown variant `round`"),
+        ("\"y\"", "\"Q\"", "line 13: picture.xy.1: there is no axis `Q`; name axes of the table [axes]"),
+        ("\"y\"", "\"x\"", "line 13: picture.xy.1: axis X is in the picture twice; name it once"),
+        ("\"y\"", "\"A\"", "line 13: picture.xy.1: axis A turns; name a linear axis"),
+        ("\"y\"", "\"C\"", "line 13: picture.xy.1: axis X is in mm and axis C in counts; give them one unit"),
+        ("\"X\", \"y\"", "\"X\"", "line 13: picture.xy.1: invalid length 1"),
+        ("\"Z\"", "\"Y\"", "line 14: picture.gantries.1: axis Y is in the picture twice"),
+        ("bridge = \"Z\"", "bride = \"Z\"", "line 14: picture.gantries.1.bride: unknown field `bride`"),
+    ] {
+        assert!(PORTAL.contains(replaced), "{replaced}");
+        let said_now = error(&PORTAL.replacen(replaced, by, 1));
+        assert!(said_now.starts_with("m.toml, ") && said_now.contains(said), "{replaced} -> {by}\n  {said_now}");
+    }
+}
+
 /// A text for the product goes before one for the vendor, and that before one for all.
 #[test]
 fn texts_of_alarms_are_those_of_the_nearest_device() {
@@ -302,14 +349,17 @@ fn a_file_with_a_part_missing_or_twice_never_panics() {
     }
 }
 
-/// The example in `docs/MACHINE.md` is a valid machine file.
+/// The examples in `docs/MACHINE.md` and `docs/WEB.md` are valid machine files.
 #[test]
 fn the_page_shows_a_machine_file() {
-    let page = include_str!("../../docs/MACHINE.md");
-    let example = page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).expect("an example");
-    let machine = parse(example).unwrap();
+    let example = |page: &'static str| {
+        page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).expect("an example")
+    };
+    let machine = parse(example(include_str!("../../docs/MACHINE.md"))).unwrap();
     assert_eq!(
         (machine.slaves.len(), machine.axes.len(), machine.alarm_text(1, 0x7305)),
         (3, 2, Some("encoder cable"))
     );
+    let drawn = parse(example(include_str!("../../docs/WEB.md"))).unwrap();
+    assert_eq!(drawn.picture.gantries, [Gantry { sides: [1, 2], bridge: Some(3) }]);
 }

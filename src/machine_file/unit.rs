@@ -45,6 +45,16 @@ impl Unit {
             Self::Counts => "counts",
         }
     }
+
+    /// How many of this unit a full turn has; `None` for a unit that is no angle.
+    pub const fn per_turn(self) -> Option<f64> {
+        match self {
+            Self::Deg => Some(360.0),
+            Self::Rad => Some(std::f64::consts::TAU),
+            Self::Turn => Some(1.0),
+            _ => None,
+        }
+    }
 }
 
 impl fmt::Display for Unit {

@@ -106,12 +106,13 @@ pub fn of_recording(
         source: "recording",
         name: title.clone(),
         notes,
-        slaves: hello::slaves(events.kinds(), machine),
+        slaves: hello::slaves(events.kinds(), &names),
         words: Words::new(),
         channels: channels.list(),
         events: events.found(),
         spans,
         plane: first.chosen.plane,
+        picture: hello::Picture::of(machine),
         block: BASE64.encode(&block),
     };
     first.damage.iter().for_each(|damage| say("note", damage));

@@ -43,9 +43,10 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Show a board or a recording in a browser: curves, states, alarms, inputs and outputs
 ///
-/// Prints the address of the page; the token in it is what lets a browser have the page. The page only reads: no frame
-/// is sent. A board of another program is watched through `ecmsk serve tcp`. The server listens on this machine alone;
-/// from another one, ssh -L 4714:localhost:4714 HOST. Ctrl-C and SIGTERM end the server.
+/// The page draws the axes of the machine file in motion. Prints the address of the page; the token in it is what lets a
+/// browser have the page. The page only reads: no frame is sent. A board of another program is watched through `ecmsk
+/// serve tcp`. The server listens on this machine alone; from another one, ssh -L 4714:localhost:4714 HOST. Ctrl-C and
+/// SIGTERM end the server.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -170,12 +171,17 @@ fn recording(args: &Args, file: &Path, end_request: &mut signals::EndRequest) ->
 }
 
 fn board(args: &Args, watch: &mut Watch) -> Result<(Arc<Hub>, LinkUri), CliError> {
-    let machine = machine_option::load(args.machine.as_deref())?.map(Arc::new);
-    let mut chosen = ChosenLink::find_with(args.link.as_ref(), machine.as_deref()).map_err(MonitorError::from)?;
+    let local = machine_option::load(args.machine.as_deref())?;
+    let mut chosen = ChosenLink::find_with(args.link.as_ref(), local.as_ref()).map_err(MonitorError::from)?;
     // The user has to name the board, as for every server, so that a forgotten option does not show a real board.
     if !chosen.is_named() {
         return Err(CliError::NothingToServe);
     }
+    let machine = match local {
+        Some(machine) => Some(machine),
+        None => machine_option::of_link(args.machine.as_deref(), Some(&chosen.uri))?,
+    };
+    let machine = machine.map(Arc::new);
     let uri = args.flight.added_to(&chosen.uri)?;
     chosen.uri = with_long_queue(&uri);
     let subject = Subject {

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use crate::markup::escaped;
 
 /// The modules of the page, each after those that it imports.
-const MODULES: [&str; 11] = [
+const MODULES: [&str; 13] = [
     include_str!("../../web/src/codec.js"),
     include_str!("../../web/src/words.js"),
     include_str!("../../web/src/channels.js"),
@@ -18,6 +18,8 @@ const MODULES: [&str; 11] = [
     include_str!("../../web/src/plane.js"),
     include_str!("../../web/src/panels.js"),
     include_str!("../../web/src/tables.js"),
+    include_str!("../../web/src/geometry.js"),
+    include_str!("../../web/src/machine.js"),
     include_str!("../../web/src/live.js"),
     include_str!("../../web/src/main.js"),
 ];
@@ -106,8 +108,10 @@ mod tests {
     /// Each module stands after those that it imports.
     #[test]
     fn modules_are_in_order() {
-        let names =
-            ["codec", "words", "channels", "readings", "trigger", "csv", "plane", "panels", "tables", "live", "main"];
+        let names = [
+            "codec", "words", "channels", "readings", "trigger", "csv", "plane", "panels", "tables", "geometry",
+            "machine", "live", "main",
+        ];
         for (place, module) in MODULES.iter().enumerate() {
             for line in module.lines().filter(|line| line.starts_with("import ")) {
                 let from = line.rsplit("\"./").next().and_then(|rest| rest.strip_suffix(".js\";")).expect(line);

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use ecmsk::cia402::Statusword;
 use ecmsk::ecm::Scales;
 use ecmsk::link::slaves;
-use ecmsk::machine_file::MachineFile;
+use ecmsk::machine_file::{self, AxisKind, MachineFile};
 use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::MAX_SLAVES;
 use ecmsk::sk::{SlaveKind, StateByte};
@@ -44,6 +44,9 @@ pub struct Hello<'a> {
     /// The two axes of which the page shows the path in their plane at first; `None`: it shows none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plane: Option<[u8; 2]>,
+    /// The axes that the page draws together; `None` if the machine file names none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub picture: Option<Picture>,
     /// The points of a recording, as one block in base64. For a board, blocks follow as binary messages.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub block: String,
@@ -59,18 +62,63 @@ pub struct Slave {
     /// The name of its axis in the machine file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
+    /// The soft limits of its axis in the unit in which the page shows positions, the lower one first; `None` without a
+    /// limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// The upper one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+    /// How many of that unit a turn of its axis has; `None` for an axis that does not turn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turn: Option<f64>,
 }
 
 /// The slaves that the page lists: those whose kind is known from frames or options, and those that the machine file has an
 /// axis for, which count as drives.
-pub fn slaves(kinds: &Kinds, machine: Option<&MachineFile>) -> Vec<Slave> {
+pub fn slaves(kinds: &Kinds, names: &Names) -> Vec<Slave> {
     let slave = |number: u8| {
-        let axis = machine.and_then(|machine| machine.axis_of(number));
+        let axis = names.machine.and_then(|machine| machine.axis_of(number));
         let kind =
             kinds.of(number.into()).or(axis.map(|_| SlaveKind::Drive)).filter(|kind| *kind != SlaveKind::None)?;
-        Some(Slave { number, kind: slaves::word(kind), name: axis.map(|axis| axis.name.clone()) })
+        let per_unit = names.scale(number).0;
+        let end = |counts: i32, open: i32| (counts != open).then(|| f64::from(counts) / per_unit);
+        let ends =
+            axis.map(|axis| [end(axis.limits.min, i32::MIN), end(axis.limits.max, i32::MAX)]).unwrap_or_default();
+        // With a unit in the opposite direction the lowest position has the highest count.
+        let [min, max] = if per_unit < 0.0 { [ends[1], ends[0]] } else { ends };
+        let turning = axis.filter(|axis| axis.kind == AxisKind::Rotary);
+        let turn = turning.and_then(|axis| Some((axis.unit.per_turn()? * axis.scale.counts_per_unit / per_unit).abs()));
+        Some(Slave { number, kind: slaves::word(kind), name: axis.map(|axis| axis.name.clone()), min, max, turn })
     };
     (1..=MAX_SLAVES as u8).filter_map(slave).collect()
+}
+
+/// The axes that the page draws together, by the numbers of their slaves.
+#[derive(Debug, Serialize)]
+pub struct Picture {
+    /// XY tables: the axis across, and the one up.
+    xy: Vec<[u8; 2]>,
+    /// The gantries.
+    gantries: Vec<Gantry>,
+}
+
+/// A bridge whose two ends are moved by an axis each.
+#[derive(Debug, Serialize)]
+struct Gantry {
+    sides: [u8; 2],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bridge: Option<u8>,
+}
+
+impl Picture {
+    /// The axes that the machine file draws together; `None` if there are none.
+    pub fn of(machine: Option<&MachineFile>) -> Option<Self> {
+        let machine_file::Picture { xy, gantries } = &machine?.picture;
+        let gantry = |gantry: &machine_file::Gantry| Gantry { sides: gantry.sides, bridge: gantry.bridge };
+        let picture = Self { xy: xy.clone(), gantries: gantries.iter().map(gantry).collect() };
+        (!picture.xy.is_empty() || !picture.gantries.is_empty()).then_some(picture)
+    }
 }
 
 /// The names of states by their codes, so that a page needs no tables of its own.

@@ -287,7 +287,7 @@ fn the_schema_has_the_fields_of_the_file() {
     let schema = Folder::new(MACHINE).run(&["machine", "schema"]);
     let schema: serde_json::Value = serde_json::from_str(&schema.expect_quiet()).expect("JSON");
     assert_eq!(schema["required"], serde_json::json!(["format"]));
-    for field in ["format", "link", "cycle_us", "slaves", "axes", "inputs", "outputs", "alarms"] {
+    for field in ["format", "link", "cycle_us", "slaves", "axes", "inputs", "outputs", "alarms", "picture"] {
         assert!(schema["properties"][field]["description"].is_string(), "{field}");
     }
     let axis = &schema["$defs"]["AxisFields"];

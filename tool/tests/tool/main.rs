@@ -24,7 +24,7 @@
 //! - `slave.rs`: `ecmsk slave`
 //! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_metrics.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`,
 //!   `service_on_tcp.rs`, `tcp_*.rs`: `ecmsk serve`
-//! - `serve_web.rs`, `serve_web_browser.rs`: `ecmsk serve web`, and the page in a browser
+//! - `serve_web.rs`, `serve_web_browser.rs`, `serve_web_machine.rs`: `ecmsk serve web`, and the page in a browser
 //! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `doctor_gadget.rs`, `doctor_report.rs`, `machine.rs`,
 //!   `man.rs`: `ecmsk list`, `doctor`, `man`
 //! - `bus.rs`: `ecmsk bus`
@@ -103,6 +103,8 @@ mod serve_usbip;
 mod serve_web;
 #[cfg(all(unix, feature = "web"))]
 mod serve_web_browser;
+#[cfg(all(unix, feature = "web"))]
+mod serve_web_machine;
 mod serve_xf;
 mod service_on_tcp;
 mod slave;

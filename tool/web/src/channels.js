@@ -25,7 +25,8 @@ export class Store {
    */
   setChannels(channels) {
     for (const channel of channels.slice(this.curves.length)) {
-      this.curves.push({ channel, times: new Float64Array(64), values: new Float64Array(64), length: 0 });
+      const [times, values] = [new Float64Array(64), new Float64Array(64)];
+      this.curves.push({ channel, times, values, length: 0, least: Infinity, greatest: -Infinity });
     }
   }
 
@@ -99,6 +100,8 @@ export class Store {
  * @param {number} value
  */
 function push(curve, time, value) {
+  if (value < curve.least) curve.least = value;
+  if (value > curve.greatest) curve.greatest = value;
   if (curve.length > 0 && time <= curve.times[curve.length - 1]) {
     if (curve.channel.held) {
       curve.values[curve.length - 1] = value;

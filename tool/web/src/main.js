@@ -3,6 +3,7 @@ import { fromBase64 } from "./codec.js";
 import { Store } from "./channels.js";
 import { csv } from "./csv.js";
 import { connect } from "./live.js";
+import { Machine } from "./machine.js";
 import { colourOf, Scope } from "./panels.js";
 import { drawPlane, way } from "./plane.js";
 import { readings } from "./readings.js";
@@ -16,12 +17,17 @@ const KEPT_S = 600;
 const SPANS_S = [1, 2, 5, 10, 30, 60, 300];
 /** How often a live page is drawn. */
 const DRAWN_MS = 100;
+/** How often the machine is drawn of a board for who has asked the system for less motion. */
+const CALM_MS = 1000;
+/** How often cursor A is moved while a recording is played. */
+const PLAYED_MS = 40;
 /** The part of what is shown that is before a trigger. */
 const BEFORE_TRIGGER = 0.5;
 
 /** @type {[string, string][]} */
 const KEYS = [
-  ["left, right", "move"], ["+, -", "zoom"], ["f", "show all"], ["space", "pause, go on"],
+  ["left, right", "move"], ["+, -", "zoom"], ["f", "show all"],
+  ["space", "pause, go on; play a recording"], ["m", "machine"],
   ["a, b", "cursor A, B at the pointer"], ["Escape", "no cursors"], ["n, shift n", "next, last event"],
   ["x", "XY"], ["c", "CSV"], ["p", "PNG"], ["t", "light, dark"], ["?", "these keys"],
   ["wheel, drag, pinch", "zoom, move, zoom"], ["shift click, alt click", "cursor A, B"], ["double click", "show all"],
@@ -57,6 +63,11 @@ class Page {
     /** @type {number | undefined} */
     this.armed = undefined;
     this.dirty = false;
+    /** @type {number | undefined} */
+    this.playing = undefined;
+    this.calm = matchMedia("(prefers-reduced-motion: reduce)");
+    this.drawnMachine = -Infinity;
+    this.machine = new Machine(element("axes", HTMLElement), this.store, this.known);
     this.scope = new Scope(element("scope", HTMLElement), this.store, this.known, () => this.showMoment());
     this.buttons();
     this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
@@ -68,6 +79,7 @@ class Page {
 
   /** @param {import("./types").Hello} hello */
   recording(hello) {
+    element("play", HTMLElement).hidden = false;
     this.greet(hello);
     if (hello.block) this.store.addBlock(fromBase64(hello.block));
     this.scope.fit();
@@ -100,6 +112,7 @@ class Page {
     this.known.slaves = hello.slaves;
     this.known.spans = hello.spans;
     this.words = hello.words;
+    this.machine.picture = hello.picture;
     this.events = [];
     this.addEvents(hello.events);
     this.store.setChannels(hello.channels);
@@ -215,6 +228,47 @@ class Page {
       showReadings(element("readings", HTMLElement), readings(this.scope.shown, a, b), { a, b }, this.known.slaves);
     }
     this.drawPlane();
+    const isCalm = this.calm.matches && this.isLive && !this.paused;
+    if (!isCalm || performance.now() - this.drawnMachine >= CALM_MS) this.drawMachine();
+  }
+
+  drawMachine() {
+    this.drawnMachine = performance.now();
+    const isWanted = element("machine-shown", HTMLElement).getAttribute("aria-pressed") === "true";
+    const isThere = isWanted && this.machine.show(this.words, this.alarms, this.scope.theme, this.moment);
+    element("machine", HTMLElement).hidden = !isThere;
+  }
+
+  showsMachine() {
+    const button = element("machine-shown", HTMLElement);
+    button.setAttribute("aria-pressed", String(button.getAttribute("aria-pressed") !== "true"));
+    this.drawMachine();
+    this.scope.resize();
+  }
+
+  /** Moves cursor A as time passes, from where it is to the end of what is shown; or stops it. */
+  play() {
+    const button = element("play", HTMLElement);
+    const isPlaying = this.playing !== undefined;
+    clearInterval(this.playing);
+    this.playing = undefined;
+    button.textContent = isPlaying ? "Play" : "Stop";
+    if (isPlaying) return;
+    const { cursors: { a }, range } = this.scope;
+    const from = a !== undefined && a >= range.from && a < range.to ? a : Math.max(range.from, this.store.from);
+    const begin = performance.now();
+    this.playing = setInterval(() => {
+      const at = from + (performance.now() - begin) / 1000;
+      const end = Math.min(this.scope.range.to, this.store.to);
+      if (at >= end) this.play();
+      this.scope.setCursor("a", Math.min(at, end));
+    }, PLAYED_MS);
+  }
+
+  /** Removes both cursors, also one that runs. */
+  clear() {
+    if (this.playing !== undefined) this.play();
+    this.scope.clearCursors();
   }
 
   /** @param {[number, number]} [first] the axes that are shown first */
@@ -266,6 +320,7 @@ class Page {
   otherTheme() {
     this.setTheme(this.scope.theme === "light" ? "dark" : "light");
     this.drawPlane();
+    this.drawMachine();
   }
 
   /** Steps to the next pair of axes. */
@@ -301,10 +356,12 @@ class Page {
     const on = (/** @type {string} */ id, /** @type {() => void} */ act) =>
       element(id, HTMLElement).addEventListener("click", act);
     on("pause", () => this.pause(!this.paused));
+    on("play", () => this.play());
+    on("machine-shown", () => this.showsMachine());
     on("fit", () => this.fit());
     on("closer", () => this.scope.zoom(0.5));
     on("wider", () => this.scope.zoom(2));
-    on("clear", () => this.scope.clearCursors());
+    on("clear", () => this.clear());
     on("csv", () => this.saveCsv());
     on("png", () => this.savePng());
     on("theme", () => this.otherTheme());
@@ -354,10 +411,11 @@ class Page {
       "+": () => this.scope.zoom(0.8),
       "-": () => this.scope.zoom(1.25),
       f: () => this.fit(),
-      " ": () => this.pause(!this.paused),
+      " ": () => (this.isLive ? this.pause(!this.paused) : this.play()),
+      m: () => this.showsMachine(),
       a: () => this.scope.setCursor("a"),
       b: () => this.scope.setCursor("b"),
-      Escape: () => this.scope.clearCursors(),
+      Escape: () => this.clear(),
       n: () => this.step(1),
       N: () => this.step(-1),
       x: () => this.nextPlane(),

@@ -40,24 +40,38 @@ export function slaveRows(store, slaves, words, alarms, at) {
       if (!curve || Number.isNaN(value)) return "";
       return `${number(value, Math.max(1e-3, curve.channel.factor))} ${curve.channel.unit}`.trim();
     };
-    const statusword = store.value(slave, "statusword", at);
-    const code = store.value(slave, "error_code", at);
+    const { statusword, state, alarm, look } = axisState(store, words, alarms, slave, at);
     const known = slaves.find((one) => one.number === slave);
-    const state = Number.isNaN(statusword) ? "" : statuswordInWords(words, statusword);
     const lines = ["input", "output"].map((way) => {
       const bits = store.curves.filter(({ channel }) => channel.slave === slave && channel.quantity === way);
       const high = bits.filter(({ channel }) => storeBit(store, slave, way, channel.bit, at));
       return high.map(({ channel }) => channel.name ?? channelName(channel, slaves)).join(", ");
     });
-    const alarm = code > 0 ? (alarms.get(`${slave}:${code}`) ?? `alarm ${hex(code, 4)}`) : "";
     return {
       cells: [
         String(slave), known?.name ?? known?.kind ?? "", state, Number.isNaN(statusword) ? "" : hex(statusword, 4),
         quantity("position"), quantity("velocity"), quantity("torque"), alarm, lines.filter(Boolean).join("; "),
       ],
-      look: alarm || state.startsWith("Fault") ? "alarm" : state.startsWith("Operation enabled") ? "on" : "",
+      look,
     };
   });
+}
+
+/**
+ * The state and the alarm of a slave in words, and the class of what shows it: `alarm`, `on` for an enabled axis, or none.
+ * @param {import("./channels.js").Store} store
+ * @param {import("./types").Words} words
+ * @param {Map<string, string>} alarms
+ * @param {number} slave
+ * @param {number} at
+ */
+export function axisState(store, words, alarms, slave, at) {
+  const statusword = store.value(slave, "statusword", at);
+  const code = store.value(slave, "error_code", at);
+  const state = Number.isNaN(statusword) ? "" : statuswordInWords(words, statusword);
+  const alarm = code > 0 ? (alarms.get(`${slave}:${code}`) ?? `alarm ${hex(code, 4)}`) : "";
+  const look = alarm || state.startsWith("Fault") ? "alarm" : state.startsWith("Operation enabled") ? "on" : "";
+  return { statusword, state, alarm, look };
 }
 
 /**

@@ -8,7 +8,9 @@ export interface Channel {
   unit: string;
   held: boolean;
 }
-export interface SlaveInfo { number: number; kind: string; name?: string }
+export interface SlaveInfo { number: number; kind: string; name?: string; min?: number; max?: number; turn?: number }
+/** The axes that are drawn together, by the numbers of their slaves. */
+export interface Picture { xy: [number, number][]; gantries: { sides: [number, number]; bridge?: number }[] }
 export interface Happening { at_ns: number; slave: number; kind: string; text: string; code?: number }
 export interface Span { slave: number; state: string; from: number; to: number; text: string }
 export interface Words { drive_states: string[]; al_states: { [byte: string]: string } }
@@ -24,6 +26,7 @@ export interface Hello {
   events: Happening[];
   spans: Span[];
   plane?: [number, number];
+  picture?: Picture;
   block?: string;
 }
 export interface Status {
@@ -39,6 +42,16 @@ export type Message =
   | { type: "channels"; channels: Channel[]; slaves: SlaveInfo[] }
   | { type: "events"; events: Happening[] }
   | { type: "status"; status: Status; dropped: number };
-/** A channel with its points: times in seconds, values in its unit. A value that is not a number is a gap. */
-export interface Curve { channel: Channel; times: Float64Array; values: Float64Array; length: number }
+/**
+ * A channel with its points: times in seconds, values in its unit. A value that is not a number is a gap. `least` and
+ * `greatest` are those of all points so far, also of those that are forgotten; infinite if there was none.
+ */
+export interface Curve {
+  channel: Channel;
+  times: Float64Array;
+  values: Float64Array;
+  length: number;
+  least: number;
+  greatest: number;
+}
 export interface Range { from: number; to: number }

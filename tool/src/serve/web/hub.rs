@@ -29,7 +29,7 @@ use crate::monitor::{self, json as view_json};
 use crate::serve::watch::BoardWatch;
 use crate::web::channels::Channels;
 use crate::web::events::Events;
-use crate::web::hello::{FORMAT, Hello, Names, Words, slaves};
+use crate::web::hello::{FORMAT, Hello, Names, Picture, Words, slaves};
 use crate::web::sampler::Sampler;
 
 /// The time between two blocks. \[OURS]
@@ -65,6 +65,12 @@ pub struct Subject {
     pub scales: Option<Scales>,
     /// The slot size of `--slot-size`.
     pub slot_size: Option<SlotSize>,
+}
+
+impl Subject {
+    fn names(&self) -> Names<'_> {
+        Names { machine: self.machine.as_deref(), scales: self.scales.as_ref(), unit: "units" }
+    }
 }
 
 /// The pages that are connected to a board, and the thread that makes their messages.
@@ -289,7 +295,7 @@ impl Publisher {
     /// Adds what these reports show: events to `events`, and points to the channels.
     fn take(&mut self, reports: &[(i64, Frame)], size: SlotSize, events: &mut Events) {
         let machine = self.subject.machine.as_deref();
-        let names = Names { machine, scales: self.subject.scales.as_ref(), unit: "units" };
+        let names = self.subject.names();
         for (at_ns, frame) in reports {
             let at_ns = at_ns - *self.first_ns.get_or_insert(*at_ns);
             events.frame(at_ns, Dir::Read, frame, machine);
@@ -305,7 +311,7 @@ impl Publisher {
         let all_events = events.left_out() + found.len() as u64;
         let new_events = usize::try_from(all_events - self.told.1).unwrap_or(usize::MAX).min(found.len());
         let channels_text = (channels.len() != self.told.0 || is_other).then(|| {
-            let known = slaves(&self.kinds, self.subject.machine.as_deref());
+            let known = slaves(&self.kinds, &self.subject.names());
             json!({"type": "channels", "channels": channels, "slaves": known}).to_string()
         });
         let events_text = (new_events > 0)
@@ -328,12 +334,13 @@ impl Publisher {
             source: "board",
             name: name.to_owned(),
             notes: Vec::new(),
-            slaves: slaves(&self.kinds, self.subject.machine.as_deref()),
+            slaves: slaves(&self.kinds, &self.subject.names()),
             words: Words::new(),
             channels: self.channels.list(),
             events: events.found(),
             spans: Vec::new(),
             plane: None,
+            picture: Picture::of(self.subject.machine.as_deref()),
             block: String::new(),
         };
         let mut hello = json!(hello);

@@ -241,7 +241,8 @@ mod tests {
         let uri: LinkUri = format!("tcp://{}", server.address()).parse().expect("a link");
         let options = TcpOptions::from_uri(&uri).expect("its keys");
         let link = TcpLink::connect(&uri, &options, &CommonOptions::from_uri(&uri).expect("its keys")).expect("a writer");
-        let (frame, noted) = (Frame::new(), Mutex::new(Vec::new()));
+        let frame = Frame::new();
+        let noted = &Mutex::new(Vec::new());
         let write = |note: &dyn Fn()| {
             let message = |request| Message::Write { request, wait: Wait::Forever, frame: frame.bytes() };
             link.shared.request_and(Dir::Write, Wait::Forever, message, note).1.expect("it is taken");

@@ -35,7 +35,6 @@ pub use chip::ChipWatch;
 
 use super::http_server::HttpServer;
 use super::service_manager::{EndReport, Manager};
-use super::service_manager::Manager;
 use crate::lock::lock;
 use crate::stderr::{self, LogFormat, say};
 use crate::{CliError, output, streams};

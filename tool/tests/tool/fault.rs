@@ -1,6 +1,8 @@
 //! `ecmsk fault`, `--control`, and the step `fault` of scripts: events on a simulated board that runs.
 #![cfg(target_os = "linux")]
 
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use ecmsk::link::{self, Share};

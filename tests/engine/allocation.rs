@@ -45,8 +45,7 @@ fn targets(size: SlotSize, n: i32) -> Frame {
     frame
 }
 
-#[track_caller]
-pub fn allocates_nothing(what: &str, run: impl FnOnce()) {
+fn allocates_nothing(what: &str, run: impl FnOnce()) {
     let counted = measure(run);
     assert_eq!((counted.count_total, counted.count_current), (0, 0), "{what}: {counted:?}");
 }

@@ -5,13 +5,13 @@ use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{EngineConfig, Event, EventKind, Firmware};
 use ecmsk::fieldbus::AlState;
 use ecmsk::sk::{
-    DriveSync, FIFO_ENTRIES, FifoAction, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind,
-    SlotSize, StateByte,
+    CycleTime, DcShift, DriveSync, FIFO_ENTRIES, FifoAction, MasterCommand, MasterState, RawSlot, SdoCommand,
+    SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 use ecmsk::slave::AlStatus;
 
 use crate::host::Host;
-use crate::probe::{Bench, any_slaves, drives, set_dc};
+use crate::probe::{Bench, any_slaves, drives};
 
 const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 
@@ -30,6 +30,10 @@ fn board(slot: SlotSize) -> Bench {
 fn read_inputs(host: &mut Host, bits: u8) {
     host.board.engine_mut().set_local_inputs(bits);
     host.master(MasterCommand::LocalRead).cycle();
+}
+
+fn set_dc(us: u32) -> MasterCommand {
+    MasterCommand::SetDc { cycle: CycleTime::from_us(us).unwrap(), shift: DcShift::Auto }
 }
 
 fn bad_slot_0() -> RawSlot {

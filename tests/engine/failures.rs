@@ -8,9 +8,15 @@ use ecmsk::fieldbus::{AlState, Ns, Role, SlaveSet};
 use ecmsk::sk::{MasterCommand, MasterState, SdoCommand, SdoResponse, SlaveCommand, SlaveKind, StateByte};
 use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
 
-use crate::probe::{Bench, any_slaves, board, drives};
+use crate::probe::{Bench, any_slaves, drives};
 
 const REFUSAL: AlStatus = AlStatus(0x0011);
+
+fn board(n: usize) -> Bench {
+    let mut bench = Bench::new(EngineConfig::default(), drives(n));
+    bench.host.declare_drives(n);
+    bench
+}
 
 /// SK-4.55 A slave that refuses ends the change at 0x10 | the last state that all reached, and is not retried. SK-2.9
 /// SK-2.17

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
-use ecmsk::engine::{EngineConfig, Firmware, HomingEnd, HomingPhase};
+use ecmsk::engine::{EngineConfig, EventKind, Firmware, HomingEnd, HomingPhase};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Fieldbus, Ns};
 use ecmsk::sk::{Frame, SlaveCommand};
@@ -377,7 +377,11 @@ impl Home {
 
     /// Homings that ended since a mark: the slave and the end.
     pub fn ends(&self, mark: u64) -> Vec<(u8, HomingEnd)> {
-        self.host.homing_ends(mark)
+        let events = self.host.board.engine().events_since(mark).filter_map(|event| match event.kind {
+            EventKind::HomingEnded { slave, end, .. } => Some((slave, end)),
+            _ => None,
+        });
+        events.collect()
     }
 
     /// Commands ignored so far.

@@ -2,7 +2,7 @@
 //! of the shaft.
 
 use ecmsk::coe::SdoSize;
-use ecmsk::engine::{EngineConfig, Firmware, HomingEnd, HomingPhase};
+use ecmsk::engine::{EngineConfig, EventKind, Firmware, HomingEnd, HomingPhase};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind};
 use ecmsk::slave::plant::Motor;
@@ -166,6 +166,14 @@ impl Axes {
         }
         assert!(self.way <= 300, "{} counts in a cycle", self.way);
     }
+
+    fn ends(&self, mark: u64) -> Vec<(u8, HomingEnd)> {
+        let events = self.host.board.engine().events_since(mark).filter_map(|event| match event.kind {
+            EventKind::HomingEnded { slave, end, .. } => Some((slave, end)),
+            _ => None,
+        });
+        events.collect()
+    }
 }
 
 fn shows(host: &Host, slave: usize, bits: u16) -> bool {
@@ -190,7 +198,7 @@ fn every_method_through_the_board() {
             axes.host.slave(1, SlaveCommand::GoHome);
             axes.until("bits 10 and 12", |host| shows(host, 1, DONE));
             axes.back_to_csp(1, firmware);
-            assert_eq!(axes.host.homing_ends(mark), [(1, HomingEnd::Attained)], "{what}");
+            assert_eq!(axes.ends(mark), [(1, HomingEnd::Attained)], "{what}");
             axes.cycles(200);
             let home = axes.shafts[0] - i64::from(axes.host.drive(1).position - OFFSET);
             let expected = places.home(method, position).expect("a home");
@@ -224,7 +232,7 @@ fn a_homing_that_fails() {
         axes.until("bit 13", |host| shows(host, 1, BIT_13));
         axes.back_to_csp(1, firmware);
         axes.cycles(200);
-        assert_eq!(axes.host.homing_ends(mark), [(1, HomingEnd::Error)], "{firmware:?}, case {case}");
+        assert_eq!(axes.ends(mark), [(1, HomingEnd::Error)], "{firmware:?}, case {case}");
         assert_eq!(i64::from(axes.host.drive(1).position), axes.shafts[0], "no other coordinate");
         assert!(axes.host.drive(1).statusword.is_enabled(), "an error is no fault");
         axes.move_on(&[1]);
@@ -247,7 +255,7 @@ fn a_jam_ends_homing_by_a_fault() {
         axes.until("the following error", |host| host.drive(1).error_code == 0x8611);
         axes.network.apply_fault(1, Fault::Jam { axis: 0, jammed: false });
         axes.back_to_csp(1, firmware);
-        assert_eq!(axes.host.homing_ends(mark), [(1, HomingEnd::NotEnabled)]);
+        assert_eq!(axes.ends(mark), [(1, HomingEnd::NotEnabled)]);
         axes.host.slave(1, SlaveCommand::AlarmClear).cycles(50);
         axes.host.servo_on(1);
         axes.prepare(1, 17, places.turn);
@@ -283,7 +291,7 @@ fn eight_drives_home_by_one_frame() {
         axes.until("eight times bits 10 and 12", |host| (1..=8).all(|slave| shows(host, slave, DONE)));
         (1..=8).for_each(|slave| axes.back_to_csp(slave, firmware));
         axes.cycles(200);
-        let mut ends = axes.host.homing_ends(mark);
+        let mut ends = axes.ends(mark);
         ends.sort_by_key(|(slave, _)| *slave);
         assert_eq!(ends, (1..=8).map(|slave| (slave, HomingEnd::Attained)).collect::<Vec<_>>());
         for (slave, method) in (1..).zip(methods) {

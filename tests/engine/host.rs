@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::thread;
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::engine::{Board, Counters, EngineConfig, EventKind, HomingEnd, Reason, Rejection};
+use ecmsk::engine::{Board, Counters, EngineConfig, EventKind, Reason, Rejection};
 use ecmsk::fieldbus::nic::{ChainWires, NicBus};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::xf::XfBusOptions;
@@ -245,15 +245,6 @@ impl Host {
     }
 
     /// The counters outside the wire.
-    /// Homings that ended since a mark: the slave and the end.
-    pub fn homing_ends(&self, mark: u64) -> Vec<(u8, HomingEnd)> {
-        let events = self.board.engine().events_since(mark).filter_map(|event| match event.kind {
-            EventKind::HomingEnded { slave, end, .. } => Some((slave, end)),
-            _ => None,
-        });
-        events.collect()
-    }
-
     pub fn counters(&self) -> Counters {
         *self.board.engine().counters()
     }

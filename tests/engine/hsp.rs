@@ -13,10 +13,14 @@ use ecmsk::slave::{Channels, DeviceFault, Fault, Hsp, HspConfig};
 
 use crate::drives::discarded;
 use crate::host::Host;
-use crate::probe::{Bench, config};
+use crate::probe::Bench;
 use crate::puppet::{DISABLED, ENABLED, FAULT, Puppet, READY, SWITCHED_ON};
 
 const SIZES: [SlotSize; 2] = SlotSize::ALL;
+
+fn config(slot: SlotSize) -> EngineConfig {
+    EngineConfig { slot, ..EngineConfig::default() }
+}
 
 /// OP in that mode, slave 1 being an HSP and the others none.
 fn op(host: &mut Host, mode: Mode) {

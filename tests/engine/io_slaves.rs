@@ -8,12 +8,16 @@ use ecmsk::sk::{
 use ecmsk::slave::{Drive, DriveConfig, Io, Slave};
 
 use crate::host::Host;
-use crate::probe::{Bench, config};
+use crate::probe::Bench;
 use crate::puppet::Puppet;
 use crate::rig::ahead;
 use support::ahead_bus::AheadBus;
 
 const PATTERNS: [u16; 6] = [0x0001, 0x8000, 0xFFFF, 0x5AA5, 0x1234, 0x0000];
+
+fn config(slot: SlotSize) -> EngineConfig {
+    EngineConfig { slot, ..EngineConfig::default() }
+}
 
 /// A board in OP with two puppet IO slaves, whose inputs are 0xA5C3 whatever their outputs.
 fn board(slot: SlotSize) -> (Host, [Puppet; 2]) {

@@ -1,5 +1,6 @@
 //! A program on a network card causes no allocation, once its slaves were found and configured.
 
+use allocation_counter::measure;
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, SdoSize};
 use ecmsk::engine::EngineConfig;
@@ -9,10 +10,15 @@ use ecmsk::master::Settings;
 use ecmsk::sk::{DriveSync, MasterCommand, MasterState, SlaveCommand, StateByte};
 use ecmsk::slave::{DeviceFault, Fault};
 
-use crate::allocation::allocates_nothing;
 use crate::host::Host;
 
 const DRIVES: usize = 40;
+
+#[track_caller]
+fn allocates_nothing(what: &str, run: impl FnOnce()) {
+    let counted = measure(run);
+    assert_eq!((counted.count_total, counted.count_current), (0, 0), "{what}: {counted:?}");
+}
 
 fn go(host: &mut Host, state: MasterState) {
     host.master(MasterCommand::SetState(state));

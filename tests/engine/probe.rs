@@ -5,7 +5,6 @@ use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{AlState, AxisIn, Ns};
-use ecmsk::sk::{CycleTime, DcShift, MasterCommand, SlotSize};
 use ecmsk::slave::al::ApplicationLayer;
 use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
 
@@ -72,23 +71,6 @@ pub fn drives(n: usize) -> Vec<Box<dyn Slave>> {
 /// `n` slaves that take any role.
 pub fn any_slaves(n: usize) -> Vec<Box<dyn Slave>> {
     (0..n).map(|_| Box::<AnySlave>::default() as Box<dyn Slave>).collect()
-}
-
-/// The default board with slots of this size.
-pub fn config(slot: SlotSize) -> EngineConfig {
-    EngineConfig { slot, ..EngineConfig::default() }
-}
-
-/// SET_DC with this cycle.
-pub fn set_dc(us: u32) -> MasterCommand {
-    MasterCommand::SetDc { cycle: CycleTime::from_us(us).unwrap(), shift: DcShift::Auto }
-}
-
-/// A board in PreOP with `n` drives, declared.
-pub fn board(n: usize) -> Bench {
-    let mut bench = Bench::new(EngineConfig::default(), drives(n));
-    bench.host.declare_drives(n);
-    bench
 }
 
 /// A board that has booted, its host, and both ends of its network.

@@ -4,17 +4,21 @@ use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::cia402::Mode;
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::{AlState, Ns, Role};
-use ecmsk::sk::{DriveSync, MasterCommand, MasterState, SlaveCommand, SlaveKind};
+use ecmsk::sk::{CycleTime, DcShift, DriveSync, MasterCommand, MasterState, SlaveCommand, SlaveKind};
 use ecmsk::slave::AlStatus;
 
 use crate::host::Host;
-use crate::probe::{Bench, any_slaves, drives, set_dc};
+use crate::probe::{Bench, any_slaves, drives};
 use crate::watch::Spans;
 
 fn board() -> Bench {
     let mut bench = Bench::new(EngineConfig::default(), any_slaves(2));
     bench.host.declare_drives(2).cycle();
     bench
+}
+
+fn set_dc(us: u32) -> MasterCommand {
+    MasterCommand::SetDc { cycle: CycleTime::from_us(us).unwrap(), shift: DcShift::Auto }
 }
 
 /// SK-4.64 SK-4.75 Settings of SET_DC, SET_AXIS and DRIVE_MODE during a change, in any phase of the way to SafeOP, are

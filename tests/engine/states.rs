@@ -6,13 +6,19 @@ use ecmsk::engine::{Board, EngineConfig, Reason};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{AlState, Ns, Role, SlaveSet};
 use ecmsk::sk::{
-    CommandId, DriveSync, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlaveCommand, SlaveKind,
-    SlotSize, StateByte,
+    CommandId, CycleTime, DcShift, DriveSync, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SlaveCommand,
+    SlaveKind, SlotSize, StateByte,
 };
 use ecmsk::slave::AlStatus;
 
 use crate::host::{BOOT_LIMIT, Host};
-use crate::probe::{Bench, any_slaves, board, drives, set_dc};
+use crate::probe::{Bench, any_slaves, drives};
+
+fn board(n: usize) -> Bench {
+    let mut bench = Bench::new(EngineConfig::default(), drives(n));
+    bench.host.declare_drives(n);
+    bench
+}
 
 /// Asks for a state; returns the state bytes of the reports until `wanted` is shown, and the number of reports.
 fn walk(host: &mut Host, target: MasterState, wanted: u8) -> (Vec<u8>, usize) {
@@ -33,6 +39,10 @@ fn kinds(first: &[SlaveKind]) -> MasterCommand {
     let mut kinds = [SlaveKind::None; 8];
     kinds[..first.len()].copy_from_slice(first);
     MasterCommand::SetAxis { group: 0, kinds }
+}
+
+fn set_dc(us: u32) -> MasterCommand {
+    MasterCommand::SetDc { cycle: CycleTime::from_us(us).unwrap(), shift: DcShift::Auto }
 }
 
 /// SK-4.47 After power-up the ECM looks for slaves and enters PreOP by itself. SK-4.48 Until then the host interface is

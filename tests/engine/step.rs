@@ -12,8 +12,12 @@ use ecmsk::slave::{DeviceFault, Drive, DriveConfig, Fault};
 
 use crate::drives::{discarded, walk_up};
 use crate::host::Host;
-use crate::probe::{Bench, config};
+use crate::probe::Bench;
 use crate::puppet::{DISABLED, FAULT, Puppet};
+
+fn config(slot: SlotSize) -> EngineConfig {
+    EngineConfig { slot, ..EngineConfig::default() }
+}
 
 fn declare(host: &mut Host) -> &mut Host {
     let mut kinds = [SlaveKind::None; 8];

@@ -10,7 +10,7 @@ use ecmsk::link::{Link, Wait};
 use ecmsk::recording::{Lacks, Recorded, Recording, WindowOf, lacks_at_end};
 use ecmsk::sk::{Frame, MasterCommand, SlotSize};
 use support::dice::Dice;
-use support::recording::{Echo, Memory, crc32, frame, meta};
+use support::recording::{Echo, Memory, frame, meta};
 use tempfile::TempDir;
 
 use crate::record_order::Late;
@@ -80,6 +80,13 @@ fn blocks(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
     }
     assert_eq!(at, bytes.len());
     found
+}
+
+/// CRC-32 (IEEE), bit by bit.
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0_u32, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| crc >> 1 ^ (0xEDB8_8320 & (crc & 1).wrapping_neg()))
+    })
 }
 
 /// All frames are there with their bytes, times and metadata, the file says that it is whole, and it is small.

@@ -1,15 +1,24 @@
 //! The watchdog of process data, which stops slaves when the master is gone.
 
 use ecmsk::ethercat::registers::{WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA};
-use ecmsk::ethercat::{AlState, AlStatus, Ns, each_datagram};
+use ecmsk::ethercat::{AlState, AlStatus, Command, DatagramHeader, FrameHeader, FrameWriter, Ns, each_datagram};
 use ecmsk::master::{Pace, StateError, StateReason};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings};
 
-use super::predecessor::write;
 use super::rig::{CYCLE, MS, Rig, STEP, slave};
 
 const KINDS: [&str; 2] = ["drive", "io"];
+
+/// Another master writes registers of all slaves.
+fn write_all(rig: &mut Rig, ado: u16, value: u16) {
+    let mut buffer = [0; 60];
+    let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams([0x20; 6])).expect("room");
+    frame.push(DatagramHeader::register(Command::Bwr, 0, 0, ado), &value.to_le_bytes()).expect("room");
+    frame.finish();
+    let now = rig.net.now;
+    rig.net.chain.process(&mut buffer, now);
+}
 
 /// The watchdog registers of a slave, counted from 0.
 fn registers(rig: &Rig, slave: usize) -> [u16; 2] {
@@ -46,8 +55,8 @@ fn a_killed_master_is_missed_in_time() {
     for (cycle_ms, stays_ms) in [(1, 100), (33, 100), (34, 102), (200, 600)] {
         for (divider, units) in [(2498, 1000), (u16::MAX, 1000), (0, 1000), (2498, 0), (u16::MAX, u16::MAX), (0, 1)] {
             let mut rig = Rig::scanned(&KINDS);
-            write(&mut rig, WATCHDOG_DIVIDER, &divider.to_le_bytes());
-            write(&mut rig, WATCHDOG_PROCESS_DATA, &units.to_le_bytes());
+            write_all(&mut rig, WATCHDOG_DIVIDER, divider);
+            write_all(&mut rig, WATCHDOG_PROCESS_DATA, units);
             rig.master.set_pace(paced(cycle_ms));
             rig.bring_to_op(&KINDS);
             for after in killed(&mut rig) {
@@ -64,11 +73,11 @@ fn a_killed_master_is_missed_in_time() {
 #[test]
 fn without_a_pace_watchdogs_are_those_of_the_scan() {
     let mut rig = Rig::line(&KINDS);
-    write(&mut rig, WATCHDOG_DIVIDER, &[0; 2]);
-    write(&mut rig, WATCHDOG_PROCESS_DATA, &[0; 2]);
+    write_all(&mut rig, WATCHDOG_DIVIDER, 0);
+    write_all(&mut rig, WATCHDOG_PROCESS_DATA, 0);
     rig.scan();
     assert_eq!([0, 1].map(|slave| registers(&rig, slave)), [[2498, 1000]; 2]);
-    write(&mut rig, WATCHDOG_PROCESS_DATA, &2500_u16.to_le_bytes());
+    write_all(&mut rig, WATCHDOG_PROCESS_DATA, 2500);
     rig.bring_to_op(&KINDS);
     assert_eq!(registers(&rig, 0), [2498, 2500]);
     assert!(killed(&mut rig).iter().all(|after| (250 * MS..=250 * MS + STEP).contains(after)));

@@ -60,8 +60,6 @@ pub use client::TcpLink;
 pub(crate) use exchange::each_message;
 #[doc(hidden)]
 pub use exchange::{messages, replay};
-#[cfg(unix)]
-#[doc(hidden)]
 pub(crate) use inbox::Inbox;
 pub use machine::machine;
 pub use options::{DEFAULT_PORT, TcpOptions};

@@ -32,7 +32,7 @@ impl Limited {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("machine.toml");
         std::fs::write(&file, FILE).unwrap();
-        let uri = format!("sim:?slaves=drive,drive:csv&clock=virtual&name=limits-{name}&axes={}", file.display());
+        let uri = format!("sim:?slaves=drive*2&clock=virtual&name=limits-{name}&axes={}", file.display());
         Self { folder, uri }
     }
 

@@ -80,7 +80,7 @@ fn a_server_with_limits_refuses_a_target_and_sends_the_rest() {
     let file = folder.path().join("machine.toml");
     let text = "format = 1\n[axes]\nX = { slave = 1, max = 20000 }\n[limits]\nprogram = \"stop\"\n";
     std::fs::write(&file, text).unwrap();
-    let (server, _told) = serve(&format!("sim:?slaves=drive,drive:csv&clock=virtual&axes={}", file.display()));
+    let (server, _told) = serve(&format!("sim:?slaves=drive*2&clock=virtual&axes={}", file.display()));
     let config = Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV)], ..Config::default() };
     let link = connect(&server, "");
     let ecm = Ecm::over(Arc::clone(&link), Options::default()).unwrap();

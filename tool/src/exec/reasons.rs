@@ -15,7 +15,7 @@ use std::thread;
 use std::time::Duration;
 
 use ecmsk::notes::WAIT_SLICE;
-use ecmsk::summary::{Alarm, Line, Summary, is_sum};
+use ecmsk::summary::{Alarm, HeldBack, Line, Summary, is_sum};
 
 use crate::stderr::say;
 use crate::summary::json;
@@ -133,6 +133,9 @@ impl Follower {
             Line::Message { text, .. } if !is_sum(text) => self.tell(text.clone(), text),
             // An alarm that comes again at another time is not printed again.
             Line::Alarm(alarm) => self.tell(Alarm { at_ns: None, ..*alarm }.to_string(), &alarm.to_string()),
+            Line::HeldBack(held) => {
+                self.tell(HeldBack { at_ns: None, position: 0, ..*held }.to_string(), &held.to_string());
+            }
             Line::StateFailed(failed) => self.tell(failed.to_string(), &failed.to_string()),
             _ => {}
         }

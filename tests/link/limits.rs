@@ -125,3 +125,20 @@ fn a_program_that_goes_on_with_a_wrong_target_stops_and_switches_off() {
     let refused = slots.iter().filter(|[x, y]| !is(x, CommandId::Csp) && is(y, CommandId::Csv)).count();
     assert!(refused >= 600, "{refused}");
 }
+
+/// An axis that stands beyond its lower limit may come within its limits, and gets no target beyond the upper one for that.
+#[test]
+fn an_axis_below_its_limits_does_not_go_above_them() {
+    let board = Limited::new("below");
+    let file = board.folder.path().join("machine.toml");
+    std::fs::write(&file, FILE.replace("max = 20", "min = 0.1, max = 0.2")).unwrap();
+    let ecm = board.enabled("");
+    let mut stream = ecm.stream(16).unwrap();
+    for (target, is_sent) in [(0, true), (-1, false), (201, false), (299, false), (50, true), (200, true), (201, false)]
+    {
+        stream.csp(1, target).unwrap();
+        let stepped = stream.step();
+        assert_eq!(stepped.is_ok(), is_sent, "{target}");
+        assert!(stepped.err().is_none_or(|error| is_beyond(&error)), "{target}");
+    }
+}

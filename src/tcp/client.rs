@@ -240,7 +240,8 @@ mod tests {
         let server = Server::start(open, options).expect("a server");
         let uri: LinkUri = format!("tcp://{}", server.address()).parse().expect("a link");
         let options = TcpOptions::from_uri(&uri).expect("its keys");
-        let link = TcpLink::connect(&uri, &options, &CommonOptions::from_uri(&uri).expect("its keys")).expect("a writer");
+        let link =
+            TcpLink::connect(&uri, &options, &CommonOptions::from_uri(&uri).expect("its keys")).expect("a writer");
         let frame = Frame::new();
         let noted = &Mutex::new(Vec::new());
         let write = |note: &dyn Fn()| {

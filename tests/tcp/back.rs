@@ -48,7 +48,9 @@ impl Layer for Opened {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        if self.plugged.writes_left.fetch_update(Ordering::AcqRel, Ordering::Acquire, |left| left.checked_sub(1)) == Ok(1) {
+        if self.plugged.writes_left.fetch_update(Ordering::AcqRel, Ordering::Acquire, |left| left.checked_sub(1))
+            == Ok(1)
+        {
             self.plugged.is_pulled.store(true, Ordering::Release);
         }
         self.look()?;

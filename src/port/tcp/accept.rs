@@ -282,10 +282,8 @@ fn connection(client: Arc<Client>, board: &Arc<Board>, mut inbox: Inbox, shared:
         Left::Displaced => {
             let at = channel.peer().map(|from| from.ip().to_string()).unwrap_or_default();
             let what = "asked for nothing, and made room for another";
-            shared.log_limited(
-                &format!("{} at {at} {what}", program(&client.name)),
-                &format!("{} {what}", client.name),
-            );
+            shared
+                .log_limited(&format!("{} at {at} {what}", program(&client.name)), &format!("{} {what}", client.name));
         }
         Left::Overruled(by) => hub.tell(&format!("{} was stopped by {by}", client.name)),
         Left::Dismissed if hub.has(board) && !hub.is_stopping() => {

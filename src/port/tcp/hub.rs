@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use parking_lot::{Condvar, Mutex};
 
-use super::{OnVanish, ServeOptions};
 use super::board::Board;
 use super::client::Client;
 use super::report_queue::ReportQueue;
+use super::{OnVanish, ServeOptions};
 use crate::link::{Link, LinkError, ReadMeta};
 use crate::notes::Notes;
 use crate::port::standstill::Standstill;
@@ -68,11 +68,12 @@ impl State {
     /// Makes room for a client that asks for a stop, or for the machine file: the oldest one of its kind for which the server
     /// does nothing goes. Returns whether there is one.
     fn make_room(&self, role: Role) -> bool {
-        let is_idle = |client: &&Arc<Client>| {
-            client.role == role && client.dismissal().is_none() && !client.is_stopping()
-        };
+        let is_idle =
+            |client: &&Arc<Client>| client.role == role && client.dismissal().is_none() && !client.is_stopping();
         let oldest = self.clients.iter().find(is_idle);
-        oldest.inspect(|client| client.dismiss(End::Broken, "it asked for nothing, and made room for another")).is_some()
+        oldest
+            .inspect(|client| client.dismiss(End::Broken, "it asked for nothing, and made room for another"))
+            .is_some()
     }
 }
 

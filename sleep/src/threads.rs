@@ -424,8 +424,7 @@ pub fn cancelled(handle: libc::pthread_t) {
     let mut threads = lock();
     // A thread that ends may have the same handle still.
     let is_it = |entry: &&mut Entry| {
-        matches!(entry.state, State::Waiting { .. })
-            && entry.thread.handle.load(Ordering::Relaxed) == handle as usize
+        matches!(entry.state, State::Waiting { .. }) && entry.thread.handle.load(Ordering::Relaxed) == handle as usize
     };
     if let Some(entry) = threads.entries.iter_mut().find(is_it) {
         entry.end_wait(Outcome::Interrupted);

@@ -310,13 +310,10 @@ mod needs_cxx {
         assert_eq!(ended.success(), shown);
         fs::write(&file, text.replace("max = 250", "max = 50")).expect("a file in the target folder");
         assert!(run(&file).success().contains("100 mm are 2621440 counts, beyond its limits\n"));
-        fs::write(&file, text.replace("slave = 2", "slave = 1")).expect("a file in the target folder");
+        fs::write(&file, text.replace("\"-360/131072\"", "0")).expect("a file in the target folder");
         let ended = run(&file);
         assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(1), ""));
-        assert!(
-            ended.stderr.contains("machine_axes.toml, line 26: axes.C.slave: axis X is on slave 1, too"),
-            "{ended:?}"
-        );
+        assert!(ended.stderr.contains("machine_axes.toml, line 28: axes.C.per: 0 is no scale"), "{ended:?}");
         let ended = run(Path::new("nonexistent.toml"));
         assert!(ended.stderr.starts_with("cannot read the machine file nonexistent.toml: "), "{ended:?}");
     }

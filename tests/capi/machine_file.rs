@@ -16,7 +16,7 @@ link = "sim:?clock=virtual"
 kind = "io"
 [axes]
 X = { slave = 1, unit = "mm", per = 0.001, min = -10, max = 250.5, max_velocity = 100, max_acceleration = 1000.5 }
-Größe = { slave = 2, unit = "deg", per = "-360/131072", min = -90 }
+"Größe" = { slave = 2, unit = "deg", per = "-360/131072", min = -90 }
 Z = { slave = 4 }
 [inputs]
 door = { slave = 3, bit = 0 }

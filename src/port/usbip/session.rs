@@ -17,8 +17,8 @@ use super::device::{Counters, Device, TooMany};
 use super::stream::Stream;
 use super::wire::{Command, Direction, HEADER_LEN, WireError};
 use crate::link::{Dir, Link, LinkError, Wait};
-use crate::port::log_limit::RefusedFrames;
 use crate::port::is_temporary;
+use crate::port::log_limit::RefusedFrames;
 use crate::sk::Frame;
 
 /// The longest single wait on the link. `Link::cancel` ends only a wait in progress, so a cancellation that comes just

@@ -10,8 +10,8 @@ use ecmsk::slave::dictionary::Access;
 /// they are no settings. Those of frequency inverters (vl target velocity) and the outputs of IO modules (CiA 401) are among
 /// them. The indexes are those of the first axis. \[OURS]
 const COMMANDS: [u16; 17] = [
-    0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF, 0x6200, 0x6220, 0x6300,
-    0x6320, 0x6411,
+    0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF, 0x6200, 0x6220,
+    0x6300, 0x6320, 0x6411,
 ];
 /// The index range of the CiA 402 profile for all axes of a device. The objects of each further axis are [`AXIS`] higher.
 const PROFILE: std::ops::RangeInclusive<u16> = 0x6000..=0x9FFF;

@@ -70,7 +70,9 @@ pub fn put_back(
     match failed {
         0 if options.store => store(opened, slave)?,
         1.. if options.store => {
-            opened.reporter.note(format_args!("slave {slave} was not asked to store: not all parameters are those of the file"));
+            opened
+                .reporter
+                .note(format_args!("slave {slave} was not asked to store: not all parameters are those of the file"));
         }
         _ => {}
     }

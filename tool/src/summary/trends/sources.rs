@@ -124,7 +124,8 @@ impl Sources {
 
     /// Notes a file that cannot be read. It is a recording by its beginning, or because it is named so.
     pub fn pass_over_unread(&mut self, file: &Path, error: RecordError) {
-        let is_named_so = file.extension().is_some_and(|ending| ["ecmrec", "pcapng", "pcap"].map(OsStr::new).contains(&ending));
+        let is_named_so =
+            file.extension().is_some_and(|ending| ["ecmrec", "pcapng", "pcap"].map(OsStr::new).contains(&ending));
         if is_named_so || !matches!(error, RecordError::NotACapture { .. }) {
             self.damaged.push(file.to_owned());
         }

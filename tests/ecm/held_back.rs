@@ -1,23 +1,27 @@
 //! Axes that do not follow when they are stopped: they hold where they are, and go nowhere when they come free.
 
-use crate::common::{SECOND, enable, open, script};
+use std::sync::Arc;
+
+use crate::common::{SECOND, enable, script, uri};
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::ObjectAddress;
-use ecmsk::ecm::{Close, Config, Ecm};
+use ecmsk::ecm::{Config, Ecm, Options};
+use ecmsk::link::{self, Link, Share};
 
 /// From when on axis 1 is jammed, and for how long.
 const JAM: &str = "at 4s jam 1 for 4s\n";
 const FREE_NS: u64 = 8_000_000_000;
 
 /// A board of two drives that are on. No following error causes an alarm.
-fn board(name: &str) -> (String, Ecm) {
+fn board(name: &str) -> (Arc<dyn Link>, Ecm) {
     let keys = format!("slaves=drive*2&name={name}&script={}", script(name, JAM));
-    let ecm = open(&keys);
+    let link = link::open(&uri(&keys), Share::ByName).unwrap();
+    let ecm = Ecm::over(Arc::clone(&link), Options::default()).unwrap();
     ecm.configure(&Config::drives(2)).unwrap();
     for slave in [1, 2] {
         ecm.sdo_write(slave, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
     }
-    (keys, enable(ecm, &Config::drives(2)))
+    (link, enable(ecm, &Config::drives(2)))
 }
 
 /// Moves both axes until the jammed one is 20000 counts from its target. Returns the last target.
@@ -54,7 +58,7 @@ fn before_and_after(ecm: &Ecm) -> [[i32; 2]; 2] {
 /// has gone to its last target.
 #[test]
 fn the_end_of_a_stream_holds_a_jammed_axis_where_it_is() {
-    let (_, ecm) = board("held-stream");
+    let (_link, ecm) = board("held-stream");
     let mut stream = ecm.stream(16).unwrap();
     let target = move_into_the_jam(&mut stream);
     stream.finish().unwrap();
@@ -75,12 +79,15 @@ fn the_end_of_a_stream_holds_a_jammed_axis_where_it_is() {
 /// A program has left an axis pushing, and what its target was is not known. The drive shows that it is held back.
 #[test]
 fn a_stop_holds_a_jammed_axis_of_another_program_where_it_is() {
-    let (keys, ecm) = board("held-stop");
+    let (link, mut ecm) = board("held-stop");
     let mut stream = ecm.stream(16).unwrap();
     move_into_the_jam(&mut stream);
     std::mem::forget(stream);
-    ecm.close(Close::Leave).unwrap();
-    let ecm = open(&keys);
+    // The jam would end if the link were opened again.
+    let again = Ecm::over(Arc::clone(&link), Options::default()).unwrap();
+    std::mem::forget(std::mem::replace(&mut ecm, again));
+    // The other axis arrives meanwhile.
+    (0..300).for_each(|_| drop(ecm.next_cycle(SECOND).unwrap()));
     assert!(ecm.stop(&Config::drives(2), false).unwrap());
     let held = ecm.take_held_back().unwrap();
     let [first, last] = before_and_after(&ecm);

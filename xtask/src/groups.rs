@@ -218,6 +218,7 @@ mod tests {
         "tool/tests/tool/monitor_terminal.rs",
         "tool/tests/tool/page.rs",
         "tool/tests/tool/serve_service.rs",
+        "tool/tests/tool/serve_web.rs",
         "tool/tests/tool/stop.rs",
         "tool/tests/tool/terminal.rs",
     ];

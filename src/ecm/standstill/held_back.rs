@@ -32,6 +32,8 @@ pub struct HeldBack {
     pub away: Option<u32>,
     /// Where it stood, and what its target is now, counts.
     pub position: i32,
+    /// Whether its drive has shown that it cannot follow: bit 11 (internal limit) or 13 (following error) of its statusword.
+    pub is_limited: bool,
 }
 
 impl fmt::Display for HeldBack {
@@ -96,7 +98,13 @@ pub(super) fn hold_of(
             None => left.is_foreign && is_limited[i],
         };
         let is_held_back = is_on[i] && is_away && moved[i].unsigned_abs() <= axis.standstill;
-        is_held_back.then_some(HeldBack { slave, is_second: i == 1, away, position: positions[i] })
+        is_held_back.then_some(HeldBack {
+            slave,
+            is_second: i == 1,
+            away,
+            position: positions[i],
+            is_limited: is_limited[i],
+        })
     });
     if axes == [None; 2] {
         return None;

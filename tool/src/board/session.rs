@@ -2,7 +2,7 @@
 //! Ctrl-C, and leaves the axes as `--close` says.
 
 use std::cell::{Cell, RefCell};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -93,6 +93,8 @@ pub struct Board {
     targets: RefCell<BTreeMap<u8, i32>>,
     /// For each IO slave the outputs that this process has set.
     outputs: RefCell<BTreeMap<u8, u16>>,
+    /// The slaves whose drives held an axis back when the axes were stopped last.
+    limited: RefCell<BTreeSet<u8>>,
 }
 
 impl Board {
@@ -172,6 +174,7 @@ impl Board {
             adopted: Cell::new(adopted),
             targets: RefCell::default(),
             outputs: RefCell::default(),
+            limited: RefCell::default(),
         })
     }
 
@@ -210,7 +213,15 @@ impl Board {
             format!("axis {} pushed, {away}: its target is now its actual position, {at}", self.label(slave))
         };
         // The next call of the board shows if it is lost.
-        self.ecm.take_held_back().unwrap_or_default().into_iter().map(text).collect()
+        let held = self.ecm.take_held_back().unwrap_or_default();
+        self.limited.replace(held.iter().filter(|axis| axis.is_limited).map(|axis| axis.slave).collect());
+        held.into_iter().map(text).collect()
+    }
+
+    /// Whether the drive of a slave showed that it could not follow when its axis was stopped last. Afterwards it need not show
+    /// that any more.
+    pub fn was_limited(&self, slave: u8) -> bool {
+        self.limited.borrow().contains(&slave)
     }
 
     /// The names and units with which the axes and positions of a step are converted.

@@ -185,7 +185,7 @@ impl Args {
                 let why = format!("axis {label} is {off} off its target");
                 return Err(if after.state().is_failed() && !lost_before {
                     lost(board, after.state())
-                } else if internal_limit::is_limited(board, &after, axis.slave) {
+                } else if internal_limit::is_limited(board, &after, axis.slave) || board.was_limited(axis.slave) {
                     refused(format!("{why}: {}", internal_limit::WHY), internal_limit::NEXT)
                 } else {
                     refused(why, "see its load, its limits and its tuning, or move slower")

@@ -8,6 +8,7 @@ use std::time::Duration;
 use parking_lot::Mutex;
 
 use crate::ecm::Watch;
+use crate::link::limits::without_targets;
 use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::port::passing_frames::PassingFrames;
 use crate::sk::Frame;
@@ -44,9 +45,19 @@ impl Link for WatchedLink {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let at = self.link.write(frame, wait)?;
-        self.passing.lock().command(frame, at);
-        Ok(at)
+        let written = self.link.write(frame, wait);
+        let mut passing = self.passing.lock();
+        match &written {
+            Ok(at) => passing.command(frame, *at),
+            // The board has got the frame without its targets.
+            Err(LinkError::BeyondLimit { at_ns, .. }) => {
+                if let Some(size) = passing.size() {
+                    passing.command(&without_targets(frame, size), Stamp(*at_ns));
+                }
+            }
+            Err(_) => {}
+        }
+        written
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {

@@ -80,7 +80,7 @@ pub(super) struct RefusedFrames(LogLimit);
 impl RefusedFrames {
     /// The log lines for a frame that the link has refused with this error.
     pub(super) fn lines(&mut self, error: &LinkError) -> Vec<String> {
-        const KIND: &str = "the board did not get a frame of the host";
+        const KIND: &str = "a frame of the host was refused";
         let now = Instant::now();
         let mut lines = self.0.due(now);
         if self.0.may_log(KIND, now) {

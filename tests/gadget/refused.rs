@@ -33,7 +33,7 @@ fn a_refused_frame_is_no_lost_board() {
     let mut lines = Vec::new();
     for target in [50_001, 60_000, 70_000] {
         assert!(board.put(csp(target).bytes(), LIMIT), "{target}");
-        lines.extend(until_told(&board, "the board did not get a frame of the host: the frame was not sent: axis X"));
+        lines.extend(until_told(&board, "a frame of the host was refused: axis X"));
     }
     assert!(board.put(csp(30_000).bytes(), LIMIT) && board.put(csp(30_000).bytes(), LIMIT));
     let [first, later] = look(&board);

@@ -63,7 +63,7 @@ impl<'f> Chosen<'f> {
             match count(object.address.index) {
                 _ if !is_mapping(object.address) => chosen.parameters.push(object),
                 None => chosen.without_length.push(object),
-                Some(count) if u64::from(object.address.sub) <= u64::from(count) => chosen.parameters.push(object),
+                Some(count) if u64::from(object.address.sub) <= count => chosen.parameters.push(object),
                 Some(_) => {}
             }
         }

@@ -140,6 +140,11 @@ impl Watch {
         self.slaves.iter_mut().for_each(Seen::missed);
     }
 
+    /// Whether SW_RESET was commanded, and no report has shown its effect yet.
+    pub const fn is_being_reset(&self) -> bool {
+        self.resets.is_some()
+    }
+
     /// Notes that the link to the board was lost and was opened again. Frames and reports are missing, so the last commands
     /// are not known, and a threshold may be in force. A next report outside OP means that the board may have been reset:
     /// then everything is forgotten.

@@ -84,6 +84,11 @@ impl Board {
         }
     }
 
+    /// Whether the last writer has commanded SW_RESET, and no report has shown its effect.
+    pub(super) fn is_being_reset(&self) -> bool {
+        self.passing.lock().watch().is_being_reset()
+    }
+
     /// The slot size, from the board's link or from a report; `None`: it is not known yet.
     pub(super) fn size(&self) -> Option<SlotSize> {
         self.passing.lock().size()

@@ -194,7 +194,8 @@ impl Hub {
     pub(super) fn attach_again(&self, link: Arc<dyn Link>, lost: &Board) -> (Arc<Board>, Option<LeftMoving>) {
         let board = self.opened(link, Some(lost));
         let mut state = self.state.lock();
-        let left = state.left_moving.take();
+        // A board that its writer has reset has no axis that is on, and a program that resets it opens it again at once.
+        let left = state.left_moving.take().filter(|_| !lost.is_being_reset());
         if let Some(left) = &left {
             state.begin_standstill(&format!("after {}", left.who));
         }

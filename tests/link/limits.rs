@@ -134,7 +134,8 @@ fn an_axis_below_its_limits_does_not_go_above_them() {
     std::fs::write(&file, FILE.replace("max = 20", "min = 0.1, max = 0.2")).unwrap();
     let ecm = board.enabled("");
     let mut stream = ecm.stream(16).unwrap();
-    for (target, is_sent) in [(0, true), (-1, false), (201, false), (299, false), (50, true), (200, true), (201, false)]
+    for (target, is_sent) in
+        [(10, true), (-50, false), (201, false), (299, false), (50, true), (200, true), (201, false)]
     {
         stream.csp(1, target).unwrap();
         let stepped = stream.step();

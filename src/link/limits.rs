@@ -11,6 +11,7 @@
 #[cfg(test)]
 mod tests;
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -104,7 +105,7 @@ impl AxisState {
 
 /// A copy of a frame without the targets of axes (CSP). A slot keeps its index, by which reports show that the board has
 /// executed the frame. A CRC that was right, is right.
-pub(crate) fn without_targets(frame: &Frame, size: SlotSize) -> Frame {
+fn without_targets(frame: &Frame, size: SlotSize) -> Frame {
     let mut rest = frame.clone();
     for slave in 1..=size.max_slaves() {
         let slot = frame.slot(size, slave);
@@ -116,6 +117,20 @@ pub(crate) fn without_targets(frame: &Frame, size: SlotSize) -> Frame {
         rest.fill_crc(size);
     }
     rest
+}
+
+/// What a board has got of a frame, by the result of its write, and when; `None`: nothing. After
+/// [`LinkError::BeyondLimit`] it is the frame without its targets. `size` is asked for then alone.
+pub(crate) fn taken<'f>(
+    frame: &'f Frame,
+    written: &Result<Stamp, LinkError>,
+    size: impl FnOnce() -> Option<SlotSize>,
+) -> Option<(Cow<'f, Frame>, Stamp)> {
+    match written {
+        Ok(at) => Some((Cow::Borrowed(frame), *at)),
+        Err(LinkError::BeyondLimit { at_ns, .. }) => Some((Cow::Owned(without_targets(frame, size()?)), Stamp(*at_ns))),
+        Err(_) => None,
+    }
 }
 
 impl LimitLink {

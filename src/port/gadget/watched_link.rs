@@ -8,7 +8,7 @@ use std::time::Duration;
 use parking_lot::Mutex;
 
 use crate::ecm::Watch;
-use crate::link::limits::without_targets;
+use crate::link::limits::taken;
 use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::port::passing_frames::PassingFrames;
 use crate::sk::Frame;
@@ -47,15 +47,8 @@ impl Link for WatchedLink {
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let written = self.link.write(frame, wait);
         let mut passing = self.passing.lock();
-        match &written {
-            Ok(at) => passing.command(frame, *at),
-            // The board has got the frame without its targets.
-            Err(LinkError::BeyondLimit { at_ns, .. }) => {
-                if let Some(size) = passing.size() {
-                    passing.command(&without_targets(frame, size), Stamp(*at_ns));
-                }
-            }
-            Err(_) => {}
+        if let Some((frame, at)) = taken(frame, &written, || passing.size()) {
+            passing.command(&frame, at);
         }
         written
     }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use parking_lot::Mutex;
 
 use crate::ecm::Watch;
-use crate::link::limits::without_targets;
+use crate::link::limits::taken;
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::port::passing_frames::PassingFrames;
 use crate::sk::{Frame, SlotSize};
@@ -64,24 +64,13 @@ impl Board {
     /// Writes a command frame to the board, and updates the observed state of the network.
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let written = self.link.write(frame, wait);
-        match &written {
-            Ok(at) => self.note_command(frame, *at),
-            // The board has got the frame without its targets.
-            Err(LinkError::BeyondLimit { at_ns, .. }) => {
-                if let Some(size) = self.size() {
-                    self.note_command(&without_targets(frame, size), Stamp(*at_ns));
-                }
+        if let Some((frame, at)) = taken(frame, &written, || self.size()) {
+            self.passing.lock().command(&frame, at);
+            if let Some(troubles) = &mut *self.troubles.lock() {
+                troubles.command(at.nanoseconds(), &frame);
             }
-            Err(_) => {}
         }
         written
-    }
-
-    fn note_command(&self, frame: &Frame, at: Stamp) {
-        self.passing.lock().command(frame, at);
-        if let Some(troubles) = &mut *self.troubles.lock() {
-            troubles.command(at.nanoseconds(), frame);
-        }
     }
 
     /// Whether the last writer has commanded SW_RESET, and no report has shown its effect.
@@ -94,6 +83,7 @@ impl Board {
         self.passing.lock().size()
     }
 
+    /// Waits until a report has shown the slot size, if the board's link does not know it.
     fn find_size(&self) {
         let until = Instant::now() + SIZE_WAIT;
         let mut frame = Frame::new();
@@ -169,9 +159,8 @@ impl Board {
         (passing.size(), passing.next_sequence())
     }
 
-    /// Calls `found` with a line for the log for each alarm, axis that is held back and failed change of state
-    /// that a report shows. Their times
-    /// count from the opening of the board, as in a recording.
+    /// Calls `found` with a line for the log for each alarm, axis that is held back and failed change of state that a report
+    /// shows. Their times count from the opening of the board, as in a recording.
     pub(super) fn find_troubles(&self, frame: &Frame, at: Stamp, found: &mut dyn FnMut(String)) {
         let Some(size) = self.size() else { return };
         let mut troubles = self.troubles.lock();

@@ -73,9 +73,9 @@ pub enum CallError {
     NotInMachine {
         /// The path of the machine file.
         file: String,
-        /// What the caller has asked for.
+        /// The axis, input or output that the caller has named.
         what: String,
-        /// What the file has instead.
+        /// The names that the file has.
         there: String,
     },
     /// A number is NaN.

@@ -41,7 +41,7 @@ impl<T> Handles<T> {
         handle
     }
 
-    /// What has this handle.
+    /// The open board or machine file with this handle.
     pub fn get(&self, handle: usize) -> Option<Arc<T>> {
         self.table.read().unwrap_or_else(PoisonError::into_inner).open.get(&handle).cloned()
     }

@@ -332,15 +332,8 @@ pub unsafe extern "C" fn ecmsk_machine_find_input(
 ) -> EcmskResult {
     let handle = machine.addr();
     code(entry!(ecmsk_machine_find_input(handle), {
-        // SAFETY: the caller's promise for `name`; the text is not kept.
-        let name = unsafe { text_from(name, "name") }?;
-        let machine = find(handle)?;
-        let line = machine.file.input(name).ok_or_else(|| {
-            let names = machine.file.inputs.iter().map(|line| &*line.name);
-            machine.has_no_name("input", name, names)
-        })?;
-        // SAFETY: the caller's promise for `slave` and `bit`.
-        unsafe { put_line(line, slave, bit) }
+        // SAFETY: the caller's promises for `name`, `slave` and `bit`.
+        unsafe { find_line(handle, "input", MachineFile::input, |file| &file.inputs, name, slave, bit) }
     }))
 }
 
@@ -358,23 +351,29 @@ pub unsafe extern "C" fn ecmsk_machine_find_output(
 ) -> EcmskResult {
     let handle = machine.addr();
     code(entry!(ecmsk_machine_find_output(handle), {
-        // SAFETY: the caller's promise for `name`; the text is not kept.
-        let name = unsafe { text_from(name, "name") }?;
-        let machine = find(handle)?;
-        let line = machine.file.output(name).ok_or_else(|| {
-            let names = machine.file.outputs.iter().map(|line| &*line.name);
-            machine.has_no_name("output", name, names)
-        })?;
-        // SAFETY: the caller's promise for `slave` and `bit`.
-        unsafe { put_line(line, slave, bit) }
+        // SAFETY: the caller's promises for `name`, `slave` and `bit`.
+        unsafe { find_line(handle, "output", MachineFile::output, |file| &file.outputs, name, slave, bit) }
     }))
 }
 
-/// Writes slave and bit of an input or output to the caller's memory.
+/// Writes slave and bit of an input or output with this name to the caller's memory. `of_name` finds it among `all`.
 ///
 /// # Safety
-/// `slave` and `bit` are NULL or point to room for a `u32`.
-unsafe fn put_line(line: &IoLine, slave: *mut u32, bit: *mut u32) -> Result<(), Box<CallError>> {
+/// `name` is NULL or a text in UTF-8 that ends with 0. `slave` and `bit` are NULL or point to room for a `u32`.
+unsafe fn find_line(
+    handle: usize,
+    kind: &str,
+    of_name: for<'a> fn(&'a MachineFile, &str) -> Option<&'a IoLine>,
+    all: fn(&MachineFile) -> &[IoLine],
+    name: *const c_char,
+    slave: *mut u32,
+    bit: *mut u32,
+) -> Result<(), Box<CallError>> {
+    // SAFETY: the caller's promise; the text is not kept.
+    let name = unsafe { text_from(name, "name") }?;
+    let machine = find(handle)?;
+    let line = of_name(&machine.file, name)
+        .ok_or_else(|| machine.has_no_name(kind, name, all(&machine.file).iter().map(|line| &*line.name)))?;
     // SAFETY: the caller's promise.
     unsafe {
         // If one of the two is NULL, nothing is written to the other one.

@@ -47,7 +47,7 @@ impl fmt::Display for HeldBack {
     }
 }
 
-/// What a slave gets whose axes are held back.
+/// The command that holds the axes of a slave which are held back by their drive.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hold {
     /// The actual positions of axes that are held back; the last targets of others.

@@ -234,8 +234,10 @@ mod tests {
             let way = f64::from(tap(speeds(velocity), held_s, CYCLE).unwrap());
             assert!((way / (velocity * held_s) - 1.0).abs() < 0.05, "{velocity} {held_s}: {way}");
         }
-        let short = tap(speeds(10_000.0), 0.1, CYCLE).unwrap();
-        assert!((10..1000).contains(&short), "{short}: it does not reach its speed");
+        // 0.05 s of the jerk raise the acceleration to half of its limit. The axis does not reach its speed: four such parts of
+        // the jerk, with 1250 counts/s in the middle of 0.2 s.
+        let short = tap(speeds(10_000.0), 0.05, CYCLE).unwrap();
+        assert!((124..=126).contains(&short), "{short}");
     }
 
     /// A held axis stops at its soft limit exactly, goes no further, and comes back. Beyond a limit it goes only back.

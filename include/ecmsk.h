@@ -453,8 +453,10 @@ ecmsk_result ecmsk_machine_close(ecmsk_machine *machine);
 
 /**
  * Copies the URI of the machine's board, for `ecmsk_open`, to the `length` bytes at `buffer`, as `ecmsk_get_link_name` does.
- * It is the link of the file with the key `axes=`: a target beyond the soft limits is reported in the log, and not sent if
- * the file says so. A simulated board has the slaves of the file. If the file names no link the text is empty.
+ * It is the link of the environment variable `ECMSK_LINK`, which `ecmsk exec` sets, otherwise that of the file. With the key
+ * `axes=` a target beyond the soft limits is reported in the log, and not sent if the file says so. A simulated board has
+ * the slaves of the file. If neither names a link the text is empty. If `ECMSK_LINK` is no URI of a link the result is
+ * `ECMSK_ERROR_ARGUMENT`.
  *
  * # Safety
  * As for `ecmsk_get_link_name`. `machine` may be any value.

@@ -31,7 +31,7 @@ impl fmt::Display for Span {
     }
 }
 
-/// A time in messages, in seconds since the board was opened: `1.758 s`, as recordings show it. The field is in
+/// A time as texts for people show it, in seconds since the board was opened: `1.758 s`, as recordings show it. The field is in
 /// nanoseconds.
 pub(crate) struct Seconds(pub u64);
 

@@ -16,6 +16,7 @@ Calls that wait release Python's lock, so that other threads run, and Ctrl-C end
 from __future__ import annotations
 
 import atexit
+import os
 from typing import Any, Optional, Union
 from urllib.parse import quote
 
@@ -39,6 +40,7 @@ from ._ecmsk import (
     Stream,
     StreamStats,
     close_all,
+    forked,
     open,
     open_machine,
     open_when_there,
@@ -79,6 +81,9 @@ __all__ = [
 
 # A board that a program leaves open is closed while its threads and its streams are still there.
 atexit.register(close_all)
+# The boards of a parent process are left to it.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=forked)
 
 
 def sim(

@@ -386,6 +386,9 @@ def open_when_there(
 ) -> Tuple[Ecm, float]:
     """Opens a board as soon as it is available, and says how many seconds that took."""
 
+def forked() -> None:
+    """In a child of fork: closes its copies of the connections and USB devices of its parent's boards."""
+
 def close_all() -> None:
     """Closes all boards of this process that are open: at the end of the program."""
 

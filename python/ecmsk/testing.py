@@ -82,8 +82,10 @@ class MachineAxis:
             if math.isnan(target):
                 continue
             has_target = True
-            if abs(target - position) > worst:
-                worst, worst_at = abs(target - position), (at_ns - times[0]) / 1e9
+            # A position wraps at 32 bits, as its counter does.
+            behind = abs((target - position + 2**31) % 2**32 - 2**31)
+            if behind > worst:
+                worst, worst_at = behind, (at_ns - times[0]) / 1e9
         assert has_target, f"{self._name()} has executed no target, so that it had no following error"
         assert worst < counts, f"{self._name()} was {worst:.0f} counts behind its target after {worst_at:.3f} s"
 
@@ -156,11 +158,13 @@ class Program:
     def __init__(self, words: List[str], process: "subprocess.Popen[str]") -> None:
         self._words = words
         self._process = process
+        self._is_waited_for = False
 
     def wait(self, timeout: float = 60.0, check: bool = True) -> "subprocess.CompletedProcess[str]":
         """Waits for the end of the program, at most ``timeout`` seconds of real time. With ``check`` a program that fails
         fails the test, with what it has printed.
         """
+        self._is_waited_for = True
         ended = _wait(self._process, timeout)
         if check and ended.returncode != 0:
             raise AssertionError(
@@ -168,10 +172,13 @@ class Program:
             )
         return ended
 
-    def _kill(self) -> None:
+    def _end(self) -> None:
+        """Ends the program if it still runs. One that has failed by itself, and that nothing has waited for, fails the test."""
         if self._process.poll() is None:
             _kill(self._process)
             self._process.communicate()
+        elif not self._is_waited_for:
+            self.wait()
 
 
 class Machine:
@@ -257,7 +264,8 @@ class Machine:
         self, *program: Union[str, "os.PathLike[str]"], env: Optional[Mapping[str, str]] = None
     ) -> Program:
         """Starts a program as :meth:`run` does, and does not wait for its end: :meth:`fault` makes something happen
-        meanwhile. A program that still runs at the end of the test is ended by force.
+        meanwhile. A program that still runs at the end of the test is ended by force; one that has ended fails the test if it
+        has failed, also if nothing waits for it.
         """
         file = self._next_run()
         self._control = _Control()
@@ -270,9 +278,14 @@ class Machine:
         return Program(words, _popen(command, {**os.environ, **(env or {})}))
 
     def _close(self) -> None:
-        if self._program is not None:
-            self._program._kill()
-            self._program = None
+        program, self._program = self._program, None
+        try:
+            if program is not None:
+                program._end()
+        finally:
+            self._close_board()
+
+    def _close_board(self) -> None:
         if self._board is not None:
             self._board.close()
             self._board = None

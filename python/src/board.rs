@@ -3,8 +3,13 @@
 //! A call holds its own reference to the open board ([`Shared::share`]) while it runs. Closing first makes the board
 //! unavailable to new calls and ends the waits of other threads and the stream. Then it waits until no call has a
 //! reference any more, which takes as long as a step of a stream at most.
+//!
+//! A child of fork has copies of the boards of its parent, and none of the threads that serve them. It uses none of them and
+//! drops none: to drop a board is to close it, and the connection would still be its parent's.
 
+use std::mem;
 use std::path::PathBuf;
+use std::process;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::thread;
@@ -50,9 +55,26 @@ pub struct Shared {
     /// What happens to the axes when a program closes the board without an argument, or leaves the ``with`` block: the option
     /// ``close`` with which the board was opened.
     close: ecmsk::ecm::Close,
+    /// The process that opened the board.
+    owner: u32,
 }
 
 impl Shared {
+    /// Whether this process is a child of the one that opened the board.
+    pub fn is_parents(&self) -> bool {
+        process::id() != self.owner
+    }
+
+    /// The board is used only by the process that opened it.
+    pub fn check_process(&self, py: Python<'_>) -> PyResult<()> {
+        if !self.is_parents() {
+            return Ok(());
+        }
+        let message = "this process was forked while the board was open; the board belongs to its parent: open the board \
+                       after the fork";
+        Err(named(py, "ClosedError", message, None, None))
+    }
+
     /// Returns a reference to the open board, which the caller drops when its call ends.
     pub fn share(&self) -> Result<Arc<Ecm>, EcmError> {
         lock(&self.opened).clone().ok_or_else(|| LinkError::Closed.into())
@@ -60,6 +82,9 @@ impl Shared {
 
     /// Ends the stream that is open, if there is one: its axes come to a standstill.
     pub fn end_stream(&self) {
+        if self.is_parents() {
+            return;
+        }
         let stream = lock(&self.stream).take();
         if let Some(stream) = stream {
             // An error of the stream is dropped: the caller reports why it ends the stream. If axes still move, closing
@@ -68,8 +93,11 @@ impl Shared {
         }
     }
 
-    /// Takes the board away from all calls and passes it to `end`. `None` if it was closed before.
+    /// Takes the board away from all calls and passes it to `end`. `None` if it was closed before, or is the parent's.
     fn end<T>(&self, end: impl FnOnce(Ecm) -> T) -> Option<T> {
+        if self.is_parents() {
+            return None;
+        }
         let mut opened = lock(&self.opened).take()?;
         self.is_closing.store(true, Ordering::Release);
         loop {
@@ -105,7 +133,8 @@ impl Board {
         let (link, is_virtual) = (info.name.clone(), info.virtual_time);
         let ecm = ecm.with_interrupt(move || wait::is_due(&closing));
         let opened = Mutex::new(Some(Arc::new(ecm)));
-        let shared = Arc::new(Shared { opened, is_closing, stream: Mutex::new(None), close: options.close });
+        let (stream, close, owner) = (Mutex::new(None), options.close, process::id());
+        let shared = Arc::new(Shared { opened, is_closing, stream, close, owner });
         let mut boards = lock(&BOARDS);
         boards.retain(|board| board.strong_count() > 0);
         boards.push(Arc::downgrade(&shared));
@@ -116,6 +145,7 @@ impl Board {
     /// exception, the stream of the board is ended first.
     pub fn wait<T: Send>(&self, py: Python<'_>, call: impl FnOnce(&Ecm) -> Result<T, EcmError> + Send) -> PyResult<T> {
         let shared = &self.shared;
+        shared.check_process(py)?;
         wait::during(py, || shared.end_stream(), || call(&*shared.share()?))
     }
 
@@ -148,7 +178,7 @@ impl Board {
 
     #[getter]
     fn is_closed(&self) -> bool {
-        lock(&self.shared.opened).is_none()
+        self.shared.is_parents() || lock(&self.shared.opened).is_none()
     }
 
     /// Closes the board within 2 s. Calls of other threads end with ``errors.ClosedError``.
@@ -160,6 +190,7 @@ impl Board {
 
     /// Restarts the board, which closes it. ``open_when_there`` opens it again.
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
+        self.shared.check_process(py)?;
         self.shared.share().map_err(|error| exception(py, &error))?;
         self.end(py, Ecm::reset)
     }
@@ -182,6 +213,11 @@ impl Board {
 impl Drop for Board {
     fn drop(&mut self) {
         let (shared, close) = (&self.shared, self.shared.close);
+        if shared.is_parents() {
+            // One reference more than there are: what it refers to is not dropped.
+            mem::forget(Arc::clone(shared));
+            return;
+        }
         // As in Rust, where an error of dropping an `Ecm` is only logged, no exception is raised here. At the end of the
         // interpreter `close_all` has closed the board already.
         Python::try_attach(|py| py.detach(|| shared.end(|ecm| ecm.close(close)).map(drop)));
@@ -198,6 +234,18 @@ pub fn close_all(py: Python<'_>) {
             shared.end(|ecm| ecm.close(close).ok());
         }
     });
+}
+
+/// To be called in a child that was just forked: it closes its copies of the connections and USB devices of its parent's
+/// boards, so that a server notices the end of the parent.
+#[pyfunction]
+pub fn forked() {
+    // In a child that was forked inside of a call, by a function of the program that the call runs, the call goes on.
+    #[cfg(unix)]
+    if !wait::is_in_a_call() {
+        // SAFETY: this child was just forked, and no call of it reaches a board of its parent from here on.
+        unsafe { ecmsk::threads::close_in_child() };
+    }
 }
 
 /// The options among the keyword arguments of a call.
@@ -236,7 +284,7 @@ pub fn open(py: Python<'_>, uri: &str, given: Option<&Bound<'_, PyDict>>) -> PyR
     Ok(Board::new(ecm, Names::default(), &options))
 }
 
-/// Opens the board of a machine file, or the one at ``link``. Its axes then have names and units.
+/// Opens the board of a machine file, or the one at ``link``, or else at ``ECMSK_LINK``. Its axes then have names and units.
 #[pyfunction(signature = (file, link = None, **given))]
 pub fn open_machine(
     py: Python<'_>,
@@ -248,7 +296,7 @@ pub fn open_machine(
     let opened = || -> Result<(Ecm, MachineFile), EcmError> {
         let machine = MachineFile::load(&file)?;
         let link = link.map(LinkUri::parse).transpose().map_err(LinkError::from)?;
-        let link = machine.link(link.as_ref()).ok_or_else(|| machine.names_no_link())?;
+        let link = Ecm::machine_link(&machine, link.as_ref())?.ok_or_else(|| machine.names_no_link())?;
         Ok((Ecm::open_with(&link.to_string(), options)?, machine))
     };
     let (ecm, machine) = py.detach(opened).map_err(|error| exception(py, &error))?;

@@ -29,7 +29,7 @@ mod wait;
 #[pyo3::pymodule]
 mod _ecmsk {
     #[pymodule_export]
-    use crate::board::{Board, close_all, open, open_machine, open_when_there};
+    use crate::board::{Board, close_all, forked, open, open_machine, open_when_there};
     #[pymodule_export]
     use crate::homing::{Homing, HomingPhase, HomingProgress};
     #[pymodule_export]

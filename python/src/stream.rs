@@ -1,6 +1,7 @@
 //! A stream of targets. The stream has a reference to its board, and the board has one to its newest stream: so the end
 //! of the stream releases the board, and closing the board ends the stream.
 
+use std::mem;
 use std::sync::{Arc, Mutex};
 
 use ecmsk::ecm::{self, Ecm, EcmError};
@@ -95,6 +96,7 @@ impl Stream {
         py: Python<'_>,
         call: impl FnOnce(&mut ecm::Stream<'_>) -> Result<T, EcmError> + Send,
     ) -> PyResult<T> {
+        self.shared.check_process(py)?;
         let done = py.detach(|| match &mut *lock(&self.cell.0) {
             Life::Open(open) => open.with_dependent_mut(|_, stream| stream.as_mut().map(call)),
             Life::Ended(_) => None,
@@ -108,6 +110,7 @@ impl Stream {
     }
 
     fn end(&self, py: Python<'_>) -> PyResult<StreamStats> {
+        self.shared.check_process(py)?;
         let ended = py.detach(|| self.cell.finish());
         ended.map(StreamStats::from).map_err(|error| exception(py, &error))
     }
@@ -190,6 +193,7 @@ impl Stream {
 
     /// The counters of the stream so far, also after its end.
     fn stats(&self, py: Python<'_>) -> PyResult<StreamStats> {
+        self.shared.check_process(py)?;
         let ended = py.detach(|| match &*lock(&self.cell.0) {
             Life::Ended(stats) => Some(*stats),
             Life::Open(_) => None,
@@ -211,7 +215,8 @@ impl Stream {
 
     #[pyo3(signature = (*_raised))]
     fn __exit__(&self, py: Python<'_>, _raised: &Bound<'_, PyTuple>) -> PyResult<()> {
-        self.end(py).map(drop)
+        // A child of fork leaves the block, too: the stream is its parent's.
+        if self.shared.is_parents() { Ok(()) } else { self.end(py).map(drop) }
     }
 }
 
@@ -219,6 +224,11 @@ impl Drop for Stream {
     fn drop(&mut self) {
         // As in Rust, where an error of dropping a stream is only logged, no exception is raised here.
         let cell = &self.cell;
+        if self.shared.is_parents() {
+            // One reference more than there are: what they refer to is not dropped.
+            mem::forget((Arc::clone(cell), Arc::clone(&self.shared)));
+            return;
+        }
         Python::try_attach(|py| py.detach(|| cell.finish().map(drop)));
     }
 }

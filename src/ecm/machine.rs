@@ -1,14 +1,17 @@
 //! The board and the configuration of a machine file.
 
-use std::path::Path;
+use std::path::{self, Path};
 
 use super::config::{Axis, Config, Slave};
 use super::{Ecm, EcmError};
+use crate::address::config::{Environment, Source, find};
+use crate::address::uri::LinkUri;
+use crate::link::LinkError;
 use crate::machine_file::{MachineFile, MachineSlave};
 
 impl Ecm {
     /// Opens the board of a machine file, in its present state. Nothing is sent: the program configures the network with
-    /// [`Config::of_machine`]. The link `sim:` simulates the slaves of the file.
+    /// [`Config::of_machine`]. The link is that of [`Self::machine_link`]. The link `sim:` simulates the slaves of the file.
     ///
     /// ```
     /// use ecmsk::ecm::{Close, Config, Ecm, EcmError};
@@ -48,9 +51,31 @@ impl Ecm {
     /// [`EcmError::Machine`] if the file is wrong or names no link, and those of [`Ecm::open`].
     pub fn open_machine(file: &Path) -> Result<(Self, MachineFile), EcmError> {
         let machine = MachineFile::load(file)?;
-        let link = machine.link(None).ok_or_else(|| machine.names_no_link())?;
-        let link = link.with_axes(&file.display().to_string());
+        let link = Self::machine_link(&machine, None)?.ok_or_else(|| machine.names_no_link())?;
         Ok((Self::open(&link.to_string())?, machine))
+    }
+
+    /// The link of a program that has a machine file: `link` if the program names one itself; then that of the environment
+    /// variable `ECMSK_LINK`, so that `ecmsk exec --link sim:` runs the program on a simulated board; then the one of the file.
+    /// `None` if there is none. It has the key
+    /// `axes=` with the absolute path of the file, for its soft limits; a simulated board has the slaves of the file.
+    ///
+    /// # Errors
+    /// [`LinkError`] if `ECMSK_LINK` is not the URI of a link.
+    pub fn machine_link(machine: &MachineFile, link: Option<&LinkUri>) -> Result<Option<LinkUri>, LinkError> {
+        let environment = Environment::from_process(None);
+        let is_variable_set = environment.link.as_ref().is_some_and(|link| !link.is_empty());
+        let of_variable = if link.is_none() && is_variable_set {
+            let configured = find(&environment).map_err(LinkError::from)?;
+            debug_assert_eq!(configured.source, Source::Variable);
+            Some(LinkUri::parse(&configured.link).map_err(LinkError::from)?)
+        } else {
+            None
+        };
+        let mut machine = machine.clone();
+        machine.path = path::absolute(&machine.path).unwrap_or(machine.path);
+        let link = machine.link(link.or(of_variable.as_ref()));
+        Ok(link.map(|link| link.with_axes(&machine.path.display().to_string())))
     }
 }
 

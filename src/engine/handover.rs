@@ -157,7 +157,8 @@ impl Handover {
         self.news.notify_all();
     }
 
-    /// Returns an error unless the host interface is open.
+    /// Returns why calls of the host have ended for good: the interface was closed, the board has rebooted, or the hardware of
+    /// the bus is gone. `Ok` while they go on. Does not wait.
     pub(super) fn check(&self) -> Result<(), Stop> {
         match lock(&self.outbox).phase {
             Phase::Open => Ok(()),

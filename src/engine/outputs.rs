@@ -87,8 +87,9 @@ impl Engine {
             record.test = self.volatile.test;
             self.outputs_left = bus.push(&self.outputs).is_err();
             if self.outputs_left {
-                // The bus has just gone down (a cut cable) and has not taken the outputs. The entry counts as executed
-                // now: its commands have changed the state of the axes, and the next outputs are made from that state.
+                // The bus has just gone down (a cut cable) and has not taken the outputs. The FIFO entry that they
+                // were made from counts as executed all the same: its commands have changed the state of the axes, and the
+                // next outputs are made from that state.
                 self.counters.executed += u64::from(has_entry);
                 self.run_deferred(deferred, now);
                 return;

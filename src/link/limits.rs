@@ -20,7 +20,7 @@ use parking_lot::Mutex;
 use super::common_options::CommonOptions;
 use super::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::address::scale::SoftLimits;
-use crate::address::uri::UriError;
+use crate::address::uri::{LinkUri, UriError};
 use crate::machine_file::{MachineAxis, MachineFile, ProgramLimits, axes_of_link};
 use crate::recording::{CarriedFile, SizeFinder};
 use crate::sk::{CommandId, CrcPolicy, DriveResponse, FRAME_LEN, Frame, RawSlot, SlotSize};
@@ -50,19 +50,44 @@ impl Axes {
 
     /// The link with the limits of the file around it. The link itself if no axis has a limit.
     pub(crate) fn around(self, link: Arc<dyn Link>) -> Arc<dyn Link> {
-        let MachineFile { path, axes, program_limits, .. } = self.machine;
-        let axes: Vec<MachineAxis> = axes.into_iter().filter(|axis| axis.limits != SoftLimits::NONE).collect();
-        if axes.is_empty() {
-            return link;
-        }
-        let state = State {
-            sizes: SizeFinder::new(link.info().slot),
-            now: link.info().opened_at,
-            axes: vec![AxisState::default(); axes.len()],
-        };
-        Arc::new(LimitLink { inner: link, file: path, axes, program_limits, state: Mutex::new(state) })
+        around(link, self.machine, Box::new(|line| log::warn!("{line}")))
     }
 }
+
+/// The link with the limits of a machine file around it. The link itself if no axis has a limit. `tell` gets a line for each
+/// excursion; it is called in a write of the program, and must not wait.
+pub(crate) fn around(link: Arc<dyn Link>, machine: MachineFile, tell: Tell) -> Arc<dyn Link> {
+    let MachineFile { path, axes, program_limits, .. } = machine;
+    let axes: Vec<MachineAxis> = axes.into_iter().filter(|axis| axis.limits != SoftLimits::NONE).collect();
+    if axes.is_empty() {
+        return link;
+    }
+    let state = State {
+        sizes: SizeFinder::new(link.info().slot),
+        now: link.info().opened_at,
+        axes: vec![AxisState::default(); axes.len()],
+    };
+    Arc::new(LimitLink { inner: link, file: path, axes, program_limits, tell, state: Mutex::new(state) })
+}
+
+/// As [`around`], for the link of a server with a machine file, unless the link names one itself (`axes=`, `machine=`). Of a
+/// file that cannot be used `tell` gets a line.
+pub(crate) fn around_served(link: Arc<dyn Link>, file: &CarriedFile, tell: Tell) -> Arc<dyn Link> {
+    let names_file = |uri: LinkUri| uri.value("axes").or_else(|| uri.value("machine")).is_some();
+    if LinkUri::parse(&link.info().name).is_ok_and(names_file) {
+        return link;
+    }
+    match MachineFile::parse(file.name(), file.text()) {
+        Ok(machine) => around(link, machine, tell),
+        Err(error) => {
+            tell(format!("the limits of the machine file are not checked: {error}"));
+            link
+        }
+    }
+}
+
+/// Reports a line.
+pub(crate) type Tell = Box<dyn Fn(String) + Send + Sync>;
 
 /// A link around another one that checks the targets of axes against their limits.
 struct LimitLink {
@@ -72,6 +97,7 @@ struct LimitLink {
     /// The axes that have limits.
     axes: Vec<MachineAxis>,
     program_limits: ProgramLimits,
+    tell: Tell,
     state: Mutex<State>,
 }
 
@@ -174,7 +200,7 @@ impl LimitLink {
         let (place, axis, target) = beyond?;
         let words = self.words(axis, target, state.now);
         if !std::mem::replace(&mut state.axes[place].is_reported, true) {
-            log::warn!("{words}; it is not sent, and the axes hold their last targets");
+            (self.tell)(format!("{words}; it is not sent, and the axes hold their last targets"));
         }
         let why = format!("{words}; the frame was sent without its targets (CSP); correct the program, or the limit");
         Some((why, without_targets(frame, size)))
@@ -198,7 +224,7 @@ impl LimitLink {
             let target = slot.data1 as i32;
             known.target = axis.limits.excess(target);
             if known.target != 0 && !known.is_reported {
-                log::warn!("{}", self.words(axis, target, at));
+                (self.tell)(self.words(axis, target, at));
             }
             known.is_reported = known.target != 0;
         }
@@ -227,8 +253,13 @@ impl Layer for LimitLink {
         state.now = meta.at;
         let size = state.sizes.size_of(out, FRAME_LEN).0;
         for (place, axis) in self.slots(size) {
-            let position = DriveResponse::decode(&out.slot(size, usize::from(axis.slave))).position;
-            state.axes[place].position = axis.limits.excess(position);
+            let DriveResponse { position, statusword, .. } = DriveResponse::decode(&out.slot(size, usize::from(axis.slave)));
+            let known = &mut state.axes[place];
+            known.position = axis.limits.excess(position);
+            if !statusword.is_enabled() {
+                // It is not on its way to the last target any more, and may have been moved by hand.
+                known.target = 0;
+            }
         }
         Ok(meta)
     }

@@ -16,7 +16,8 @@ pub struct Settings {
     pub tries: u8,
     /// \[OURS] How long the index of a lost frame is not reused, so that a late answer is recognised as such.
     pub index_rest_ns: Ns,
-    /// \[OURS] The interval in which the master checks for missing slaves, left states and unsolicited messages.
+    /// \[OURS] The interval in which the master checks whether slaves are missing or have left their AL state, and whether mailboxes
+    /// have messages that nobody has requested (emergencies).
     pub watch_ns: Ns,
     /// \[OURS] The longest frame with acyclic datagrams beside cycles, bytes. A single longer datagram is still sent.
     pub acyclic_bytes_max: usize,

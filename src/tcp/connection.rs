@@ -206,11 +206,13 @@ impl Shared {
         until: Option<Instant>,
     ) -> MutexGuard<'a, State> {
         let own = CallingThread::current();
-        state.receiver = Some(own);
+        let before = state.receiver.replace(own);
         drop(state);
         let (mut state, came) = self.receive(until);
         if state.receiver == Some(own) {
-            state.receiver = None;
+            // In a signal handler that has interrupted this thread while it received: that call goes on when the handler
+            // returns. If it does not, nobody receives, and nobody may say that this program lives.
+            state.receiver = before.filter(|before| *before == own);
         }
         if let Err(error) = came {
             state.exchange.lose(format!("{error}"));

@@ -190,7 +190,8 @@ impl Exchange {
             }
             Message::Bye { end, text } => {
                 let reason = match end {
-                    End::Stopped => "its server was stopped".to_owned(),
+                    End::Stopped if text.is_empty() => "its server was stopped".to_owned(),
+                    End::Stopped => format!("its server is stopped, and {text}"),
                     End::Lost => text.to_owned(),
                     End::Overruled => {
                         format!("stopped by another client, {text}, and its server brings the axes to a standstill")

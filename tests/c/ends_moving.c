@@ -1,6 +1,7 @@
 /* A program that ends while axis 1 turns in CSV. Argument: how. close: it closes the board first; return, fails,
  * exit, abort: it does not; waits: it does not end until it is killed; forks, clones: the same, with a child that lives
- * for two minutes; handler: a handler of SIGUSR1 that has interrupted a read never returns, and says `stuck`. */
+ * for two minutes; handler: a handler of SIGUSR1 that has interrupted a read never returns, and says `stuck`;
+ * handler-writes: the same after a write of its own. */
 #define _GNU_SOURCE
 #include "check.h"
 
@@ -8,12 +9,13 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-static volatile sig_atomic_t reads;
+static volatile sig_atomic_t reads, writes;
 
 static void handler(int signal)
 {
     (void)signal;
     if (reads) {
+        CHECK(!writes || write_command());
         CHECK(write(STDOUT_FILENO, "stuck\n", 6) == 6);
         for (;;) {
             pause();
@@ -76,7 +78,8 @@ int main(int count, char **arguments)
             fflush(stdout);
         }
         wait_for_ever();
-    } else if (strcmp(how, "handler") == 0) {
+    } else if (strncmp(how, "handler", 7) == 0) {
+        writes = strcmp(how, "handler-writes") == 0;
         signal(SIGUSR1, handler);
         puts("reads");
         fflush(stdout);

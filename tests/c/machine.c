@@ -1,6 +1,7 @@
 /* Machine files: axes with names, units and limits, conversions, inputs and outputs, the link; wrong files, wrong arguments,
  * handles that are closed or made up; threads that open, use and close them. The arguments are the files of behaviour.rs: a
  * whole one, one with an axis in counts alone, and wrong ones, each with a part of its error text. */
+#define _POSIX_C_SOURCE 200112L /* setenv */
 #include "check.h"
 
 #include <float.h>
@@ -252,6 +253,24 @@ static void wrong_files(char **pairs, int count)
     CHECK(ecmsk_machine_open("machine.toml", NULL) == ECMSK_ERROR_ARGUMENT);
 }
 
+/* ECMSK_LINK, which `ecmsk exec --link` sets, goes before the link of the file. */
+static void the_link_of_the_environment(const char *path)
+{
+    char text[512];
+    size_t needed = 0;
+    ecmsk_machine *machine = open_file(path);
+    CHECK(ecmsk_machine_get_link(machine, text, sizeof text, &needed) == ECMSK_OK);
+    /* It lists slaves, so that the board does not get those of the file. */
+    CHECK(strncmp(text, "sim:?", 5) == 0 && strstr(text, "axes=") != NULL && strstr(text, "machine=") == NULL);
+    CHECK(ecmsk_machine_close(machine) == ECMSK_OK);
+    CHECK(setenv("ECMSK_LINK", "sims:", 1) == 0);
+    machine = open_file(path);
+    CHECK(ecmsk_machine_get_link(machine, text, sizeof text, &needed) == ECMSK_ERROR_ARGUMENT);
+    CHECK(last_error_has("unknown scheme"));
+    CHECK(ecmsk_machine_close(machine) == ECMSK_OK);
+    CHECK(unsetenv("ECMSK_LINK") == 0);
+}
+
 static ecmsk_machine *shared;
 static const char *whole;
 
@@ -298,6 +317,7 @@ int main(int argc, char **argv)
     for (i = 0; i < sizeof handles / sizeof handles[0]; i++) {
         a_bad_handle_is_an_error(made_up(handles[i]));
     }
+    the_link_of_the_environment(whole);
     wrong_files(argv + 4, argc - 4);
     the_smallest_file(argv[2]);
 

@@ -46,10 +46,12 @@ fn a_refused_frame_is_no_lost_board() {
     assert!((0..2).all(|axis| (later[axis].0 - first[axis].0).abs() < 20), "{first:?} {later:?}");
 }
 
-/// A link whose next read fails when a test says so.
+/// A link whose next read fails when a test says so, with its board there or lost.
 struct Failing {
     link: Arc<dyn Link>,
     fails: Arc<AtomicBool>,
+    loses: bool,
+    is_lost: AtomicBool,
 }
 
 impl Layer for Failing {
@@ -59,33 +61,45 @@ impl Layer for Failing {
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         if self.fails.swap(false, Ordering::Relaxed) {
+            self.is_lost.store(self.loses, Ordering::Relaxed);
+            Layer::check(self)?;
             return Err(LinkError::Io { what: "read".into(), message: "try again".into() });
         }
         self.link.read(out, wait)
     }
+
+    fn check(&self) -> Result<(), LinkError> {
+        if self.is_lost.load(Ordering::Relaxed) {
+            return Err(LinkError::Lost { name: "failing".to_owned(), reason: "its cable was pulled".into() });
+        }
+        self.link.check()
+    }
 }
 
 /// WIRE-126 A link that fails although its board is there is opened again; before that the axes that the host has moved are
-/// stopped.
+/// stopped. Those of a board that is lost are stopped when it is back, before its host sees it.
 #[test]
 fn a_link_that_fails_is_not_left_with_moving_axes() {
-    // The board of a URI goes on while its link is closed.
-    const URI: &str = "sim:?name=gadget-failing&slaves=drive*2&queue=1";
-    let fails = Arc::new(AtomicBool::new(false));
-    let failing = Arc::clone(&fails);
-    let opener = move || {
-        let link = link::open(URI, Share::ByUri)?;
-        Ok(Arc::new(Failing { link, fails: Arc::clone(&failing) }) as Arc<dyn Link>)
-    };
-    let options = gadget::Options { retry: Duration::from_millis(5), ..gadget::Options::default() };
-    let board = InMemory::start(Box::new(opener), options).expect("it is served");
-    board.attach();
-    moving(&board);
-    fails.store(true, Ordering::Relaxed);
-    let lines = until_told(&board, "the board is back");
-    assert!(lines.iter().any(|line| line.contains("axes stand still after the board's link has failed")), "{lines:?}");
-    board.detach();
-    board.attach();
-    let [first, later] = look(&board);
-    assert!((0..2).all(|axis| (later[axis].0 - first[axis].0).abs() < 20), "{first:?} {later:?}");
+    for (loses, said) in [(false, "after the board's link has failed"), (true, "after the board was lost")] {
+        // The board of a URI goes on while its link is closed.
+        let uri = format!("sim:?name=gadget-failing-{loses}&slaves=drive*2&queue=1");
+        let fails = Arc::new(AtomicBool::new(false));
+        let failing = Arc::clone(&fails);
+        let opener = move || {
+            let link = link::open(&uri, Share::ByUri)?;
+            let (fails, is_lost) = (Arc::clone(&failing), AtomicBool::new(false));
+            Ok(Arc::new(Failing { link, fails, loses, is_lost }) as Arc<dyn Link>)
+        };
+        let options = gadget::Options { retry: Duration::from_millis(5), ..gadget::Options::default() };
+        let board = InMemory::start(Box::new(opener), options).expect("it is served");
+        board.attach();
+        moving(&board);
+        fails.store(true, Ordering::Relaxed);
+        let lines = until_told(&board, "the board is back");
+        assert!(lines.iter().any(|line| line.contains(&format!("axes stand still {said}"))), "{lines:?}");
+        board.detach();
+        board.attach();
+        let [first, later] = look(&board);
+        assert!((0..2).all(|axis| (later[axis].0 - first[axis].0).abs() < 20), "{loses}: {first:?} {later:?}");
+    }
 }

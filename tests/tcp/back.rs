@@ -9,9 +9,9 @@ use ecmsk::link::tcp::{Stopped, stop};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Dir, Layer, Link, LinkError, ReadMeta, Share, Stamp, Wait};
 use ecmsk::port::tcp::{OnVanish, ServeOptions, Server};
-use ecmsk::sk::Frame;
+use ecmsk::sk::{Frame, MasterCommand};
 use parking_lot::Mutex;
-use support::tcp::{LIMIT, Told, options, own, until, uri};
+use support::tcp::{LIMIT, SIZE, Told, options, own, until, uri};
 
 use crate::vanish::{Wired, after, drive, prepared};
 
@@ -23,7 +23,7 @@ struct Plugged {
     writes_left: AtomicU32,
 }
 
-/// One opening of the board. It is lost when the cable is pulled, and the board does not notice.
+/// One opening of the board. It is lost when the cable is pulled, and the board does not notice. SW_RESET never arrives.
 struct Opened {
     plugged: Arc<Plugged>,
     board: Arc<dyn Link>,
@@ -54,6 +54,9 @@ impl Layer for Opened {
             self.plugged.is_pulled.store(true, Ordering::Release);
         }
         self.look()?;
+        if MasterCommand::decode(&frame.slot(SIZE, 0), SIZE) == Ok(MasterCommand::SoftReset) {
+            return Ok(Stamp(0));
+        }
         self.board.write(frame, wait)
     }
 
@@ -127,18 +130,26 @@ fn stopped(server: &Server) -> Stopped {
 }
 
 /// TCP-26 docs/SAFETY.md: the writer's axes go on while the board is away, and are stopped when it is back, before another
-/// client becomes the writer.
+/// client becomes the writer. So it is if the writer has sent a SW_RESET that the board has not got.
 #[test]
 fn axes_that_go_on_are_stopped_when_the_board_is_back() {
-    assert_eq!(go_on_and_stand("virtual"), Ok(()));
-    // A machine may be late, but not in each of so many tries.
-    assert!((0..5).any(|_| go_on_and_stand("real").is_ok()));
+    for resets in [false, true] {
+        assert_eq!(go_on_and_stand("virtual", resets), Ok(()), "{resets}");
+        // A machine may be late, but not in each of so many tries.
+        assert!((0..5).any(|_| go_on_and_stand("real", resets).is_ok()), "{resets}");
+    }
 }
 
-fn go_on_and_stand(clock: &str) -> Result<(), Vec<String>> {
+fn go_on_and_stand(clock: &str, resets: bool) -> Result<(), Vec<String>> {
     let (server, told, plugged) = served(clock, OnVanish::Ramp);
     let Wired { link, cable: _cable } = prepared(&server, &told);
     drive(link.as_ref(), 200);
+    if resets {
+        let mut reset = Frame::new();
+        reset.put_master(SIZE, &MasterCommand::SoftReset);
+        reset.fill_crc(SIZE);
+        link.write(&reset, Wait::For(LIMIT)).unwrap();
+    }
     plugged.pull(&told, Some(link.as_ref()));
     plugged.is_pulled.store(false, Ordering::Release);
     let next = until("place for a writer", || link::open(&uri(&server, ""), Share::ByName).ok());

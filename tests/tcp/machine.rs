@@ -8,10 +8,10 @@ use std::sync::Arc;
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, Slave};
 use ecmsk::link::tcp::machine;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{CarriedFile, LinkError};
-use ecmsk::port::tcp::ServeOptions;
+use ecmsk::link::{self, CarriedFile, LinkError, Share};
+use ecmsk::port::tcp::{ServeOptions, Server};
 use ecmsk::sk::MasterState;
-use support::tcp::{LIMIT, Puppet, Raw, connect, connect_next, hello, options, serve, serve_link, uri};
+use support::tcp::{LIMIT, Puppet, Raw, connect, connect_next, hello, options, own, serve, serve_link, uri};
 
 /// The file comes whole, however long it is and whoever else is connected; a client that asks takes no place of others.
 #[test]
@@ -72,17 +72,31 @@ fn a_server_from_before_refuses_who_asks() {
     assert_eq!(server.join().unwrap(), 3, "the role");
 }
 
-/// A server whose board's link has limits for programs (`axes=`): a writer's target beyond one fails with the same error as in one
-/// process, and what is beside it in the frame is sent. The server knows it: when the writer vanishes, it brakes that axis.
+const LIMITED: &str = "format = 1\n[axes]\nX = { slave = 1, max = 20000 }\n[limits]\nprogram = \"stop\"\n";
+
+/// A server whose board's link has limits for programs (`axes=`), or that has a machine file with them: a writer's target
+/// beyond one fails with the same error as in one process, and what is beside it in the frame is sent. The server knows it:
+/// when the writer vanishes, it brakes that axis.
 #[test]
 fn a_server_with_limits_refuses_a_target_and_sends_the_rest() {
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("machine.toml");
-    let text = "format = 1\n[axes]\nX = { slave = 1, max = 20000 }\n[limits]\nprogram = \"stop\"\n";
-    std::fs::write(&file, text).unwrap();
-    let (server, _told) = serve(&format!("sim:?slaves=drive*2&clock=virtual&axes={}", file.display()));
+    let path = folder.path().join("machine.toml");
+    std::fs::write(&path, LIMITED).unwrap();
+    refuses_and_sends_the_rest(&serve(&format!("sim:?slaves=drive*2&clock=virtual&axes={}", path.display())).0);
+
+    let (options, told) = options();
+    let options = ServeOptions { machine: Some(Arc::new(CarriedFile::new(&path, LIMITED))), ..options };
+    let board = link::open(&own("sim:?slaves=drive*2&clock=virtual"), Share::ByUri).unwrap();
+    let server = serve_link(board, options);
+    refuses_and_sends_the_rest(&server);
+    server.flush();
+    let said = told.lines().into_iter().filter(|line| line.contains("axis X: a target of 20001 counts")).count();
+    assert_eq!(said, 1, "once for each excursion: {:?}", told.lines());
+}
+
+fn refuses_and_sends_the_rest(server: &Server) {
     let config = Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV)], ..Config::default() };
-    let link = connect(&server, "");
+    let link = connect(server, "");
     let ecm = Ecm::over(Arc::clone(&link), Options::default()).unwrap();
     ecm.configure(&config).unwrap();
     ecm.set_state(MasterState::Op).unwrap();
@@ -102,7 +116,7 @@ fn a_server_with_limits_refuses_a_target_and_sends_the_rest() {
     assert!(ecm.snapshot().unwrap().position(2).unwrap() > 5000);
     link.vanish();
     drop(ecm);
-    let next = Ecm::over(connect_next(&server, ""), Options { close: Close::Leave, ..Options::default() }).unwrap();
+    let next = Ecm::over(connect_next(server, ""), Options { close: Close::Leave, ..Options::default() }).unwrap();
     next.adopt(&config).unwrap();
     let positions = |ecm: &Ecm| [1, 2].map(|axis| ecm.snapshot().unwrap().position(axis).unwrap());
     let before = positions(&next);

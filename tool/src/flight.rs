@@ -20,9 +20,9 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 /// Show what a flight recorder has kept, and mark moments for it
 ///
 /// A flight recorder keeps the frames of the last hours in a folder, in segments, of which the oldest is deleted. What
-/// surrounds an alarm, a lost slave, a failed change of state, a gap of reports, a following error beyond
-/// flight_following_error= or a mark is kept for longer: from 30 s before to 10 s after. `ecmsk exec --flight DIR`,
-/// `ecmsk serve tcp --flight DIR` and the key flight=DIR of any link to a board record. Segments and moments are
+/// surrounds an alarm, an axis that is held back, a lost slave, a failed change of state, a gap of reports, a following
+/// error beyond flight_following_error= or a mark is kept for longer: from 30 s before to 10 s after. `ecmsk exec --flight
+/// DIR`, `ecmsk serve tcp --flight DIR` and the key flight=DIR of any link to a board record. Segments and moments are
 /// recordings for `ecmsk plot`, `ecmsk dump`, `ecmsk summary`.
 #[derive(clap::Args)]
 #[command(

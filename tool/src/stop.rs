@@ -77,23 +77,16 @@ fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port:
     let chosen = board::Args::for_stop(args).chosen(machine.as_ref())?;
     if chosen.uri.scheme() != Scheme::Tcp {
         // A simulated board that this program opens is another one than that of a server, and never in use.
-        let server = is_simulated(&chosen.uri).then(|| server_of(&chosen.uri, port)).flatten();
-        let user = match server {
-            Some(_) => None,
+        let server = is_simulated(&chosen.uri).then(|| server_of(&chosen.uri, port).ok()).flatten();
+        let server = match server {
+            Some(server) => server,
             None => match args.stop_free_board(None, interrupt) {
-                Err(error) => Some(user(error)?),
+                Err(error) => {
+                    let user = user(error)?;
+                    server_of(&chosen.uri, port).map_err(|other| in_use(&user, other))?
+                }
                 done => return done,
             },
-        };
-        let Some(server) = server.or_else(|| server_of(&chosen.uri, port)) else {
-            return Err(BoardError::Refused {
-                what: WHAT.to_owned(),
-                why: user.unwrap_or_default(),
-                next:
-                    "if `ecmsk serve tcp` has it, say `ecmsk stop --link tcp://localhost:PORT` with the port that it \
-                       listens on; otherwise stop the axes there, or use the emergency stop"
-                        .to_owned(),
-            });
         };
         say("note", &format_args!("`{}` is served at {server}", chosen.uri));
         return run_with(&Args { link: Some(server), ..args.clone() }, interrupt, port);
@@ -124,15 +117,40 @@ const fn is_simulated(uri: &LinkUri) -> bool {
     matches!(uri.scheme(), Scheme::Sim | Scheme::XfSim)
 }
 
-/// The link to the server at a port of this machine, if that serves the board of the link `uri`.
-fn server_of(uri: &LinkUri, port: u16) -> Option<LinkUri> {
-    let link = |keys| LinkUri::parse(&format!("tcp://localhost:{port}{keys}")).ok();
-    let board = LinkUri::parse(&served_board(&link(SERVER_KEYS)?).ok()?).ok()?;
-    let is_simulated = is_simulated(uri);
-    // A link without a path is the only board of its kind.
-    let is_its_path = uri.path() == board.path() || !is_simulated && (uri.path().is_empty() || board.path().is_empty());
-    let is_its_network = !is_simulated || uri.value("slaves") == board.value("slaves");
-    (uri.scheme() == board.scheme() && is_its_path && is_its_network).then(|| link("")).flatten()
+/// The keys that choose one board of several.
+const CHOOSING_KEYS: [&str; 4] = ["serial", "path", "vid", "pid"];
+
+/// The link to the server at a port of this machine, if that serves the board of the link `uri`. Otherwise what there is, if a
+/// server listens there.
+fn server_of(uri: &LinkUri, port: u16) -> Result<LinkUri, Option<String>> {
+    let link = |keys| LinkUri::parse(&format!("tcp://localhost:{port}{keys}")).map_err(|error| Some(error.to_string()));
+    let served = served_board(&link(SERVER_KEYS)?).map_err(|error| match error {
+        LinkError::NoBoard { reason, .. } if reason.contains("nobody listens") => None,
+        error => Some(format!("a server at port {port} of this machine cannot be asked for its board: {error}")),
+    })?;
+    let other = || Some(format!("the server at port {port} of this machine has `{served}`"));
+    let board = LinkUri::parse(&served).map_err(|_| other())?;
+    let is_it = uri.scheme() == board.scheme()
+        && if is_simulated(uri) {
+            uri.path() == board.path() && uri.value("slaves") == board.value("slaves")
+        } else {
+            // A link that chooses no board means the only one there is, which the server has.
+            let is_its = |of: &dyn Fn(&LinkUri) -> String| of(uri).is_empty() || of(uri) == of(&board);
+            is_its(&|uri| uri.path().to_owned())
+                && CHOOSING_KEYS.iter().all(|key| is_its(&|uri| uri.value(key).unwrap_or_default().to_owned()))
+        };
+    if is_it { link("") } else { Err(other()) }
+}
+
+/// The error for a board that another program has and that no server at the port serves. `other`: what is at the port.
+fn in_use(user: &str, other: Option<String>) -> BoardError {
+    BoardError::Refused {
+        what: WHAT.to_owned(),
+        why: other.map_or_else(|| user.to_owned(), |other| format!("{user}; {other}")),
+        next: "if `ecmsk serve tcp` has it, say `ecmsk stop --link tcp://localhost:PORT` with the port that it listens on, and \
+               `?secret_file=FILE` behind it if it has a secret; otherwise stop the axes there, or use the emergency stop"
+            .to_owned(),
+    }
 }
 
 /// Why a board cannot be opened that another program has. Any other error is returned.
@@ -216,7 +234,10 @@ impl board::Args {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use clap::Parser;
+    use ecmsk::link::{self, Layer, Link, LinkInfo};
     use ecmsk::port::tcp::{ServeOptions, Server};
 
     use super::*;
@@ -288,10 +309,10 @@ mod tests {
         let server = Server::start(open, ServeOptions { listen, ..ServeOptions::default() }).unwrap();
         let port = server.address().port();
         let of = |link: &str| server_of(&LinkUri::parse(link).unwrap(), port).map(|server| server.to_string());
-        assert_eq!(of("sim:?slaves=drive,io"), Some(format!("tcp://localhost:{port}")));
-        assert_eq!(of("sim:?slaves=drive"), None, "another network");
-        assert_eq!(of("usb:"), None);
-        assert_eq!(server_of(&LinkUri::parse(link).unwrap(), NO_PORT), None);
+        assert_eq!(of("sim:?slaves=drive,io"), Ok(format!("tcp://localhost:{port}")));
+        let other = Some(format!("the server at port {port} of this machine has `{}`", server.info().name));
+        assert_eq!([of("sim:?slaves=drive"), of("usb:")], [Err(other.clone()), Err(other)]);
+        assert_eq!(server_of(&LinkUri::parse(link).unwrap(), NO_PORT), Err(None));
         let args = |link: &str| Verb::parse_from(["stop", "--machine", "none", "--link", link]).args;
         run_with(&args("sim:?slaves=drive,io"), || Ok(Interrupt::default()), port).unwrap();
         let error = run_with(&args("sim:?slaves=drive"), || Ok(Interrupt::default()), port).unwrap_err().to_string();
@@ -299,6 +320,45 @@ mod tests {
             error.contains("is a new board of this program") && error.contains("ecmsk stop --link tcp://"),
             "{error}"
         );
+    }
+
+    /// One of several boards is stopped only by the server that has that one, and not by one that has another, or any.
+    #[test]
+    fn a_board_that_the_link_chooses_is_stopped_where_it_is_served() {
+        for (served, given, is_it) in [
+            ("usb:?serial=B", "usb:?serial=B", true),
+            ("usb:?serial=B", "usb:?serial=A", false),
+            ("usb:?serial=B", "usb:", true),
+            ("usb:", "usb:", true),
+            ("usb:", "usb:?serial=A", false),
+            ("usb:?serial=B", "usb:?path=1-2", false),
+            ("nic:eth1", "nic:eth1", true),
+            ("nic:eth1", "nic:eth2", false),
+            ("nic:eth1", "usb:", false),
+        ] {
+            let board = link::open("sim:?slaves=drive&clock=virtual", link::Share::ByUri).unwrap();
+            let listen = ([127, 0, 0, 1], 0).into();
+            let open = move || Ok(Arc::new(Named { board: Arc::clone(&board), name: served }) as Arc<dyn Link>);
+            let server = Server::start(open, ServeOptions { listen, ..ServeOptions::default() }).unwrap();
+            let found = server_of(&LinkUri::parse(given).unwrap(), server.address().port());
+            assert_eq!(found.is_ok(), is_it, "{served} for {given}: {found:?}");
+        }
+    }
+
+    /// A board under another name.
+    struct Named {
+        board: Arc<dyn Link>,
+        name: &'static str,
+    }
+
+    impl Layer for Named {
+        fn inner(&self) -> &dyn Link {
+            self.board.as_ref()
+        }
+
+        fn info(&self) -> LinkInfo {
+            LinkInfo { name: self.name.to_owned(), ..self.board.info() }
+        }
     }
 
     /// The error for a board that another program has names the command that stops its axes.

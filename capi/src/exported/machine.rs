@@ -5,6 +5,8 @@ use std::ffi::c_char;
 use std::path::Path;
 use std::sync::Arc;
 
+use ecmsk::ecm::Ecm;
+use ecmsk::link::LinkError;
 use ecmsk::machine_file::{IoLine, MachineAxis, MachineFile};
 
 use crate::buffer::{TextBuffer, Versioned, copy_out, put, text_from};
@@ -70,14 +72,15 @@ impl From<&MachineAxis> for EcmskAxis {
 /// A machine file that a program has opened.
 struct OpenMachine {
     file: MachineFile,
-    /// The URI of its board, as `ecmsk_machine_get_link` has it.
-    link: String,
+    /// The URI of its board, as `ecmsk_machine_get_link` has it. It is made when the file is opened, for a program that changes its
+    /// working directory later.
+    link: Result<String, LinkError>,
 }
 
 impl OpenMachine {
     fn load(path: &str) -> Result<Self, Box<CallError>> {
         let file = MachineFile::load(Path::new(path)).map_err(CallError::Machine)?;
-        let link = file.link(None).map(|link| link.with_axes(path).to_string()).unwrap_or_default();
+        let link = Ecm::machine_link(&file, None).map(|link| link.map_or_else(String::new, |link| link.to_string()));
         Ok(Self { file, link })
     }
 
@@ -151,8 +154,10 @@ pub extern "C" fn ecmsk_machine_close(machine: *mut EcmskMachine) -> EcmskResult
 }
 
 /// Copies the URI of the machine's board, for `ecmsk_open`, to the `length` bytes at `buffer`, as `ecmsk_get_link_name` does.
-/// It is the link of the file with the key `axes=`: a target beyond the soft limits is reported in the log, and not sent if
-/// the file says so. A simulated board has the slaves of the file. If the file names no link the text is empty.
+/// It is the link of the environment variable `ECMSK_LINK`, which `ecmsk exec` sets, otherwise that of the file. With the key
+/// `axes=` a target beyond the soft limits is reported in the log, and not sent if the file says so. A simulated board has
+/// the slaves of the file. If neither names a link the text is empty. If `ECMSK_LINK` is no URI of a link the result is
+/// `ECMSK_ERROR_ARGUMENT`.
 ///
 /// # Safety
 /// As for `ecmsk_get_link_name`. `machine` may be any value.
@@ -167,7 +172,8 @@ pub unsafe extern "C" fn ecmsk_machine_get_link(
     code(entry!(ecmsk_machine_get_link(handle, length), {
         // SAFETY: the caller's promise for `buffer` and `needed`.
         let buffer = unsafe { TextBuffer::new(buffer, length, needed) }?;
-        buffer.fill(&find(handle)?.link);
+        let machine = find(handle)?;
+        buffer.fill(machine.link.as_ref().map_err(|error| CallError::Link(error.clone()))?);
         Ok(())
     }))
 }

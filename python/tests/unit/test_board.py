@@ -1,7 +1,10 @@
 """Boards, axes, objects, streams: the package on simulated boards, with kind and with unkind input."""
 
 import gc
+import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 import unittest
@@ -17,6 +20,52 @@ link = "sim:?clock=virtual"
 [axes]
 X = { slave = 1, unit = "mm", per = 0.001 }
 Y = { slave = 2, unit = "mm", per = 0.001, homing = { method = 33 } }
+"""
+
+
+# A child is forked in the middle of a motion, also of another thread's call, and ends as any program does.
+FORKS = """
+import os, sys, threading, time
+import ecmsk
+from ecmsk import Config, MasterState, errors
+
+link, leaves = sys.argv[1:]
+ecm = ecmsk.open(link)
+ecm.configure(Config.drives(1))
+ecm.set_state(MasterState.OP)
+ecm.servo_on(1)
+ends = threading.Event()
+
+def watch():
+    while not ends.is_set():
+        ecm.next_cycle()
+
+watcher = threading.Thread(target=watch)
+watcher.start()
+with ecm, ecm.stream(16) as stream:
+    for n in range(200):
+        if n == 100:
+            child = os.fork()
+            if child == 0:
+                closed = 0
+                for call in (ecm.snapshot, lambda: stream.csp(1, 9999), stream.step, stream.stats, stream.finish, ecm.reset):
+                    try:
+                        call()
+                    except errors.ClosedError as error:
+                        closed += "open the board after the fork" in str(error)
+                if closed == 6 and ecm.is_closed and leaves == "blocks":
+                    sys.exit(7)
+                if leaves == "handles":
+                    del stream, ecm
+                    os._exit(7)
+                os._exit(closed)
+            print("child", os.waitpid(child, 0)[1] >> 8)
+        stream.csp(1, 10 * n)
+        stream.step()
+    print("at", stream.snapshot().position(1) > 1900, "closed", ecm.is_closed)
+    ends.set()
+    watcher.join()
+print("losses", stream.stats().losses, "closed", ecm.is_closed)
 """
 
 
@@ -210,6 +259,20 @@ class UnkindInput(unittest.TestCase):
             del second
             gc.collect()
             ecm.stream(8).finish()
+
+
+@unittest.skipUnless(hasattr(os, "fork"), "the system has no fork")
+class Forks(unittest.TestCase):
+    def test_a_child_leaves_the_board_to_its_parent(self):
+        for leaves in ("blocks", "handles"):
+            with self.subTest(leaves=leaves), TemporaryDirectory() as folder:
+                link = f"sim:?slaves=drive&clock=real&record={folder}/run.ecmrec"
+                ended = subprocess.run(
+                    [sys.executable, "-c", FORKS, link, leaves], capture_output=True, text=True, timeout=120
+                )
+                self.assertEqual(ended.stderr, "")
+                self.assertEqual(ended.stdout, "child 7\nat True closed False\nlosses 0 closed True\n")
+                self.assertIsNone(ecmsk.recording(f"{folder}/run.ecmrec").lacks)
 
 
 class Waits(unittest.TestCase):

@@ -196,6 +196,21 @@ class Machines(Folder):
             machine.start(program)
             machine._close()
 
+    @unittest.skipUnless(hasattr(socket, "AF_UNIX"), "Unix sockets")
+    def test_a_program_that_nothing_waits_for_and_fails(self):
+        tool = self.folder / "ecmsk"
+        tool.write_text("#!/bin/sh\necho it is broken >&2\nexit 3\n")
+        tool.chmod(0o755)
+        machine = Machine(self.folder)
+        with mock.patch.dict(os.environ, {"ECMSK_TOOL": str(tool)}):
+            for end in (lambda: machine.no_alarm(), machine._close):
+                machine.start("./program")._process.wait(timeout=60)
+                with self.assertRaisesRegex(AssertionError, "ended with exit code 3\nit is broken"):
+                    end()
+            # What the test has waited for, it has judged itself.
+            machine.start("./program").wait(check=False)
+            machine._close()
+
     def test_a_gap_is_found(self):
         machine = Machine(self.folder, "drive*2")
         drive(machine.open(), pause=500)

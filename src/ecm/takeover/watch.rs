@@ -275,7 +275,8 @@ mod tests {
         report(&mut watch, MasterState::Op, 3);
         report(&mut watch, MasterState::Op, 4);
         assert_eq!((mode(&watch), watch.state()), (Some(Mode::Csv), Some(MasterState::Op)));
-        // After the rejection was seen, leaving OP and coming back does not count as the effect of the reset.
+        // The error count has risen in OP: the board has refused SW_RESET. If the network leaves OP later, that is not taken
+        // for the effect of this SW_RESET.
         report(&mut watch, MasterState::SafeOp, 4);
         report(&mut watch, MasterState::Op, 4);
         assert_eq!(mode(&watch), Some(Mode::Csv));

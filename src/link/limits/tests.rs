@@ -10,6 +10,7 @@ const GO_HOME: SlaveCommand = SlaveCommand::GoHome;
 struct Board {
     sent: Mutex<Vec<Frame>>,
     position: Mutex<i32>,
+    statusword: Mutex<u16>,
 }
 
 impl Link for Board {
@@ -30,7 +31,8 @@ impl Link for Board {
     }
 
     fn read(&self, out: &mut Frame, _: Wait) -> Result<ReadMeta, LinkError> {
-        let slot = RawSlot { data1: *self.position.lock() as u32, ..RawSlot::ZERO };
+        let (parm, position) = (*self.statusword.lock(), *self.position.lock());
+        let slot = RawSlot { parm, data1: position as u32, ..RawSlot::ZERO };
         out.put(SIZE, 1, &slot);
         Ok(ReadMeta::default())
     }
@@ -111,6 +113,23 @@ fn homing_forgets_where_the_axis_was() {
     assert!(takes(&link, 50));
     link.write(&frame(&[(1, GO_HOME)]), Wait::Forever).unwrap();
     assert!(!takes(&link, 50));
+}
+
+/// The last target allows one no farther out as long as the axis is enabled, and so on its way there. One that was switched off
+/// may have been moved by hand.
+#[test]
+fn a_target_of_an_axis_that_was_off_is_forgotten() {
+    let (board, link) = board(100, 200);
+    *board.statusword.lock() = 0x1637;
+    stands(&board, &link, 250);
+    assert!(takes(&link, 250));
+    stands(&board, &link, 199);
+    assert!(takes(&link, 240), "it is on its way");
+    *board.statusword.lock() = 0x1650;
+    stands(&board, &link, 150);
+    *board.statusword.lock() = 0x1637;
+    stands(&board, &link, 150);
+    assert!(!takes(&link, 240) && takes(&link, 200));
 }
 
 /// A frame with a target beyond a limit reaches the board without its targets, and with all else: what switches axes off,

@@ -14,7 +14,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::host::{Answer, Change, Controller, Gone, Host, Written};
 use super::lateness::Lateness;
 use super::watched_link::WatchedLink;
-use super::{Opener, Options};
+use super::{OnVanish, Opener, Options};
 use crate::io::gadget::wire::{Event, SETUP_LEN};
 use crate::io::gadget::{ControlEndpoint, Direction, End, StepError};
 use crate::link::{Dir, Link, LinkError, Wait};
@@ -25,6 +25,7 @@ use crate::port::standstill::LeftBoard;
 use crate::port::usb_board::descriptors::Descriptors;
 use crate::sk::{FRAME_LEN, Frame};
 use crate::tcp::Waker;
+use crate::tcp::wire::StopEnd;
 
 /// The longest single wait. A cancellation that comes just before a wait begins is noticed after this time. An endpoint
 /// that did not accept a transfer gets the next attempt after it. \[OURS]
@@ -71,6 +72,8 @@ pub(super) struct Service {
     late_before: Mutex<Lateness>,
     waker: Waker,
     is_stopping: AtomicBool,
+    /// Whether axes of a host may go on, because the board was lost before they were stopped.
+    left_moving: AtomicBool,
     began: Instant,
     failure: Mutex<Option<io::Error>>,
 }
@@ -96,6 +99,7 @@ impl Service {
             link: Mutex::new(Arc::new(WatchedLink::new(link))),
             waker: Waker::new()?,
             is_stopping: AtomicBool::new(false),
+            left_moving: AtomicBool::new(false),
             began: Instant::now(),
             failure: Mutex::default(),
         })
@@ -359,27 +363,36 @@ impl Service {
         bus.host.take_has_written()
     }
 
-    /// If frames of a host may have moved axes, brings these axes to a standstill; `why` is the reason for the log.
+    /// If frames of a host may have moved axes, brings these axes to a standstill; `why` is the reason for the log. If that fails,
+    /// it is done when the board is back.
     fn stop_axes(&self, why: &str) {
-        if !self.close() {
-            return;
+        let may_move = self.close() || self.left_moving.swap(false, Ordering::AcqRel);
+        if may_move && !self.bring_to_standstill(why) {
+            self.left_moving.store(true, Ordering::Release);
         }
+    }
+
+    /// Returns whether there is nothing more to do: the axes stand, or are to be left as they are.
+    fn bring_to_standstill(&self, why: &str) -> bool {
         let link = self.link();
         let watch = || link.watch();
         let shared: Arc<dyn Link> = link.clone();
         let left = LeftBoard { link: shared, watch: &watch, who: why, tell: &|line| self.tell(line) };
         // How it has ended is in the log.
-        let _ = left.bring_to_standstill(self.options.on_vanish);
+        match left.bring_to_standstill(self.options.on_vanish) {
+            Some(ended) => ended.end != StopEnd::Failed,
+            None => self.options.on_vanish == OnVanish::Leave,
+        }
     }
 
     /// Hides a lost board from its host, and makes it visible again when its link can be opened.
     fn reopen(&self, error: &LinkError) {
         // A link can fail without its board being gone: then the axes that the host has moved can still be stopped. Those
-        // of a lost board cannot be reached.
+        // of a lost board cannot be reached, and are stopped when it is back.
         if self.link().check().is_ok() {
             self.stop_axes("the board's link has failed");
-        } else {
-            self.close();
+        } else if self.close() {
+            self.left_moving.store(true, Ordering::Release);
         }
         // What a write on the old link has left; it would take the new one for lost.
         self.bus.lock().lost = None;
@@ -407,10 +420,15 @@ impl Service {
         }
     }
 
-    /// Opens the link of the board and makes the board visible to a host. An error is the reason for the log.
+    /// Opens the link of the board, stops axes that have gone on meanwhile, and makes the board visible to a host. An error is
+    /// the reason for the log.
     fn come_back(&self) -> Result<(), String> {
         let link = (self.opener)().map_err(|error| error.to_string())?;
-        *self.link.lock() = Arc::new(WatchedLink::new(link));
+        let again = Arc::new(self.link().reopened(link));
+        *self.link.lock() = again;
+        if self.left_moving.load(Ordering::Acquire) {
+            self.stop_axes("the board was lost");
+        }
         if let Err(error) = self.plug_in() {
             self.close_board();
             return Err(error.to_string());

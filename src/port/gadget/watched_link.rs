@@ -24,6 +24,12 @@ impl WatchedLink {
         Self { link, passing }
     }
 
+    /// The link of the same board, which was lost and opened again.
+    pub(super) fn reopened(&self, link: Arc<dyn Link>) -> Self {
+        let passing = Mutex::new(self.passing.lock().reopened(link.info().slot));
+        Self { link, passing }
+    }
+
     /// The state of the network that the frames and reports so far have shown.
     pub(super) fn watch(&self) -> Watch {
         self.passing.lock().watch().clone()

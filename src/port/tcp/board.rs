@@ -10,17 +10,20 @@ use crate::ecm::Watch;
 use crate::link::limits::taken;
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::port::passing_frames::PassingFrames;
-use crate::sk::{Frame, SlotSize};
+use crate::sk::{Frame, MasterState, SlotSize};
 use crate::span::Seconds;
 use crate::summary::{Alarm, FrameEvent, FrameWatch, HeldBack};
 use crate::tcp::wire::{Counts, TEXT_MAX};
 
-/// How long an opened board may take to show how wide its slots are, before clients are served without that. \[OURS]
+/// How long an opened board may take to show a report, and so how wide its slots are, before clients are served without that. \[OURS]
 const SIZE_WAIT: Duration = Duration::from_millis(200);
 
 /// A board that the server has open.
 pub(super) struct Board {
+    /// The link of the clients, with the limits of the server's machine file.
     pub(super) link: Arc<dyn Link>,
+    /// The link of the server itself, which brakes axes. A limit must not end a brake: the axes would hold from full speed.
+    own: Arc<dyn Link>,
     pub(super) info: LinkInfo,
     /// The slaves and the counts per unit of their axes that the board's link knows; empty if it knows none.
     known: KnownNetwork,
@@ -39,8 +42,13 @@ pub(super) struct Board {
 
 impl Board {
     /// A board that was opened; `lost`: again, after its link was lost. Waits until a report has shown the slot size, if
-    /// the link does not know it.
-    pub(super) fn new(link: Arc<dyn Link>, lost: Option<&Self>) -> Self {
+    /// the link does not know it. `limited` puts the limits of the server's machine file around the link.
+    pub(super) fn new(
+        own: Arc<dyn Link>,
+        limited: impl FnOnce(Arc<dyn Link>) -> Arc<dyn Link>,
+        lost: Option<&Self>,
+    ) -> Self {
+        let link = limited(Arc::clone(&own));
         let info = link.info();
         let passing = match lost {
             Some(lost) => lost.passing.lock().reopened(info.slot),
@@ -55,15 +63,24 @@ impl Board {
             troubles: Mutex::default(),
             info,
             link,
+            own,
         };
         board.find_size();
         *board.troubles.lock() = board.size().map(FrameWatch::new);
         board
     }
 
-    /// Writes a command frame to the board, and updates the observed state of the network.
+    /// Writes a command frame of the writer to the board, and updates the observed state of the network.
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let written = self.link.write(frame, wait);
+        self.note_write(frame, self.link.write(frame, wait))
+    }
+
+    /// As [`write`](Self::write), for a frame with which the server itself stops axes.
+    pub(super) fn write_own(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        self.note_write(frame, self.own.write(frame, wait))
+    }
+
+    fn note_write(&self, frame: &Frame, written: Result<Stamp, LinkError>) -> Result<Stamp, LinkError> {
         if let Some((frame, at)) = taken(frame, &written, || self.size()) {
             self.passing.lock().command(&frame, at);
             if let Some(troubles) = &mut *self.troubles.lock() {
@@ -71,6 +88,14 @@ impl Board {
             }
         }
         written
+    }
+
+    /// The state of the network in the next report, of a board that no client uses yet. `None`: no report came.
+    pub(super) fn first_state(&self) -> Option<MasterState> {
+        let mut frame = Frame::new();
+        let meta = self.link.read(&mut frame, Wait::For(SIZE_WAIT)).ok()?;
+        self.note_report(&frame, meta);
+        self.watch().state()
     }
 
     /// Whether the last writer has commanded SW_RESET, and no report has shown its effect.

@@ -10,10 +10,10 @@ use super::board::Board;
 use super::client::Client;
 use super::report_queue::ReportQueue;
 use super::{OnVanish, ServeOptions};
-use crate::link::{Link, LinkError, ReadMeta};
+use crate::link::{Link, LinkError, ReadMeta, limits};
 use crate::notes::Notes;
 use crate::port::standstill::Standstill;
-use crate::sk::Frame;
+use crate::sk::{Frame, MasterState};
 use crate::tcp::wire::{End, Message, Refusal, Role, Welcome};
 use crate::tcp::{Channel, PROOF_LEN, Secret};
 
@@ -193,9 +193,11 @@ impl Hub {
     /// writer from now on, until [`end_standstill`](Self::end_standstill), and these axes are returned.
     pub(super) fn attach_again(&self, link: Arc<dyn Link>, lost: &Board) -> (Arc<Board>, Option<LeftMoving>) {
         let board = self.opened(link, Some(lost));
+        // A program that resets its board opens it again at once, and no axis is on then. But the reset may have been lost on its
+        // way, or refused.
+        let is_reset = lost.is_being_reset() && board.first_state().is_some_and(|state| state != MasterState::Op);
         let mut state = self.state.lock();
-        // A board that its writer has reset has no axis that is on, and a program that resets it opens it again at once.
-        let left = state.left_moving.take().filter(|_| !lost.is_being_reset());
+        let left = state.left_moving.take().filter(|_| !is_reset);
         if let Some(left) = &left {
             state.begin_standstill(&format!("after {}", left.who));
         }
@@ -204,7 +206,7 @@ impl Hub {
     }
 
     fn opened(&self, link: Arc<dyn Link>, lost: Option<&Board>) -> Arc<Board> {
-        let board = Arc::new(Board::new(link, lost));
+        let board = Arc::new(Board::new(link, |link| self.limited(link), lost));
         if board.size().is_none() {
             self.tell(
                 "no report has shown yet how wide the board's slots are: until then the axes of a writer that vanishes cannot be \
@@ -212,6 +214,13 @@ impl Hub {
             );
         }
         board
+    }
+
+    /// The link with the limits of the server's machine file around it.
+    fn limited(&self, link: Arc<dyn Link>) -> Arc<dyn Link> {
+        let Some(file) = &self.options.machine else { return link };
+        let notes = self.notes.clone();
+        limits::around_served(link, file, Box::new(move |line| notes.push(line)))
     }
 
     /// Handles the loss of the board: has all clients notified and disconnected.
@@ -382,8 +391,9 @@ impl Hub {
     pub(super) fn stop(&self) {
         let mut state = self.state.lock();
         state.is_stopping = true;
+        let left = if self.options.on_vanish == OnVanish::Leave { "leaves axes as they are" } else { "" };
         for client in &state.clients {
-            client.dismiss(End::Stopped, "");
+            client.dismiss(End::Stopped, left);
         }
     }
 

@@ -39,7 +39,7 @@ impl Link for ServerLink {
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         self.check()?;
         let wait = if wait == Wait::Forever { Wait::For(WAIT_MAX) } else { wait };
-        let done = self.board.write(frame, wait);
+        let done = self.board.write_own(frame, wait);
         self.board.now();
         self.noted(done)
     }

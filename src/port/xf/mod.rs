@@ -156,7 +156,7 @@ impl Server {
         &self.info
     }
 
-    /// Waits until [`Options::tell`] was called for all lines so far, at most 1 s.
+    /// Waits until all lines of the log so far were passed to [`Options::tell`], at most 1 s.
     pub fn flush(&self) {
         self.serving.flush();
     }

@@ -91,7 +91,8 @@ impl Memory {
     }
 }
 
-/// A command of the group F0, objects 0x4000 to 0x4002.
+/// A command that the drive executes when 1 is written to its object: F0-00 to F0-02 in the manual, objects 0x4000 to 0x4002,
+/// in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Command {
     ClearAlarm,

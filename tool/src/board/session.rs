@@ -477,6 +477,7 @@ mod tests {
             (lost("no USB device is there any more"), true),
             (LinkError::Unsure { name: "tcp://localhost".into(), reason: "its end".into() }, true),
             (lost("its server was stopped"), false),
+            (lost("its server is stopped, and leaves axes as they are"), true),
             (lost("stopped by another client, ecmsk (PID 5), and its server brings the axes to a standstill"), false),
             (LinkError::Closed, false),
         ] {

@@ -53,11 +53,24 @@ fn a_program_that_opens_no_board_is_named() {
 fn record_is_part_of_the_link() {
     let place = ExecFolder::new();
     let name = "a run & 100 %?#=.pcapng";
-    let out = place.run(&["--link", "sim:?clock=virtual", "--record", name], "echo \"$ECMSK_LINK\"").expect_quiet();
+    let out = place.run(&["--link", "sim:?clock=virtual", "--record", name], &format!("mkfifo '{name}'; echo \"$ECMSK_LINK\""));
+    let out = out.expect_quiet();
     let link = LinkUri::parse(out.trim_end()).expect("a link");
     let expected = fs::canonicalize(place.path()).expect("a folder").join(name);
     assert_eq!(link.value("record").map(Path::new), Some(expected.as_path()));
     assert_eq!(link.value("clock"), Some("virtual"));
+}
+
+/// A recording that the program did not make, because it has opened another board, or none, is missing, and a program that
+/// succeeded does not pass for one that was recorded.
+#[test]
+fn a_recording_that_was_not_made_is_missing() {
+    let place = ExecFolder::new();
+    for (script, code) in [("true", 124), ("exit 3", 3)] {
+        let ran = place.run(&["--link", "sim:", "--record", "run.pcapng"], script);
+        assert_eq!(ran.code, Some(code), "{ran:?}");
+        assert!(ran.err.starts_with("warning: run.pcapng was not made: "), "{}", ran.err);
+    }
 }
 
 /// A recording that cannot be made is an error before the program starts.
@@ -89,7 +102,7 @@ fn without_a_link_the_recording_is_of_the_link_that_the_library_chooses() {
         }
         Ran::from(command.output().expect("the tool starts"))
     };
-    place.program("program", "#!/bin/sh\n: > \"$ECMSK_OPENED\"; echo \"$ECMSK_LINK\"\n", "755");
+    place.program("program", "#!/bin/sh\n: > \"$ECMSK_OPENED\"; [ -e run.pcapng ] || mkfifo run.pcapng; echo \"$ECMSK_LINK\"\n", "755");
     let record = LinkUri::parse(run(None).expect_quiet().trim_end()).expect("a link");
     assert!(record.scheme() == Scheme::Usb && record.value("record").is_some(), "{record}");
     let record = LinkUri::parse(run(Some("sim:?slot=16")).expect_quiet().trim_end()).expect("a link");

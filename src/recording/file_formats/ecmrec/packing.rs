@@ -117,8 +117,9 @@ impl Packer {
         self.of_dir.iter_mut().for_each(Vec::clear);
     }
 
-    /// Appends the byte of each packet (direction, and whether its length differs) to `out`, and calculates the
-    /// differences of the words. Returns the encoded lengths of those packets whose length differs.
+    /// For each packet appends a byte to `out` with its direction, and whether its length differs from that of the previous
+    /// packet in this direction, and calculates the difference of each of its words from the same word of that packet. Returns
+    /// the encoded lengths of the packets whose length differs.
     fn packets<'a>(&mut self, packets: impl Iterator<Item = Packet<'a>>, words: usize, out: &mut Vec<u8>) -> Vec<u8> {
         let mut lengths = Vec::new();
         for (number, packet) in packets.enumerate() {

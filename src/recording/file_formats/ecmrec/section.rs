@@ -61,8 +61,9 @@ impl Section {
 pub(crate) struct End {
     /// The number of packets in the recording.
     pub packets: u64,
-    /// The number of packets that the recorder did not write, and why.
+    /// The number of packets that are missing: the recorder did not write them, or the recording that was copied lacked them.
     pub missing: u64,
+    /// Why packets are missing; `None` if none is.
     pub why: Option<String>,
     /// The distance from the beginning of this block back to the beginning of the recording, bytes.
     pub length: u64,

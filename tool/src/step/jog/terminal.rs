@@ -24,7 +24,8 @@ const REPORT_NO_RELEASES: &str = "\x1b[<u";
 pub const ASK: &str = "\x1b[5n";
 /// Whether a line is measured by answers. The console of Windows has none.
 pub const HAS_ANSWERS: bool = cfg!(unix);
-/// \[OURS] How long the end waits for answers that are still on their way: a shell would take them for keys.
+/// \[OURS] How long dropping a [`Terminal`] waits for the terminal's answers to [`ASK`] that are still on their way: the shell that
+/// reads next would take them for keys.
 const LAST_ANSWERS: Duration = Duration::from_millis(200);
 
 /// What a terminal has sent.

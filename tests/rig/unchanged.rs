@@ -11,6 +11,7 @@ use ecmsk::link::Dir;
 use ecmsk::sk::{CommandId, Frame, MasterResponse, RawSlot, SlotSize};
 
 use super::spi::{self, Model};
+use support::examples::{C_WITHOUT_BOARD, C_WITHOUT_LIBRARY};
 use support::served::{Served, attach, detach_all, recorded};
 
 /// The folder with all programs.
@@ -205,16 +206,13 @@ fn tells(frame: &Frame, size: SlotSize) -> bool {
     !asks(&board) || slaves.into_iter().any(|slot| !slot.is_zero())
 }
 
-/// A program in the folder that is not for this board: a host of a chip ECM-XF.
-const OF_ANOTHER_BOARD: &str = "xf_client";
-
 /// No program is left out.
 #[test]
 fn all_programs_are_in_the_list() {
     let entries = fs::read_dir(EXAMPLES).expect("the programs are there");
     let names = entries.map(|entry| entry.expect("a file").file_name().into_string().expect("a plain name"));
     let mut listed: Vec<String> = PROGRAMS.iter().map(|program| program.name.to_owned()).collect();
-    listed.push(OF_ANOTHER_BOARD.to_owned());
+    listed.extend([C_WITHOUT_BOARD, C_WITHOUT_LIBRARY].map(str::to_owned));
     listed.sort();
     let mut there: Vec<String> = names.collect();
     there.sort();

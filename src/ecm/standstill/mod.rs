@@ -158,7 +158,7 @@ impl<'a, 's> Stop<'a, 's> {
                 // queued commands or to reset the threshold that holds entries back.
                 self.write()?;
             }
-            if self.stands()? && !self.hold_back()? {
+            if self.stands()? && self.hold_back()? {
                 break;
             }
         }
@@ -351,12 +351,13 @@ impl<'a, 's> Stop<'a, 's> {
         Ok(true)
     }
 
-    /// Holds axes in CSP that stand far from their last targets at their actual positions. Returns whether a frame was
-    /// written for that.
+    /// Holds axes in CSP that stand far from their last targets at their actual positions. Returns whether there are none,
+    /// so that the stop has ended. After a hold it goes on until the axes stand again, and so it does if an axis has begun to
+    /// move meanwhile.
     fn hold_back(&mut self) -> Result<bool, EcmError> {
         let observed = Observation::begin(self.session);
         if self.holds(&observed).is_empty() {
-            return Ok(false);
+            return Ok(true);
         }
         // A drive may have got its target just now, and has some time to begin. Without that time the axis is held at once.
         let cycle = self.session.network.cycle();
@@ -367,8 +368,16 @@ impl<'a, 's> Stop<'a, 's> {
         }
         // This process may have stalled meanwhile, and an axis have come free.
         self.see_the_present()?;
+        if !self.session.in_op() {
+            return Ok(true);
+        }
+        // An axis that has come free, or began late, goes to its last target by itself. It is not at rest before it is there.
+        let network = Arc::clone(&self.session.network);
+        self.has_moved |= network.slaves().any(|(slave, config)| observed.moves(self.session, slave, config));
         let holds = self.holds(&observed);
-        if holds.is_empty() || !self.session.in_op() {
+        if holds.is_empty() {
+            // A report is read at least: no position is new, and the next look may be the same.
+            self.read()?;
             return Ok(false);
         }
         self.write_with(|session| {
@@ -380,7 +389,7 @@ impl<'a, 's> Stop<'a, 's> {
             self.held_back.insert(slave);
             hold.note(self.session);
         }
-        Ok(true)
+        Ok(false)
     }
 
     fn holds(&self, observed: &Observation) -> Vec<(u8, Hold)> {

@@ -130,7 +130,8 @@ pub(super) fn ramp_of(
 /// axis that is stationary or reaches its target in time. If the last target is unknown, the axis may still reach it in time,
 /// so it is ramped only if `overdue` is set: little time is left for the stop. The target of an axis that was homing is
 /// unknown: the board has ignored its targets, and holds it where its drive comes to rest. A ramp from there would set it in
-/// motion again.
+/// motion again. So would that of an axis which moves away from its last target, as one that springs back when its drive
+/// ceases to push: it would be driven away from all that was commanded. Only with no cycle left it is held where it is.
 pub(super) fn ramp_from_position(
     session: &Session,
     observed: &Observation,
@@ -146,6 +147,7 @@ pub(super) fn ramp_from_position(
     let speed = observed.moved(session, slave, config).map(|counts| f64::from(counts) * cycle);
     let positions = movement::positions(session, slave, config);
     let outputs = session.targets.outputs()[usize::from(slave)];
+    let is_last_frame = cycles <= 0.0;
     let cycles = cycles.max(movement::lag_cycles(session));
     let targets = match last(session, slave, left) {
         Some(SlaveCommand::Csp(last)) => Some([last.first.target, last.second.target]),
@@ -153,7 +155,8 @@ pub(super) fn ramp_from_position(
     };
     let is_ramped = [0, 1].map(|i| {
         let is_far = targets.map_or(overdue, |targets| {
-            f64::from(targets[i].wrapping_sub(positions[i]).unsigned_abs()) > speed[i].abs() * cycles
+            let way = f64::from(targets[i].wrapping_sub(positions[i]));
+            way.abs() > speed[i].abs() * cycles && (way * speed[i] > 0.0 || is_last_frame)
         });
         is_far && speed[i].abs() > STANDSTILL_COUNTS
     });

@@ -80,7 +80,8 @@ pub(super) fn hold_of(
     if axis.mode != Mode::Csp || session.credit.ahead() > 0 || is_homing || session.lost.contains(slave) {
         return None;
     }
-    let targets = match session.targets.last(slave) {
+    // An axis that this stop has ramped stands at the end of its ramp.
+    let targets = match session.targets.in_force(slave) {
         Some(SlaveCommand::Csp(last)) => Some([last.first.target, last.second.target]),
         _ => None,
     };

@@ -387,6 +387,9 @@ impl<'a, 's> Stop<'a, 's> {
         })?;
         for (slave, hold) in holds {
             self.held_back.insert(slave);
+            // Whatever the axis does now, this is its last target: it may come free, or spring back, while the frame is on its
+            // way.
+            self.session.targets.assume(slave, Some(hold.command));
             hold.note(self.session);
         }
         Ok(false)

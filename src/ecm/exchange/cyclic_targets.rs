@@ -99,6 +99,11 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
+    /// Notes the digital outputs of an HSP that another program has set.
+    pub const fn assume_outputs(&mut self, slave: u8, outputs: Outputs) {
+        self.outputs[slave as usize] = outputs;
+    }
+
     /// Notes that the next targets were sent in a frame, and so are the last ones now. `hsps`: the HSPs, whose digital
     /// outputs are also noted, since they have to be repeated when only a target changes.
     pub fn stepped(&mut self, hsps: SlaveSet) {

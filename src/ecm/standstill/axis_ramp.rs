@@ -62,7 +62,7 @@ impl AxisRamp {
 }
 
 /// Whether a slave's axes must be observed over some cycles to know if they need a ramp: their last command is unknown,
-/// or does not show whether they move. While the FIFO has entries of another program, an observation is useless, since
+/// or does not show whether they move, or the frame of a ramp would switch off outputs that are not known. While the FIFO has entries of another program, an observation is useless, since
 /// these entries will change the motion.
 pub(super) fn needs_observation(session: &Session, slave: u8, config: &Slave, left: &LeftBehind) -> bool {
     let is_unknown = match (config.axis().map(|axis| axis.mode), last(session, slave, left)) {
@@ -70,7 +70,22 @@ pub(super) fn needs_observation(session: &Session, slave: u8, config: &Slave, le
         (_, Some(_)) => true,
         (_, None) => session.credit.ahead() == 0,
     };
-    is_unknown && movement::may_move(session, slave, config)
+    is_unknown && (movement::may_move(session, slave, config) || has_unknown_outputs(config, left))
+}
+
+const fn has_unknown_outputs(config: &Slave, left: &LeftBehind) -> bool {
+    left.outputs_unknown && matches!(config, Slave::Hsp(_))
+}
+
+/// Whether a slave gets no frame of a stop: its digital outputs are not known, and it has sent no pulse in the observation.
+pub(super) fn keeps_outputs(
+    session: &Session,
+    observed: &Observation,
+    slave: u8,
+    config: &Slave,
+    left: &LeftBehind,
+) -> bool {
+    has_unknown_outputs(config, left) && observed.moved(session, slave, config) == [0; 2]
 }
 
 /// The last command to a slave; `None` if it is not known.
@@ -89,6 +104,9 @@ pub(super) fn ramp_of(
 ) -> Option<AxisRamp> {
     let mode = config.axis()?.mode;
     if !movement::may_be_on(session, slave, config) || session.homing.active.contains(slave) {
+        return None;
+    }
+    if keeps_outputs(session, observed, slave, config, left) {
         return None;
     }
     let is_moving = observed.moves(session, slave, config);

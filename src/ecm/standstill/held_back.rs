@@ -5,6 +5,7 @@
 use std::fmt;
 
 use super::LeftBehind;
+use super::axis_ramp::keeps_outputs;
 use super::movement::{self, Observation};
 use crate::ecm::config::Slave;
 use crate::ecm::exchange::Session;
@@ -78,6 +79,9 @@ pub(super) fn hold_of(
     let axis = config.axis()?;
     let is_homing = session.homing.active.contains(slave) || left.homing.contains(slave);
     if axis.mode != Mode::Csp || session.credit.ahead() > 0 || is_homing || session.lost.contains(slave) {
+        return None;
+    }
+    if keeps_outputs(session, observed, slave, config, left) {
         return None;
     }
     // An axis that this stop has ramped stands at the end of its ramp.

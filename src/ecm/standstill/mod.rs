@@ -53,6 +53,9 @@ pub const RAMP_FRAMES_MIN: u32 = 4;
 pub struct LeftBehind {
     /// Whether another program has moved the axes, whose last commands may be unknown.
     pub is_foreign: bool,
+    /// Whether the digital outputs of HSPs are not known. Each frame with a target for an HSP switches them off then, so one
+    /// that stands gets none.
+    pub outputs_unknown: bool,
     /// Slaves to which the program may have sent GO_HOME.
     pub homing: SlaveSet,
     /// Whether the program has set a FIFO threshold (SET_FIFO 2): until the FIFO has so many entries, the board executes

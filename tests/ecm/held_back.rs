@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::common::{SECOND, SIZE, Tap, enable, script, uri};
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::ObjectAddress;
-use ecmsk::ecm::{Close, Config, Ecm, Options};
+use ecmsk::ecm::{Close, Config, Ecm, EcmError, Options};
 use ecmsk::link::{self, Link, Share};
 use ecmsk::sk::CommandId;
 
@@ -224,4 +224,40 @@ fn an_axis_that_springs_back_is_not_driven_on() {
     targets.dedup();
     let [.., far, held] = targets[..] else { panic!("{targets:?}") };
     assert!(far == FAR && held.abs() < 64, "{targets:?}");
+}
+
+/// An axis that is jammed beyond its limit may be held where it is, but not further out. Noise of its position makes a hold lead
+/// further out, by the report that the link with the limits has. The stop tries again, and says of no axis that it is held before
+/// the board has got that.
+#[test]
+fn a_hold_that_a_limit_refuses_is_tried_again() {
+    let limits = "format = 1\n[axes]\nX = { slave = 1, min = 10000, max = 30000 }\n[limits]\nprogram = \"stop\"\n";
+    for (noisy, holds) in [(60, true), (u64::MAX, false)] {
+        let jam = script("limit-jam", "at 1s jam 1\n");
+        let file = script(&format!("limit-{holds}"), limits);
+        let tap = Tap::open(&format!("slaves=drive&script={jam}&axes={file}"));
+        let ecm = tap.ecm(Options::default()).unwrap();
+        ecm.configure(&Config::drives(1)).unwrap();
+        ecm.sdo_write(1, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
+        let ecm = enable(ecm, &Config::drives(1));
+        while ecm.next_cycle(SECOND).unwrap().meta.at.0 < 1_100_000_000 {}
+        let mut stream = ecm.stream(16).unwrap();
+        for target in (0..=FAR).step_by(200) {
+            stream.csp(1, target).unwrap();
+            stream.step().unwrap();
+        }
+        tap.bend_slot(1, move |n, slot| slot.data1 = (slot.data1 as i32 - if n < noisy { 80 } else { 0 }) as u32);
+        let ended = stream.finish();
+        let held = ecm.take_held_back().unwrap();
+        let last = tap.take_slots(1).last().unwrap().data1 as i32;
+        if holds {
+            assert!(ended.is_ok(), "{ended:?}");
+            assert!(matches!(held.as_slice(), [axis] if axis.position == last) && last.abs() < 64, "{held:?} {last}");
+        } else {
+            let error = ended.unwrap_err();
+            assert!(matches!(error, EcmError::Timeout { .. }), "{error}");
+            assert!(error.to_string().contains("a limit of the machine file keeps it from being held"), "{error}");
+            assert!(held.is_empty() && last == FAR, "{held:?} {last}");
+        }
+    }
 }

@@ -118,6 +118,10 @@ struct Stop<'a, 's> {
     ramped: SlaveSet,
     /// Slaves with an axis that this stop holds at its actual position.
     held_back: SlaveSet,
+    /// Whether the newest frame was sent without its targets in CSP, since one of them was beyond a limit of the machine file.
+    is_cut: bool,
+    /// Whether an axis pushes, and the newest frame that was to hold it was cut.
+    cannot_hold: bool,
     /// Whether this stop has reset the FIFO threshold, so that the board executes its entries however few they are.
     unlocked: bool,
     /// Whether an axis may have moved since the stop began. An axis that is about to reverse is stationary for a cycle,
@@ -141,6 +145,8 @@ impl<'a, 's> Stop<'a, 's> {
             left,
             ramped: SlaveSet::EMPTY,
             held_back: SlaveSet::EMPTY,
+            is_cut: false,
+            cannot_hold: false,
             unlocked: false,
             has_moved: false,
         }
@@ -310,10 +316,9 @@ impl<'a, 's> Stop<'a, 's> {
     /// Writes the next frame. A ramp may lead beyond a limit of the machine file. The board has got such a frame without its
     /// targets, so that axes in CSP stand, and the stop goes on.
     fn write_frame(&mut self) -> Result<(), EcmError> {
-        match self.ecm.exchange.write(self.session, self.deadline) {
-            Err(EcmError::Link(LinkError::BeyondLimit { .. })) => Ok(()),
-            done => done,
-        }
+        let done = self.ecm.exchange.write(self.session, self.deadline);
+        self.is_cut = matches!(&done, Err(EcmError::Link(LinkError::BeyondLimit { .. })));
+        if self.is_cut { Ok(()) } else { done }
     }
 
     /// Waits until the FIFO is empty and all axes are stationary. Returns false if an executed entry has started an
@@ -388,6 +393,13 @@ impl<'a, 's> Stop<'a, 's> {
                 session.targets.set(*slave, Some(hold.command));
             }
         })?;
+        // A link around the board may have a newer report, in which an axis beyond its limit is some counts nearer to it: the hold
+        // leads further out then. It is tried again with new positions.
+        self.cannot_hold = self.is_cut;
+        if self.cannot_hold {
+            self.read()?;
+            return Ok(false);
+        }
         for (slave, hold) in holds {
             self.held_back.insert(slave);
             // Whatever the axis does now, this is its last target: it may come free, or spring back, while the frame is on its
@@ -429,7 +441,11 @@ impl<'a, 's> Stop<'a, 's> {
             what: "a standstill",
             waited,
             seen: ahead_of_the_board(self.session),
-            hint: "use the emergency stop if axes move",
+            hint: if self.cannot_hold {
+                "an axis pushes, and a limit of the machine file keeps it from being held where it is; use the emergency stop"
+            } else {
+                "use the emergency stop if axes move"
+            },
         })
     }
 

@@ -39,7 +39,8 @@ pub struct StreamStats {
 /// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then call
 /// [`step`](Stream::step), which sends them. Each frame repeats the target of an axis until the program sets another
 /// one. [`finish`](Stream::finish) and dropping the stream bring the axes to a standstill: in CSP they hold their last
-/// targets, velocities and torques are ramped to 0. The axes stay enabled.
+/// targets, or their actual positions if they stand far from these ([`Ecm::take_held_back`]); velocities and torques are
+/// ramped to 0. The axes stay enabled.
 ///
 /// Calls of [`Ecm`] in other threads send their commands in the frames of steps. A call in the thread that steps the
 /// stream writes frames of its own, which repeat the last targets. Between two steps of a motion each such frame stops
@@ -304,6 +305,10 @@ impl Stream<'_> {
 
     /// Ends the stream within 2 s. The axes stay enabled: in CSP they hold their last targets, in CSV and CST the
     /// velocities and torques are ramped to 0.
+    ///
+    /// An axis in CSP that stands more than 1000 counts from its last target holds at its actual position instead, since it is
+    /// jammed as a rule. [`Ecm::take_held_back`] returns these axes. So a stream that begins next starts at the actual
+    /// position of an axis, and not at the last target of the one before.
     ///
     /// # Errors
     /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`] if the board is silent, [`EcmError::Link`]

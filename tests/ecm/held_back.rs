@@ -168,7 +168,9 @@ impl Freed {
         let end = self.trail.iter().position(|(_, word)| !word.is_enabled()).unwrap_or(self.stopped);
         let (from, to) = (self.trail[end - 2].0, self.trail[end - 1].0);
         let last = self.trail.last().unwrap().0;
-        from.abs_diff(to) <= 2 && to.abs_diff(last) <= 20 && self.trail.iter().all(|(at, _)| (-64..=FAR + 64).contains(at))
+        from.abs_diff(to) <= 2
+            && to.abs_diff(last) <= 20
+            && self.trail.iter().all(|(at, _)| (-64..=FAR + 64).contains(at))
     }
 }
 

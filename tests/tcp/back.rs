@@ -57,7 +57,11 @@ impl Layer for Opened {
         }
         self.look()?;
         if self.plugged.is_full.load(Ordering::Acquire) {
-            return Err(LinkError::Timeout { dir: Dir::Write, waited: Duration::ZERO, what: "the board takes no frame" });
+            return Err(LinkError::Timeout {
+                dir: Dir::Write,
+                waited: Duration::ZERO,
+                what: "the board takes no frame",
+            });
         }
         self.board.write(frame, wait)
     }

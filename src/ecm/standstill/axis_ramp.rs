@@ -62,8 +62,8 @@ impl AxisRamp {
 }
 
 /// Whether a slave's axes must be observed over some cycles to know if they need a ramp: their last command is unknown,
-/// or does not show whether they move, or the frame of a ramp would switch off outputs that are not known. While the FIFO has entries of another program, an observation is useless, since
-/// these entries will change the motion.
+/// or does not show whether they move, or the frame of a ramp would switch off outputs that are not known. While the
+/// FIFO has entries of another program, an observation is useless, since these entries will change the motion.
 pub(super) fn needs_observation(session: &Session, slave: u8, config: &Slave, left: &LeftBehind) -> bool {
     let is_unknown = match (config.axis().map(|axis| axis.mode), last(session, slave, left)) {
         (Some(Mode::Csv), Some(SlaveCommand::Csv(_))) | (Some(Mode::Csp), _) => false,

@@ -384,7 +384,8 @@ impl<'a, 's> Stop<'a, 's> {
         self.has_moved |= network.slaves().any(|(slave, config)| observed.moves(self.session, slave, config));
         let holds = self.holds(&observed);
         if holds.is_empty() {
-            // A report is read at least: no position is new, and the next look may be the same.
+            self.cannot_hold = false;
+            // A report is read at least, so that this ends.
             self.read()?;
             return Ok(false);
         }
@@ -393,8 +394,8 @@ impl<'a, 's> Stop<'a, 's> {
                 session.targets.set(*slave, Some(hold.command));
             }
         })?;
-        // A link around the board may have a newer report, in which an axis beyond its limit is some counts nearer to it: the hold
-        // leads further out then. It is tried again with new positions.
+        // A link around the board may have a newer report, in which an axis beyond its limit is some counts nearer to it: the
+        // hold leads further out then. It is tried again with new positions.
         self.cannot_hold = self.is_cut;
         if self.cannot_hold {
             self.read()?;

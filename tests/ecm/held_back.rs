@@ -1,12 +1,15 @@
 //! Axes that do not follow when they are stopped: they hold where they are, and go nowhere when they come free.
 
-use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
-use crate::common::{SECOND, enable, script, uri};
+use crate::common::{SECOND, SIZE, Tap, enable, script, uri};
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::ObjectAddress;
-use ecmsk::ecm::{Config, Ecm, Options};
+use ecmsk::ecm::{Close, Config, Ecm, EcmError, Options};
 use ecmsk::link::{self, Link, Share};
+use ecmsk::sk::CommandId;
 
 /// From when on axis 1 is jammed, and for how long.
 const JAM: &str = "at 4s jam 1 for 4s\n";
@@ -93,4 +96,170 @@ fn a_stop_holds_a_jammed_axis_of_another_program_where_it_is() {
     let [first, last] = before_and_after(&ecm);
     assert!((last[0] - first[0]).abs() < 64, "it holds: {first:?} {last:?}");
     assert!(matches!(held.as_slice(), [axis] if axis.slave == 1 && axis.away.is_none()), "{held:?}");
+}
+
+/// How far from its target the axis of [`Freed`] is jammed, counts.
+const FAR: i32 = 20_000;
+
+/// A stop of one axis that is jammed at 0, and comes free at a time.
+struct Freed {
+    /// When the stop began, and when it has held the axis, ms; the latter is 0 if it did not.
+    began: u64,
+    held: u64,
+    /// The position and the statusword in each report of the stop, and of half a second after it if the axis stays on.
+    trail: Vec<(i32, Statusword)>,
+    /// How many of these were read when the stop ended.
+    stopped: usize,
+}
+
+impl Freed {
+    fn at(free_ms: u64, how: Close) -> Self {
+        let file = script(&format!("freed-{free_ms}-{how:?}"), &format!("at 1s jam 1\nat {free_ms}ms end jam 1\n"));
+        let tap = Tap::open(&format!("slaves=drive&script={file}"));
+        let ecm = tap.ecm(Options::default()).unwrap();
+        ecm.configure(&Config::drives(1)).unwrap();
+        ecm.sdo_write(1, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
+        let ecm = enable(ecm, &Config::drives(1));
+        assert!(tap.now() < SECOND, "it is free yet");
+        while ecm.next_cycle(SECOND).unwrap().meta.at.0 < 1_100_000_000 {}
+        let mut stream = ecm.stream(16).unwrap();
+        for target in (0..=FAR).step_by(200) {
+            stream.csp(1, target).unwrap();
+            stream.step().unwrap();
+        }
+        (0..60).for_each(|_| drop(ecm.next_cycle(SECOND).unwrap()));
+        let began = ms(tap.now());
+        assert!(began < free_ms, "{began} ms: it is jammed still");
+        let trail: Arc<Mutex<Vec<_>>> = Arc::default();
+        let noted = Arc::clone(&trail);
+        tap.bend(move |_, frame| {
+            let slot = frame.slot(SIZE, 1);
+            noted.lock().unwrap().push((slot.data1 as i32, Statusword(slot.parm)));
+        });
+        let (held, clock) = (Arc::new(Mutex::new(0)), Arc::downgrade(&tap));
+        let noted = Arc::clone(&held);
+        tap.lose(move |frame| {
+            let slot = frame.slot(SIZE, 1);
+            if slot.id == CommandId::Csp.code() && slot.data1 as i32 != FAR {
+                *noted.lock().unwrap() = ms(clock.upgrade().unwrap().now());
+            }
+            false
+        });
+        let seen = Arc::clone(&trail);
+        let read = || seen.lock().unwrap().len();
+        let stopped = if how == Close::Hold {
+            stream.finish().unwrap();
+            let stopped = read();
+            (0..500).for_each(|_| drop(ecm.next_cycle(SECOND).unwrap()));
+            stopped
+        } else {
+            // Closing stops the axis, too.
+            std::mem::forget(stream);
+            ecm.close(how).unwrap();
+            read()
+        };
+        let (held, trail) = (*held.lock().unwrap(), trail.lock().unwrap().clone());
+        Self { began, held, trail, stopped }
+    }
+
+    /// Whether the axis was at rest when it was switched off, or when the stop ended, and rests; and whether it has kept
+    /// between its place and its target.
+    fn rests(&self) -> bool {
+        let end = self.trail.iter().position(|(_, word)| !word.is_enabled()).unwrap_or(self.stopped);
+        let (from, to) = (self.trail[end - 2].0, self.trail[end - 1].0);
+        let last = self.trail.last().unwrap().0;
+        from.abs_diff(to) <= 2
+            && to.abs_diff(last) <= 20
+            && self.trail.iter().all(|(at, _)| (-64..=FAR + 64).contains(at))
+    }
+}
+
+fn ms(time: Duration) -> u64 {
+    u64::try_from(time.as_millis()).unwrap()
+}
+
+/// docs/SAFETY.md: a jammed axis that comes free while a stop decides whether it is jammed goes to its last target. The
+/// stop has not ended before it is there, and does not switch it off before.
+#[test]
+fn an_axis_that_comes_free_during_a_stop_is_at_rest_at_its_end() {
+    let never = Freed::at(60_000, Close::Hold);
+    assert!(never.held > never.began + 20 && never.rests(), "{} {}", never.began, never.held);
+    // The last ones come free while the frame that holds the axis is on its way.
+    for free in never.began + 1..never.held + 6 {
+        for how in [Close::Hold, Close::ServoOff] {
+            let freed = Freed::at(free, how);
+            assert!(freed.rests(), "free at {free} ms, held at {} ms, {how:?}: {:?}", freed.held, freed.trail);
+        }
+    }
+}
+
+/// An axis that springs back when its drive ceases to push gets no ramp in that direction: its target stays the position at
+/// which it was held.
+#[test]
+fn an_axis_that_springs_back_is_not_driven_on() {
+    let tap = Tap::open(&format!("slaves=drive&script={}", script("springs", "at 1s jam 1\n")));
+    let ecm = tap.ecm(Options::default()).unwrap();
+    ecm.configure(&Config::drives(1)).unwrap();
+    ecm.sdo_write(1, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
+    let ecm = enable(ecm, &Config::drives(1));
+    while ecm.next_cycle(SECOND).unwrap().meta.at.0 < 1_100_000_000 {}
+    let mut stream = ecm.stream(16).unwrap();
+    for target in (0..=FAR).step_by(200) {
+        stream.csp(1, target).unwrap();
+        stream.step().unwrap();
+    }
+    let is_held = Arc::new(AtomicBool::new(false));
+    let noted = Arc::clone(&is_held);
+    tap.lose(move |frame| {
+        let slot = frame.slot(SIZE, 1);
+        noted.fetch_or(slot.id == CommandId::Csp.code() && slot.data1 as i32 != FAR, Ordering::AcqRel);
+        false
+    });
+    // 30 cycles at 40 counts, and then it stands.
+    let mut sprung = 0;
+    tap.bend_slot(1, move |_, slot| {
+        sprung += i32::from(is_held.load(Ordering::Acquire) && sprung < 30);
+        slot.data1 = (slot.data1 as i32 - 40 * sprung) as u32;
+    });
+    stream.finish().unwrap();
+    let mut targets: Vec<_> = tap.take_slots(1).iter().map(|slot| slot.data1 as i32).collect();
+    targets.dedup();
+    let [.., far, held] = targets[..] else { panic!("{targets:?}") };
+    assert!(far == FAR && held.abs() < 64, "{targets:?}");
+}
+
+/// An axis that is jammed beyond its limit may be held where it is, but not further out. Noise of its position makes a hold lead
+/// further out, by the report that the link with the limits has. The stop tries again, and says of no axis that it is held before
+/// the board has got that.
+#[test]
+fn a_hold_that_a_limit_refuses_is_tried_again() {
+    let limits = "format = 1\n[axes]\nX = { slave = 1, min = 10000, max = 30000 }\n[limits]\nprogram = \"stop\"\n";
+    for (noisy, holds) in [(60, true), (u64::MAX, false)] {
+        let jam = script("limit-jam", "at 1s jam 1\n");
+        let file = script(&format!("limit-{holds}"), limits);
+        let tap = Tap::open(&format!("slaves=drive&script={jam}&axes={file}"));
+        let ecm = tap.ecm(Options::default()).unwrap();
+        ecm.configure(&Config::drives(1)).unwrap();
+        ecm.sdo_write(1, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
+        let ecm = enable(ecm, &Config::drives(1));
+        while ecm.next_cycle(SECOND).unwrap().meta.at.0 < 1_100_000_000 {}
+        let mut stream = ecm.stream(16).unwrap();
+        for target in (0..=FAR).step_by(200) {
+            stream.csp(1, target).unwrap();
+            stream.step().unwrap();
+        }
+        tap.bend_slot(1, move |n, slot| slot.data1 = (slot.data1 as i32 - if n < noisy { 80 } else { 0 }) as u32);
+        let ended = stream.finish();
+        let held = ecm.take_held_back().unwrap();
+        let last = tap.take_slots(1).last().unwrap().data1 as i32;
+        if holds {
+            assert!(ended.is_ok(), "{ended:?}");
+            assert!(matches!(held.as_slice(), [axis] if axis.position == last) && last.abs() < 64, "{held:?} {last}");
+        } else {
+            let error = ended.unwrap_err();
+            assert!(matches!(error, EcmError::Timeout { .. }), "{error}");
+            assert!(error.to_string().contains("a limit of the machine file keeps it from being held"), "{error}");
+            assert!(held.is_empty() && last == FAR, "{held:?} {last}");
+        }
+    }
 }

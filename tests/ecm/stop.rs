@@ -1,9 +1,9 @@
 //! Stopping the axes of a network that another program has left running (`Ecm::stop`).
 
 use crate::common::{SECOND, cycles, enable, open};
-use ecmsk::ecm::{Axis, Close, Config, Ecm, Homing, HomingPhase, Options, Slave};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, Homing, HomingPhase, Options, Slave, SlaveView};
 use ecmsk::link::{self, Share};
-use ecmsk::sk::MasterState;
+use ecmsk::sk::{AxisTarget, HspResponse, MasterState};
 
 fn config(axis: Axis) -> Config {
     Config { slaves: vec![Slave::Drive(axis); 2], ..Config::default() }
@@ -121,4 +121,44 @@ fn below_op_there_is_nothing_to_stop() {
     assert!(!ecm.stop(&config(Axis::CSP), true).unwrap());
     assert_eq!(ecm.stats().unwrap().written, written);
     assert!(ecm.stop(&Config::default(), false).is_err());
+}
+
+/// The digital outputs of pulse modules are not known. One that stands keeps them; one that moves, however slowly, is
+/// stopped.
+#[test]
+fn a_pulse_module_that_stands_keeps_its_outputs() {
+    for mode in [Axis::CSV, Axis::CSP] {
+        let config = Config { slaves: vec![Slave::Hsp(mode); 2], ..Config::default() };
+        let keys = format!("slaves=hsp*2&name=stop-outputs-{}", mode.mode);
+        let ecm = enable(open(&keys), &config);
+        let mut stream = ecm.stream(16).unwrap();
+        let at = |target, outputs| AxisTarget { target, outputs };
+        for n in 0..100 {
+            if mode == Axis::CSV {
+                stream.csv_hsp(1, at(0, 5), at(0, 0)).unwrap();
+                stream.csv_hsp(2, at(500, 6), at(0, 0)).unwrap();
+            } else {
+                stream.csp_hsp(1, at(0, 5), at(0, 0)).unwrap();
+                stream.csp_hsp(2, at(n, 6), at(0, 0)).unwrap();
+            }
+            stream.step().unwrap();
+        }
+        std::mem::forget(stream);
+        ecm.close(Close::Leave).unwrap();
+        let ecm = open(&keys);
+        assert!(ecm.stop(&config, false).unwrap());
+        let seen = || -> [HspResponse; 2] {
+            let seen = ecm.next_cycle(SECOND).unwrap();
+            [1, 2].map(|slave| match seen.slave(slave) {
+                Some(SlaveView::Hsp(hsp)) => hsp,
+                other => panic!("{other:?}"),
+            })
+        };
+        let first = seen();
+        cycles(&ecm, 100);
+        let last = seen();
+        // Inputs are wired to outputs.
+        assert_eq!(last[0].first.inputs, 5, "{mode:?}: {last:?}");
+        assert_eq!([0, 1].map(|n| last[n].first.position - first[n].first.position), [0; 2], "{mode:?}");
+    }
 }

@@ -94,6 +94,32 @@ fn closing_stops_all_axes_at_a_limit_and_switches_them_off() {
     }
 }
 
+/// The first frame of a stream with a prefill has a wrong target: the board has got its threshold all the same. The end of the
+/// stream discards what waits behind it, and is no time limit.
+#[test]
+fn a_stream_whose_first_frame_is_refused_ends_at_once() {
+    let board = Limited::new("prefill");
+    let ecm = board.enabled("");
+    let mut stream = ecm.stream(16).unwrap();
+    stream.prefill(8).unwrap();
+    stream.csp(1, 20_001).unwrap();
+    assert!(is_beyond(&stream.step().unwrap_err()));
+    let began = ecm.snapshot().unwrap().meta.at.0;
+    assert_eq!(stream.finish().unwrap().frames, 1);
+    let ended = ecm.next_cycle(Duration::from_secs(1)).unwrap();
+    assert!(ended.meta.at.0 - began < 100_000_000, "{} ns", ended.meta.at.0 - began);
+    // The next one begins as usual.
+    let mut stream = ecm.stream(16).unwrap();
+    (0..100).for_each(|n| {
+        stream.csp(1, n * 10).unwrap();
+        stream.step().unwrap();
+    });
+    stream.finish().unwrap();
+    let at = ecm.snapshot().unwrap().position(1).unwrap();
+    assert!((at - 990).abs() < 20, "{at}");
+    ecm.close(Close::Hold).unwrap();
+}
+
 /// A program that puts its wrong target into each frame, and does not look at results: what it sends beside the target reaches
 /// the board, here a velocity of 0 and then SV_OFF. A recording has what was sent.
 #[test]

@@ -21,6 +21,8 @@ struct Plugged {
     is_pulled: AtomicBool,
     /// After how many writes the cable is pulled; 0: the test pulls it.
     writes_left: AtomicU32,
+    /// Whether the board takes no frame.
+    is_full: AtomicBool,
 }
 
 /// One opening of the board. It is lost when the cable is pulled, and the board does not notice. SW_RESET never arrives.
@@ -57,6 +59,13 @@ impl Layer for Opened {
         if MasterCommand::decode(&frame.slot(SIZE, 0), SIZE) == Ok(MasterCommand::SoftReset) {
             return Ok(Stamp(0));
         }
+        if self.plugged.is_full.load(Ordering::Acquire) {
+            return Err(LinkError::Timeout {
+                dir: Dir::Write,
+                waited: Duration::ZERO,
+                what: "the board takes no frame",
+            });
+        }
         self.board.write(frame, wait)
     }
 
@@ -87,6 +96,7 @@ fn served(clock: &str, on_vanish: OnVanish) -> (Server, Told, Arc<Plugged>) {
         board: Mutex::new(board(clock)),
         is_pulled: AtomicBool::new(false),
         writes_left: AtomicU32::new(0),
+        is_full: AtomicBool::new(false),
     });
     let open = {
         let plugged = Arc::clone(&plugged);
@@ -175,6 +185,22 @@ fn a_brake_that_was_interrupted_begins_anew() {
         told.wait("axes stand still after ");
         assert!(stand(&server), "{writes}: {:?}", told.lines());
     }
+}
+
+/// TCP-26 A brake that has failed on a board that is there is tried again, and the log has the failure once.
+#[test]
+fn a_brake_that_has_failed_is_tried_again() {
+    let (server, told, plugged) = served("virtual", OnVanish::Ramp);
+    let Wired { link, cable } = prepared(&server, &told);
+    drive(link.as_ref(), 200);
+    plugged.is_full.store(true, Ordering::Release);
+    cable.cut();
+    told.wait("may still move after ");
+    plugged.is_full.store(false, Ordering::Release);
+    told.wait("axes stand still after ");
+    let lines = told.lines();
+    assert_eq!(lines.iter().filter(|line| line.contains("may still move")).count(), 1, "{lines:?}");
+    assert!(stand(&server), "{lines:?}");
 }
 
 /// TCP-26 With `leave` nothing is sent when the board is back. What the server has seen of the network it knows still, so

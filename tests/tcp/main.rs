@@ -9,6 +9,7 @@
 //! - `secret.rs`: TLS and the shared secret
 //! - `bounded.rs`: long virtual times
 //! - `vanish.rs`: moving axes whose writer has vanished
+//! - `outputs.rs`: the digital outputs of a pulse module whose writer has vanished
 //! - `stop.rs`: axes that another client has stopped
 //! - `back.rs`: boards whose link was lost and is back
 //! - `slot_size.rs`: boards whose link does not know how wide slots are
@@ -20,6 +21,7 @@ mod bounded;
 mod in_a_signal_handler;
 mod link;
 mod machine;
+mod outputs;
 mod peers;
 mod secret;
 mod slot_size;

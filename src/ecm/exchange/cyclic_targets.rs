@@ -90,12 +90,18 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
-    /// Sets the last target of a slave to one that another program has sent, whose board this process takes over.
+    /// Sets the last target of a slave: to one that another program has sent, whose board this process takes over, or to one
+    /// with which a stop holds an axis.
     pub fn assume(&mut self, slave: u8, last: Option<SlaveCommand>) {
         let slot = last.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
         self.last.put(self.size, slave.into(), &slot);
         self.note_outputs(slave, last);
         self.set.insert(slave);
+    }
+
+    /// Notes the digital outputs of an HSP that another program has set.
+    pub const fn assume_outputs(&mut self, slave: u8, outputs: Outputs) {
+        self.outputs[slave as usize] = outputs;
     }
 
     /// Notes that the next targets were sent in a frame, and so are the last ones now. `hsps`: the HSPs, whose digital
@@ -124,6 +130,11 @@ impl CyclicTargets {
         }
     }
 
+    /// The target that the newest frame has for a slave, also one of a stop's ramp; else the [`last`](Self::last) one.
+    pub fn in_force(&self, slave: u8) -> Option<SlaveCommand> {
+        self.decoded(&self.next, slave).or_else(|| self.last(slave))
+    }
+
     /// Returns to the targets of the last frame, because the frame with the new ones was not written.
     pub fn revert(&mut self) {
         self.next.clone_from(&self.last);
@@ -131,7 +142,11 @@ impl CyclicTargets {
 
     /// The target of a slave in the last frame that was written; `None` if that frame had none for the slave.
     pub fn last(&self, slave: u8) -> Option<SlaveCommand> {
-        let slot = self.last.slot(self.size, slave.into());
+        self.decoded(&self.last, slave)
+    }
+
+    fn decoded(&self, frame: &Frame, slave: u8) -> Option<SlaveCommand> {
+        let slot = frame.slot(self.size, slave.into());
         if slot.is_zero() {
             return None;
         }

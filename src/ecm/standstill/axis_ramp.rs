@@ -62,15 +62,30 @@ impl AxisRamp {
 }
 
 /// Whether a slave's axes must be observed over some cycles to know if they need a ramp: their last command is unknown,
-/// or does not show whether they move. While the FIFO has entries of another program, an observation is useless, since
-/// these entries will change the motion.
+/// or does not show whether they move, or the frame of a ramp would switch off outputs that are not known. While the
+/// FIFO has entries of another program, an observation is useless, since these entries will change the motion.
 pub(super) fn needs_observation(session: &Session, slave: u8, config: &Slave, left: &LeftBehind) -> bool {
     let is_unknown = match (config.axis().map(|axis| axis.mode), last(session, slave, left)) {
         (Some(Mode::Csv), Some(SlaveCommand::Csv(_))) | (Some(Mode::Csp), _) => false,
         (_, Some(_)) => true,
         (_, None) => session.credit.ahead() == 0,
     };
-    is_unknown && movement::may_move(session, slave, config)
+    is_unknown && (movement::may_move(session, slave, config) || has_unknown_outputs(config, left))
+}
+
+const fn has_unknown_outputs(config: &Slave, left: &LeftBehind) -> bool {
+    left.outputs_unknown && matches!(config, Slave::Hsp(_))
+}
+
+/// Whether a slave gets no frame of a stop: its digital outputs are not known, and it has sent no pulse in the observation.
+pub(super) fn keeps_outputs(
+    session: &Session,
+    observed: &Observation,
+    slave: u8,
+    config: &Slave,
+    left: &LeftBehind,
+) -> bool {
+    has_unknown_outputs(config, left) && observed.moved(session, slave, config) == [0; 2]
 }
 
 /// The last command to a slave; `None` if it is not known.
@@ -89,6 +104,9 @@ pub(super) fn ramp_of(
 ) -> Option<AxisRamp> {
     let mode = config.axis()?.mode;
     if !movement::may_be_on(session, slave, config) || session.homing.active.contains(slave) {
+        return None;
+    }
+    if keeps_outputs(session, observed, slave, config, left) {
         return None;
     }
     let is_moving = observed.moves(session, slave, config);
@@ -130,7 +148,8 @@ pub(super) fn ramp_of(
 /// axis that is stationary or reaches its target in time. If the last target is unknown, the axis may still reach it in time,
 /// so it is ramped only if `overdue` is set: little time is left for the stop. The target of an axis that was homing is
 /// unknown: the board has ignored its targets, and holds it where its drive comes to rest. A ramp from there would set it in
-/// motion again.
+/// motion again. So would that of an axis which moves away from its last target, as one that springs back when its drive
+/// ceases to push: it would be driven away from all that was commanded. Only with no cycle left it is held where it is.
 pub(super) fn ramp_from_position(
     session: &Session,
     observed: &Observation,
@@ -146,6 +165,7 @@ pub(super) fn ramp_from_position(
     let speed = observed.moved(session, slave, config).map(|counts| f64::from(counts) * cycle);
     let positions = movement::positions(session, slave, config);
     let outputs = session.targets.outputs()[usize::from(slave)];
+    let is_last_frame = cycles <= 0.0;
     let cycles = cycles.max(movement::lag_cycles(session));
     let targets = match last(session, slave, left) {
         Some(SlaveCommand::Csp(last)) => Some([last.first.target, last.second.target]),
@@ -153,7 +173,8 @@ pub(super) fn ramp_from_position(
     };
     let is_ramped = [0, 1].map(|i| {
         let is_far = targets.map_or(overdue, |targets| {
-            f64::from(targets[i].wrapping_sub(positions[i]).unsigned_abs()) > speed[i].abs() * cycles
+            let way = f64::from(targets[i].wrapping_sub(positions[i]));
+            way.abs() > speed[i].abs() * cycles && (way * speed[i] > 0.0 || is_last_frame)
         });
         is_far && speed[i].abs() > STANDSTILL_COUNTS
     });

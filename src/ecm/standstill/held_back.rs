@@ -5,6 +5,7 @@
 use std::fmt;
 
 use super::LeftBehind;
+use super::axis_ramp::keeps_outputs;
 use super::movement::{self, Observation};
 use crate::ecm::config::Slave;
 use crate::ecm::exchange::Session;
@@ -12,8 +13,9 @@ use crate::ecm::{Ecm, EcmError};
 use crate::ethercat::cia402::{Mode, Statusword};
 use crate::sk::{AxisTarget, Motion, SlaveCommand};
 
-/// \[OURS] An axis that stands further than this many counts from its last target does not follow. A standing axis that
-/// follows is nearer, also where a load pulls and the drive's position loop has no integral part.
+/// \[OURS] An axis that stands further than this many counts from its last target does not follow. Most standing axes that
+/// follow are nearer. One with a fine encoder, whose load pulls while the drive's position loop has no integral part, may not
+/// be: it gives way by its distance then.
 const AWAY_COUNTS: u32 = 1000;
 /// \[OURS] The same for an axis whose drive shows that it cannot follow (bit 11, internal limit, or 13, following error,
 /// of its statusword).
@@ -80,7 +82,11 @@ pub(super) fn hold_of(
     if axis.mode != Mode::Csp || session.credit.ahead() > 0 || is_homing || session.lost.contains(slave) {
         return None;
     }
-    let targets = match session.targets.last(slave) {
+    if keeps_outputs(session, observed, slave, config, left) {
+        return None;
+    }
+    // An axis that this stop has ramped stands at the end of its ramp.
+    let targets = match session.targets.in_force(slave) {
         Some(SlaveCommand::Csp(last)) => Some([last.first.target, last.second.target]),
         _ => None,
     };
@@ -125,6 +131,10 @@ impl Ecm {
     /// the last call: the newest finding for each axis. They stood, more than 1000 counts from their last targets, or more
     /// than 64 with internal limit active or a following error in the statusword. Their drives pushed, and each would have
     /// gone on by itself when it came free. Each holds at its actual position now, enabled.
+    ///
+    /// The number of counts is the same for all encoders: with 23 bits a turn, 1000 counts are 0.04 degrees. An axis that a
+    /// load keeps farther from its targets, since its drive's position loop has no integral part, is not jammed. It counts as
+    /// such all the same, and gives way by that distance at each stop. Give the loop an integral part.
     ///
     /// # Errors
     /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.

@@ -7,7 +7,7 @@
 
 use std::time::Duration;
 
-use super::axis_ramp::ramp_from_position;
+use super::axis_ramp::{keeps_outputs, ramp_from_position};
 use super::held_back::hold_of;
 use super::movement::{self, Observation};
 use super::{RAMP_FRAMES_MIN, Stop, settling_time};
@@ -118,6 +118,13 @@ impl Stop<'_, '_> {
                         Some(hold) => hold,
                         None => continue,
                     }
+                }
+                Some(Mode::Csv)
+                    if is_fresh
+                        && !self.ramped.contains(slave)
+                        && keeps_outputs(session, &observed, slave, config, self.left) =>
+                {
+                    continue;
                 }
                 Some(Mode::Csv) => SlaveCommand::Csv(Motion { first, second }),
                 Some(Mode::Cst) if movement::may_move(session, slave, config) => SlaveCommand::Cst(0),

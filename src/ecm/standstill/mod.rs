@@ -53,6 +53,9 @@ pub const RAMP_FRAMES_MIN: u32 = 4;
 pub struct LeftBehind {
     /// Whether another program has moved the axes, whose last commands may be unknown.
     pub is_foreign: bool,
+    /// Whether the digital outputs of HSPs are not known. Each frame with a target for an HSP switches them off then, so one
+    /// that stands gets none.
+    pub outputs_unknown: bool,
     /// Slaves to which the program may have sent GO_HOME.
     pub homing: SlaveSet,
     /// Whether the program has set a FIFO threshold (SET_FIFO 2): until the FIFO has so many entries, the board executes
@@ -115,6 +118,10 @@ struct Stop<'a, 's> {
     ramped: SlaveSet,
     /// Slaves with an axis that this stop holds at its actual position.
     held_back: SlaveSet,
+    /// Whether the newest frame was sent without its targets in CSP, since one of them was beyond a limit of the machine file.
+    is_cut: bool,
+    /// Whether an axis pushes, and the newest frame that was to hold it was cut.
+    cannot_hold: bool,
     /// Whether this stop has reset the FIFO threshold, so that the board executes its entries however few they are.
     unlocked: bool,
     /// Whether an axis may have moved since the stop began. An axis that is about to reverse is stationary for a cycle,
@@ -138,6 +145,8 @@ impl<'a, 's> Stop<'a, 's> {
             left,
             ramped: SlaveSet::EMPTY,
             held_back: SlaveSet::EMPTY,
+            is_cut: false,
+            cannot_hold: false,
             unlocked: false,
             has_moved: false,
         }
@@ -158,7 +167,7 @@ impl<'a, 's> Stop<'a, 's> {
                 // queued commands or to reset the threshold that holds entries back.
                 self.write()?;
             }
-            if self.stands()? && !self.hold_back()? {
+            if self.stands()? && self.hold_back()? {
                 break;
             }
         }
@@ -307,10 +316,9 @@ impl<'a, 's> Stop<'a, 's> {
     /// Writes the next frame. A ramp may lead beyond a limit of the machine file. The board has got such a frame without its
     /// targets, so that axes in CSP stand, and the stop goes on.
     fn write_frame(&mut self) -> Result<(), EcmError> {
-        match self.ecm.exchange.write(self.session, self.deadline) {
-            Err(EcmError::Link(LinkError::BeyondLimit { .. })) => Ok(()),
-            done => done,
-        }
+        let done = self.ecm.exchange.write(self.session, self.deadline);
+        self.is_cut = matches!(&done, Err(EcmError::Link(LinkError::BeyondLimit { .. })));
+        if self.is_cut { Ok(()) } else { done }
     }
 
     /// Waits until the FIFO is empty and all axes are stationary. Returns false if an executed entry has started an
@@ -351,12 +359,13 @@ impl<'a, 's> Stop<'a, 's> {
         Ok(true)
     }
 
-    /// Holds axes in CSP that stand far from their last targets at their actual positions. Returns whether a frame was
-    /// written for that.
+    /// Holds axes in CSP that stand far from their last targets at their actual positions. Returns whether there are none,
+    /// so that the stop has ended. After a hold it goes on until the axes stand again, and so it does if an axis has begun to
+    /// move meanwhile.
     fn hold_back(&mut self) -> Result<bool, EcmError> {
         let observed = Observation::begin(self.session);
         if self.holds(&observed).is_empty() {
-            return Ok(false);
+            return Ok(true);
         }
         // A drive may have got its target just now, and has some time to begin. Without that time the axis is held at once.
         let cycle = self.session.network.cycle();
@@ -367,8 +376,17 @@ impl<'a, 's> Stop<'a, 's> {
         }
         // This process may have stalled meanwhile, and an axis have come free.
         self.see_the_present()?;
+        if !self.session.in_op() {
+            return Ok(true);
+        }
+        // An axis that has come free, or began late, goes to its last target by itself. It is not at rest before it is there.
+        let network = Arc::clone(&self.session.network);
+        self.has_moved |= network.slaves().any(|(slave, config)| observed.moves(self.session, slave, config));
         let holds = self.holds(&observed);
-        if holds.is_empty() || !self.session.in_op() {
+        if holds.is_empty() {
+            self.cannot_hold = false;
+            // A report is read at least, so that this ends.
+            self.read()?;
             return Ok(false);
         }
         self.write_with(|session| {
@@ -376,11 +394,21 @@ impl<'a, 's> Stop<'a, 's> {
                 session.targets.set(*slave, Some(hold.command));
             }
         })?;
+        // A link around the board may have a newer report, in which an axis beyond its limit is some counts nearer to it: the
+        // hold leads further out then. It is tried again with new positions.
+        self.cannot_hold = self.is_cut;
+        if self.cannot_hold {
+            self.read()?;
+            return Ok(false);
+        }
         for (slave, hold) in holds {
             self.held_back.insert(slave);
+            // Whatever the axis does now, this is its last target: it may come free, or spring back, while the frame is on its
+            // way.
+            self.session.targets.assume(slave, Some(hold.command));
             hold.note(self.session);
         }
-        Ok(true)
+        Ok(false)
     }
 
     fn holds(&self, observed: &Observation) -> Vec<(u8, Hold)> {
@@ -414,7 +442,11 @@ impl<'a, 's> Stop<'a, 's> {
             what: "a standstill",
             waited,
             seen: ahead_of_the_board(self.session),
-            hint: "use the emergency stop if axes move",
+            hint: if self.cannot_hold {
+                "an axis pushes, and a limit of the machine file keeps it from being held where it is; use the emergency stop"
+            } else {
+                "use the emergency stop if axes move"
+            },
         })
     }
 

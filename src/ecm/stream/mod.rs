@@ -15,6 +15,7 @@ use super::snapshot::Snapshot;
 use super::standstill::{self, LeftBehind};
 use super::{CLOSE_LIMIT, Ecm, EcmError};
 use crate::ethercat::cia402::Mode;
+use crate::link::LinkError;
 use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand};
 
 /// \[OURS] How many FIFO entries a stream leaves free, for commands of other calls and for the ramp to a standstill.
@@ -39,7 +40,8 @@ pub struct StreamStats {
 /// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then call
 /// [`step`](Stream::step), which sends them. Each frame repeats the target of an axis until the program sets another
 /// one. [`finish`](Stream::finish) and dropping the stream bring the axes to a standstill: in CSP they hold their last
-/// targets, velocities and torques are ramped to 0. The axes stay enabled.
+/// targets, or their actual positions if they stand far from these ([`Ecm::take_held_back`]); velocities and torques are
+/// ramped to 0. The axes stay enabled.
 ///
 /// Calls of [`Ecm`] in other threads send their commands in the frames of steps. A call in the thread that steps the
 /// stream writes frames of its own, which repeat the last targets. Between two steps of a motion each such frame stops
@@ -221,8 +223,8 @@ impl Stream<'_> {
     /// [`EcmError::NoReport`] if the board is silent, [`EcmError::Timeout`] if the FIFO has no room in time,
     /// [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`] if the link fails: these may also occur in the
     /// wait after the frame was written. [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Busy`] if another thread
-    /// uses the board: then no frame was written. An axis that is switched off or lost is no error of this call: setting its
-    /// next target is.
+    /// uses the board: then no frame was written. After [`LinkError::BeyondLimit`] it was, without its targets in CSP. An axis
+    /// that is switched off or lost is no error of this call: setting its next target is.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
         self.refresh()?;
         self.targets.require_uncleared()?;
@@ -238,7 +240,12 @@ impl Stream<'_> {
         }
         let asks = self.ask_second_channel(&mut session);
         self.targets.hand_over(&mut session);
-        if let Err(error) = exchange.write_within(&mut session, exchange.options.write_limit) {
+        let written = exchange.write_within(&mut session, exchange.options.write_limit);
+        // The board has got a frame with a target beyond a limit too, without its targets.
+        if matches!(&written, Ok(()) | Err(EcmError::Link(LinkError::BeyondLimit { .. }))) {
+            self.frames += 1;
+            self.stepped = true;
+        } else {
             if prefills {
                 session.posts.withdraw(&threshold);
             }
@@ -246,12 +253,10 @@ impl Stream<'_> {
                 session.posts.withdraw(&[(slot, RawSlot::ZERO)]);
                 session.second_channels.not_asked();
             }
-            return Err(error);
         }
+        written?;
         let hsps = session.network.hsps;
         session.targets.stepped(hsps);
-        self.frames += 1;
-        self.stepped = true;
         // In virtual time only calls let time pass, so the write time of the frame is the present time. Passing it on
         // saves a call of the link.
         let now = exchange.info.virtual_time.then(|| exchange.now_at(Duration::from_nanos(session.outgoing.last.at.0)));
@@ -304,6 +309,10 @@ impl Stream<'_> {
 
     /// Ends the stream within 2 s. The axes stay enabled: in CSP they hold their last targets, in CSV and CST the
     /// velocities and torques are ramped to 0.
+    ///
+    /// An axis in CSP that stands more than 1000 counts from its last target holds at its actual position instead, since it is
+    /// jammed as a rule. [`Ecm::take_held_back`] returns these axes. So a stream that begins next starts at the actual
+    /// position of an axis, and not at the last target of the one before.
     ///
     /// # Errors
     /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`] if the board is silent, [`EcmError::Link`]

@@ -38,8 +38,11 @@ impl Ecm {
         let Some(config) = watch.config() else { return Ok(()) };
         self.adopt(&config)?;
         let mut session = self.exchange.lock()?;
-        for (slave, seen) in (1..=config.slaves.len() as u8).zip(&watch.slaves) {
+        for ((slave, config), seen) in (1..).zip(&config.slaves).zip(&watch.slaves) {
             session.targets.assume(slave, seen.last);
+            if matches!(config, Slave::Hsp(_)) {
+                session.targets.assume_outputs(slave, seen.outputs);
+            }
         }
         Ok(())
     }
@@ -81,10 +84,11 @@ impl Ecm {
     }
 
     /// Brings the axes of a network that another program has left running to a standstill, within the time limit of
-    /// [`Ecm::close`], and switches them off with `off`. `config` is the configuration of the network, where the modes are
-    /// those of axes whose reports do not show theirs. Homing is aborted; entries in the FIFO are executed first, as when
-    /// a board is closed, and a threshold for them is reset. Returns whether the network is in OP: if it is not, no axis
-    /// follows commands, and nothing is sent.
+    /// [`Ecm::close`], and switches them off with `off`. `config` is the configuration of the network, where the modes
+    /// are those of axes whose reports do not show theirs. Homing is aborted; entries in the FIFO are executed first,
+    /// as when a board is closed, and a threshold for them is reset. The digital outputs of an HSP that stands stay as
+    /// they are; one that moves is braked with its outputs off, since they are not known. Returns whether the network
+    /// is in OP: if it is not, no axis follows commands, and nothing is sent.
     ///
     /// ```
     /// use ecmsk::ecm::{Config, Ecm};
@@ -104,7 +108,8 @@ impl Ecm {
             return Ok(false);
         }
         let executed = |slave: u8| CommandId::from_code(session.slot(slave.into()).id);
-        let mut left = LeftBehind { is_foreign: true, has_threshold: true, ..LeftBehind::default() };
+        let mut left =
+            LeftBehind { is_foreign: true, has_threshold: true, outputs_unknown: true, ..LeftBehind::default() };
         let mut seen = config.clone();
         for (number, slave) in (1..).zip(&mut seen.slaves) {
             let Some(axis) = slave.axis().copied() else { continue };

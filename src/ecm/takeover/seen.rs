@@ -1,6 +1,7 @@
 //! The state of one slave as frames and reports show it: its mode, its last command, and whether it may be homing.
 
 use crate::ecm::config::{Axis, Slave, modes};
+use crate::ecm::exchange::cyclic_targets::Outputs;
 use crate::ethercat::cia402::{Mode, Statusword};
 use crate::sk::{CommandId, DriveSync, FIFO_ENTRIES, RawSlot, SlaveCommand, SlaveKind, SlotCommand, SlotSize};
 
@@ -10,6 +11,9 @@ pub(super) struct Seen {
     mode: Option<(Mode, DriveSync)>,
     /// The last motion command (CSP, CSV, CST) to the slave; `None` if it is not known.
     pub(super) last: Option<SlaveCommand>,
+    /// The digital outputs of an HSP's two channels in the last motion command. They are off when the network comes to OP.
+    /// They stay known if that command may not have been executed: it had those of the commands before, as a rule.
+    pub(super) outputs: Outputs,
     homing: Homing,
 }
 
@@ -63,6 +67,9 @@ impl Seen {
             _ if !in_op => {}
             Ok(command @ (SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_))) => {
                 self.last = Some(command);
+                if let SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion) = command {
+                    self.outputs = [motion.first.outputs, motion.second.outputs];
+                }
             }
             Ok(SlaveCommand::GoHome) => {
                 self.forget_targets();

@@ -316,6 +316,15 @@ mod tests {
         report(&mut watch, MasterState::Op, 3);
         assert_eq!((mode(&watch), watch.has_threshold()), (Some(Mode::Csv), false), "only the first report decides");
 
+        // The outputs of an HSP are as before, until the network leaves OP.
+        let mut watch = running();
+        watch.slaves[0].outputs = [5, 6];
+        watch.reopened();
+        report(&mut watch, MasterState::Op, 3);
+        assert_eq!(watch.slaves[0].outputs, [5, 6]);
+        report(&mut watch, MasterState::SafeOp, 3);
+        assert_eq!(watch.slaves[0].outputs, [0; 2]);
+
         let mut watch = running();
         watch.reopened();
         report(&mut watch, MasterState::PreOp, 0);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex};
 
@@ -17,6 +17,9 @@ use crate::sk::{Frame, MasterState};
 use crate::tcp::wire::{End, Message, Refusal, Role, Welcome};
 use crate::tcp::{Channel, PROOF_LEN, Secret};
 
+/// How long after a stop of axes has failed, on a board that is there, it is tried again, and how often. \[OURS]
+const RETRY_AFTER: Duration = Duration::from_secs(1);
+pub(super) const TRIES_MAX: u32 = 6;
 /// How many clients that ask for a stop are served at once, beside the other clients. \[OURS]
 const STOPPERS_MAX: usize = 4;
 /// The most clients at a time that ask for the machine file. \[OURS]
@@ -38,7 +41,8 @@ struct State {
     /// How many stops that clients have asked for are not answered yet. Meanwhile no client becomes the writer, because
     /// its frames could move the axes before the answer says that they stand.
     stops: usize,
-    /// The axes that the server has to stop when the board is back, if it is lost or gets lost now.
+    /// The axes that the server has to stop: again, after that has failed, and when the board is back, if it is lost or gets
+    /// lost now.
     left_moving: Option<LeftMoving>,
     is_stopping: bool,
     is_over: bool,
@@ -49,6 +53,16 @@ pub(super) struct LeftMoving {
     /// The writer, or the stop that a client has asked for.
     pub(super) who: String,
     pub(super) on_vanish: OnVanish,
+    /// How often the server has tried to stop them, and when the newest try has failed. Not counted is a try that the loss of
+    /// the board has ended.
+    pub(super) tries: u32,
+    pub(super) failed_at: Option<Instant>,
+}
+
+impl LeftMoving {
+    pub(super) const fn new(who: String, on_vanish: OnVanish) -> Self {
+        Self { who, on_vanish, tries: 0, failed_at: None }
+    }
 }
 
 impl State {
@@ -338,6 +352,22 @@ impl Hub {
         }
         drop(state);
         self.changed.notify_all();
+    }
+
+    /// The axes that the server could not stop although the board is there, if it is time to try that again. The server is the
+    /// writer from now on, until [`end_standstill`](Self::end_standstill). `None` too while a client is the writer: it has taken
+    /// the axes over, or asks for a stop of its own.
+    pub(super) fn begin_retry(&self) -> Option<LeftMoving> {
+        let mut state = self.state.lock();
+        let is_due = |left: &mut LeftMoving| {
+            left.tries < TRIES_MAX && left.failed_at.is_some_and(|failed| failed.elapsed() >= RETRY_AFTER)
+        };
+        if state.writer.is_some() || state.stops > 0 || state.is_stopping || state.board.is_err() {
+            return None;
+        }
+        let left = state.left_moving.take_if(is_due)?;
+        state.begin_standstill(&format!("after {}", left.who));
+        Some(left)
     }
 
     /// Begins a stop that the client `by` has asked for.

@@ -34,16 +34,20 @@ pub(super) fn run(hub: &Arc<Hub>, first: Arc<Board>, open: Open<'_>) {
 }
 
 /// Reads the board's reports and passes them to the clients, until the board is lost or the server ends.
-fn serve(hub: &Hub, board: &Arc<Board>) {
+fn serve(hub: &Arc<Hub>, board: &Arc<Board>) {
     let mut frame = Frame::new();
     while !hub.is_over() && hub.has(board) {
         if board.info.virtual_time {
             // On virtual time this thread reads no reports: the writer's requests read them.
             hub.wait(STOP_CHECK_INTERVAL);
+            vanish::try_again(hub, board);
             continue;
         }
         match board.link.read(&mut frame, Wait::For(STOP_CHECK_INTERVAL)) {
-            Ok(meta) => hub.publish(board, &frame, meta),
+            Ok(meta) => {
+                hub.publish(board, &frame, meta);
+                vanish::try_again(hub, board);
+            }
             Err(LinkError::Timeout { .. } | LinkError::Silent { .. } | LinkError::Cancelled { .. }) => {}
             Err(error) => hub.lose(board, &error),
         }

@@ -48,7 +48,7 @@ const HEADING: &str = "Board";
 #[derive(Clone, Debug, Default, clap::Args)]
 #[group(skip)]
 pub struct Args {
-    /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml, else usb:]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
     pub link: Option<LinkUri>,
 

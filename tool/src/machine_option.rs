@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, Once};
 
 use ecmsk::cia402::error_name;
-use ecmsk::link::config::{LINK_VARIABLE, find};
+use ecmsk::link::config::find;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{LinkError, tcp};
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
 use ecmsk::recording::CarriedFile;
 
-use super::link_option::{belongs_to_user, environment, is_of_another_user};
+use super::link_option::{belongs_to_user, environment, is_of_another_user, is_variable_set};
 use super::lock::lock;
 use super::stderr::say;
 
@@ -106,8 +106,7 @@ pub fn link_passed_over() -> Result<Option<LinkUri>, MachineFileError> {
         link: Option<String>,
     }
     let path = Path::new(FILE_NAME);
-    let is_variable_set = std::env::var_os(LINK_VARIABLE).is_some_and(|value| !value.is_empty());
-    if is_variable_set || path.symlink_metadata().is_err() || is_of_another_user(path) {
+    if is_variable_set() || path.symlink_metadata().is_err() || is_of_another_user(path) {
         return Ok(None);
     }
     match MachineFile::load(path) {

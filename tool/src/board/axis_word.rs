@@ -27,6 +27,15 @@ impl AxisWord {
         text.parse().ok().filter(|slave| (1..=SLAVES_MAX).contains(slave)).map(Self::Number)
     }
 
+    /// Parses the operand that names a slave: its number, or the name of its axis.
+    ///
+    /// # Errors
+    /// The text is neither; the error says what is allowed.
+    pub fn of_slave(text: &str) -> Result<Self, String> {
+        Self::parse(text)
+            .ok_or_else(|| format!("allowed: 1 to {SLAVES_MAX}, or the name of an axis in the machine file"))
+    }
+
     /// Whether the axis is given by its name, so that the machine file is needed to find its slave.
     pub const fn is_name(&self) -> bool {
         matches!(self, Self::Name(_))

@@ -339,7 +339,8 @@ impl Verb {
             Self::Sdo { which, value } => {
                 let of = which.of().unwrap_or(Type::U32);
                 let (found, wanted) = (of.number(read_raw(board, WHAT, which)?), of.number(value.number as u32));
-                let why = || format!("{} of slave {} is {found}, not {value}", which.object, which.slave);
+                let slave = which.slave(WHAT, board.machine.as_ref())?;
+                let why = || format!("{} of slave {slave} is {found}, not {value}", which.object);
                 Ok(compared(found == wanted, why))
             }
             Self::Time { at_least, at_most } => {

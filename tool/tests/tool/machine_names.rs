@@ -1,0 +1,52 @@
+//! The machine file in all verbs: its link, the names and units of its axes, and its words for alarms.
+
+use crate::common::{Ran, ecmsk, json_lines};
+use crate::machine_file::{Folder, MACHINE, SAID};
+
+/// A verb that takes a link uses that of the machine file, behind `--link` and `ECMSK_LINK`, and knows the names of its axes.
+#[test]
+fn every_verb_knows_the_link_and_the_axes_of_the_file() {
+    let folder = Folder::new(&MACHINE.replace("sim:?clock=virtual", "sim:"));
+    for (words, says) in [
+        (&["bus", "scan"] as &[&str], "3  "),
+        (&["bus", "sdo", "read", "turn", "0x6098", "--json"], "\"slave\":2"),
+        (&["bus", "sii", "read", "turn", "--json"], "\"slave\":2"),
+        (&["params", "backup", "turn", "--output", "turn.params", "--json"], "\"slave\":2"),
+        (&["sdo", "read", "x", "statusword", "--json"], "\"slave\":1"),
+        (&["info"], "network     1 drive, 2 drive, 3 io"),
+    ] {
+        let ran = folder.run(words);
+        assert!(ran.code == Some(0) && ran.out.contains(says), "{words:?} {ran:?}");
+        assert_eq!(ran.err.matches(SAID).count(), 1, "{words:?} {ran:?}");
+    }
+    let same = folder.run(&["params", "diff", "turn.params", "turn"]);
+    assert!(same.code == Some(0) && same.err.contains("0 parameters differ"), "{same:?}");
+    let same = folder.run(&["params", "restore", "turn.params", "turn", "--yes"]);
+    assert_eq!(same.code, Some(0), "{same:?}");
+    let doctor = folder.run(&["doctor", "--quick", "--json"]);
+    let link = json_lines(&doctor.out).into_iter().find(|line| line["check"] == "link").expect("a finding");
+    let found = link["found"].as_str().expect("words");
+    assert!(found.starts_with("sim:") && found.contains(", from machine.toml; ECMSK_LINK is not set"), "{found}");
+
+    // `--link` and ECMSK_LINK come first, and a number needs no file then.
+    let scan = |words: &[&str]| json_lines(&folder.run(&[&["bus", "scan", "--json"], words].concat()).out).len();
+    assert_eq!((scan(&[]), scan(&["--link", "sim:?slaves=drive"])), (3, 1));
+    let words = ["params", "backup", "1"];
+    let run = |words: &[&str]| {
+        let mut command = ecmsk(words);
+        let command = command.current_dir(folder.0.path()).env("ECMSK_LINK", "sim:?slaves=io");
+        Ran::from(command.output().expect("the tool starts"))
+    };
+    assert!(run(&words).out.contains(" of sim:?slaves=io, "));
+    let none = run(&["bus", "sdo", "read", "turn", "statusword"]);
+    assert!(none.code == Some(1) && none.err.contains("slave 2"), "{none:?}");
+    folder.run(&["bus", "sdo", "read", "Z", "statusword"]).expect_code(2);
+    let none = folder.run(&["params", "backup", "X", "--machine", "none", "--link", "sim:?slaves=drive"]);
+    none.expect_failure(2, &["axis `X` is no number from 1 to 40, and there is no machine file"], "say --machine FILE");
+    folder.write("machine.toml", "format = 1\n[axes]\nX = { slave = 1, per = 0 }\n");
+    let scan = folder.run(&["bus", "scan", "--link", "sim:?slaves=drive"]);
+    assert_eq!((scan.code, scan.err.as_str()), (Some(0), ""), "{scan:?}");
+    folder.run(&["bus", "scan"]).expect_failure(1, &["axes.X.per: 0 is no scale"], "write the units");
+    let doctor = folder.run(&["doctor", "--quick"]);
+    assert!(doctor.code == Some(1) && doctor.out.contains("axes.X.per: 0 is no scale"), "{doctor:?}");
+}

@@ -96,7 +96,8 @@ pub struct Args {
     #[arg(long, value_name = "COUNTS|off", value_parser = network::guard, global = true, help_heading = HEADING)]
     lead_limit: Option<Guard>,
 
-    /// Counts per unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
+    /// Counts per unit, for positions and speeds in mm or degrees of axes that are named by numbers: one number for all, or
+    /// e.g. 1=5000,2=131072/360
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true, global = true, help_heading = HEADING)]
     counts_per_unit: Option<Scales>,
 

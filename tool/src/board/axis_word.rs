@@ -82,6 +82,32 @@ impl<'a> Units<'a> {
         self.machine?.axis_of(slave)
     }
 
+    /// The number of the slave of an axis, from 1 in network order. An axis that is named by its name has the unit of the machine
+    /// file: `--counts-per-unit` would give its positions another meaning. \[OURS]
+    ///
+    /// # Errors
+    /// As [`AxisWord::slave`]; [`BoardError::Refused`] if `--counts-per-unit` has a value for an axis that is named by its name.
+    pub fn slave(&self, what: &str, word: &AxisWord) -> Result<u8, BoardError> {
+        let slave = word.slave(what, self.machine)?;
+        match self.axis(slave).filter(|_| word.is_name() && self.has_option(slave)) {
+            None => Ok(slave),
+            Some(axis) => Err(BoardError::Refused {
+                what: what.to_owned(),
+                why: format!(
+                    "axis {} has its unit, {}, from the machine file, and --counts-per-unit is for axes that are named by their \
+                     numbers",
+                    axis.name, axis.unit
+                ),
+                next: format!("leave out --counts-per-unit, or name the axis {slave}"),
+            }),
+        }
+    }
+
+    /// Whether `--counts-per-unit` has a value for an axis.
+    pub fn has_option(&self, slave: u8) -> bool {
+        self.option.is_some_and(|scales| scales.has(slave))
+    }
+
     /// The unit in which a position of an axis is written. For an axis that is named by its number this is not the unit
     /// of the machine file, but that of `--counts-per-unit` or counts. So command lines from before there was a machine
     /// file keep their meaning. \[OURS]
@@ -116,6 +142,13 @@ mod tests {
         assert_eq!((units.scale(&name, 2), units.scale(&number, 2)), (Scale::per_unit(2.0), Scale::COUNTS));
         let scales = Scales::parse("7").unwrap();
         let units = Units { numbers: Some(&scales), ..units };
+        assert_eq!(units.slave("move", &name).unwrap(), 2);
+        for (option, refused) in [("7", true), ("2=7", true), ("1=7", false)] {
+            let scales = Scales::parse(option).unwrap();
+            let units = Units { option: Some(&scales), ..units };
+            let slaves = [&name, &number].map(|word| units.slave("move", word).ok());
+            assert_eq!(slaves, [(!refused).then_some(2), Some(2)], "{option}");
+        }
         assert_eq!((units.scale(&name, 2), units.scale(&number, 2)), (Scale::per_unit(2.0), Scale::per_unit(7.0)));
         let unknown = AxisWord::Name("Y".to_owned());
         assert_eq!(

@@ -182,7 +182,11 @@ impl Board {
     pub fn in_units(&self, number: u8, counts: i32) -> (String, Option<f64>) {
         let slave = self.config.as_ref().and_then(|config| config.slaves.get(usize::from(number).checked_sub(1)?));
         let scale = slave.and_then(|slave| slave.axis()).map(|axis| axis.scale).filter(|scale| *scale != Scale::COUNTS);
-        let unit = self.machine.as_ref().filter(|_| self.scales.is_none()).and_then(|machine| machine.axis_of(number));
+        let unit = self
+            .machine
+            .as_ref()
+            .and_then(|machine| machine.axis_of(number))
+            .filter(|_| !self.units().has_option(number));
         let unit = unit.map_or_else(String::new, |axis| format!(" {}", axis.unit));
         match scale.map(|scale| scale.to_units(counts)) {
             Some(units) => (format!("{units}{unit} ({counts} counts)"), Some(units)),
@@ -238,7 +242,7 @@ impl Board {
     pub fn add_names(&self, slave: u8, json: &mut serde_json::Value) {
         if let Some(axis) = self.machine.as_ref().and_then(|machine| machine.axis_of(slave)) {
             json["name"] = axis.name.clone().into();
-            if self.scales.is_none() {
+            if !self.units().has_option(slave) {
                 json["unit"] = axis.unit.word().into();
             }
         }

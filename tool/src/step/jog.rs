@@ -142,7 +142,7 @@ impl Args {
         let mut slaves = Vec::new();
         let mut asked = Vec::new();
         for word in &self.axes {
-            let slave = word.slave(WHAT, units.machine)?;
+            let slave = units.slave(WHAT, word)?;
             if slaves.contains(&slave) {
                 return Err(refused(format!("axis {slave} is named twice"), "name each axis once"));
             }

@@ -50,3 +50,35 @@ fn every_verb_knows_the_link_and_the_axes_of_the_file() {
     let doctor = folder.run(&["doctor", "--quick"]);
     assert!(doctor.code == Some(1) && doctor.out.contains("axes.X.per: 0 is no scale"), "{doctor:?}");
 }
+
+/// `--counts-per-unit` is for axes that are named by their numbers: one with a name has the unit of the file.
+#[test]
+fn counts_per_unit_are_not_for_axes_with_names() {
+    let folder = Folder::new(MACHINE);
+    let of_all = ["--counts-per-unit", "10000", "--up"];
+    for words in [
+        &["move", "X=100"] as &[&str],
+        &["move", "1=100", "turn=5"],
+        &["home", "X", "--offset", "1"],
+        &["servo", "on", "X"],
+        &["move", "X=500counts"],
+    ] {
+        let ran = folder.run(&[words, &of_all].concat());
+        assert!(ran.code == Some(1) && ran.out.is_empty(), "{words:?} {ran:?}");
+        assert!(
+            ran.err.contains(" from the machine file, and --counts-per-unit is for axes that are named by"),
+            "{ran:?}"
+        );
+        assert!(
+            ran.err.trim_end().ends_with("; leave out --counts-per-unit, or name the axis 1")
+                || ran.err.trim_end().ends_with("or name the axis 2"),
+            "{ran:?}"
+        );
+    }
+    folder.write("program", "state op\nservo on 1\nmove 1=1\nexpect position X=1\n");
+    let ran = folder.run(&["run", "program", "--counts-per-unit", "1000"]);
+    assert!(ran.code == Some(1) && ran.err.contains("program:4: expect: axis X has its unit"), "{ran:?}");
+    // A value for another axis says nothing of it.
+    let ran = folder.run(&["move", "X=2.5", "2=9", "--counts-per-unit", "2=1000", "--up"]);
+    assert_eq!(ran.out, "axis X: at 2.5 mm (2500 counts)\naxis turn: at 9 (9000 counts)\n", "{ran:?}");
+}

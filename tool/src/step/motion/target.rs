@@ -45,7 +45,7 @@ impl Target {
     /// # Errors
     /// The machine file does not have the axis, or the target is written in another unit than that of the axis.
     pub fn resolve(&self, what: &str, units: Units<'_>) -> Result<AxisTarget, BoardError> {
-        let slave = self.axis.slave(what, units.machine)?;
+        let slave = units.slave(what, &self.axis)?;
         let axis = units.axis(slave);
         let scale = match (self.unit, axis) {
             (None, _) => units.scale(&self.axis, slave),

@@ -1,4 +1,6 @@
-//! The option `--machine`: the machine file of a verb.
+//! The option `--machine`: the machine file of a verb. `differing.rs` compares it with that of a server.
+
+mod differing;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, Once};
@@ -14,6 +16,7 @@ use ecmsk::recording::CarriedFile;
 use super::link_option::{belongs_to_user, environment, is_of_another_user, is_variable_set};
 use super::lock::lock;
 use super::stderr::say;
+pub use differing::{AxisDifference, note_differences};
 
 /// The help text of `--machine`.
 pub const HELP: &str = "Machine file: axes by name, units, limits, slaves, link; none: no such file [default: machine.toml in this \
@@ -161,25 +164,32 @@ pub enum ServedFileError {
 /// # Errors
 /// [`ServedFileError`]: whether the server has a file, and which limits are in it, is not known.
 pub fn of_server(link: Option<&LinkUri>) -> Result<Option<MachineFile>, ServedFileError> {
-    static ASKED: Mutex<Option<(LinkUri, Option<MachineFile>)>> = Mutex::new(None);
+    static SAID: Once = Once::new();
     let configured = || LinkUri::parse(&find(&environment()).ok()?.link).ok();
     let link = link.cloned().or_else(configured);
     let Some(uri) = link.filter(|uri| uri.scheme() == Scheme::Tcp) else { return Ok(None) };
+    let machine = served(&uri)?;
+    if let Some(machine) = &machine {
+        SAID.call_once(|| say("note", &format_args!("machine file {}", machine.path.display())));
+    }
+    Ok(machine)
+}
+
+/// The machine file of the server of a link `tcp:`, which is asked once; `None` if it has none.
+fn served(uri: &LinkUri) -> Result<Option<MachineFile>, ServedFileError> {
+    static ASKED: Mutex<Option<(LinkUri, Option<MachineFile>)>> = Mutex::new(None);
     let mut asked = lock(&ASKED);
-    if let Some((_, machine)) = asked.as_ref().filter(|(of, _)| *of == uri) {
+    if let Some((_, machine)) = asked.as_ref().filter(|(of, _)| of == uri) {
         return Ok(machine.clone());
     }
-    let machine = match tcp::machine(&uri).map_err(ServedFileError::Link)? {
-        Some(file) => {
-            // No file on this machine is meant by its name.
-            let name = format!("{} of the server", file.name());
-            let machine = MachineFile::parse(&name, file.text()).map_err(ServedFileError::File)?;
-            say("note", &format_args!("machine file {name}"));
-            Some(of_elsewhere(machine))
-        }
-        None => None,
-    };
-    *asked = Some((uri, machine.clone()));
+    let file = tcp::machine(uri).map_err(ServedFileError::Link)?;
+    let machine = file.map(|file| {
+        // No file on this machine is meant by its name.
+        let name = format!("{} of the server", file.name());
+        MachineFile::parse(&name, file.text()).map(of_elsewhere).map_err(ServedFileError::File)
+    });
+    let machine = machine.transpose()?;
+    *asked = Some((uri.clone(), machine.clone()));
     Ok(machine)
 }
 

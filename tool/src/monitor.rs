@@ -275,6 +275,9 @@ pub fn board(
     around: Around,
     each: Each,
 ) -> Result<Feed, MonitorError> {
+    if let Some(machine) = machine {
+        machine_option::note_differences(machine, &chosen.uri);
+    }
     let uri = as_reader(&chosen.uri);
     let watched = |known: Option<KnownNetwork>| {
         let kinds = known_kinds(slaves, &uri, machine.map(Arc::as_ref), known);

@@ -24,7 +24,7 @@ use super::interrupt::Interrupt;
 use super::network::find_axis;
 use super::reporter::Reporter;
 use crate::link_option::as_reader;
-use crate::machine_option::label;
+use crate::machine_option::{AxisDifference, label, note_differences};
 use crate::{recording_end, streams};
 
 /// \[OURS] An axis at most this far from its last target counts as being at the target, since drives settle within a
@@ -80,6 +80,8 @@ pub struct Board {
     number_scales: Option<Scales>,
     /// The machine file, with the names and units of the axes; `None` if there is none.
     pub machine: Option<MachineFile>,
+    /// Where this file differs from that of the server, unless `--machine` names it: these axes are not moved.
+    pub(super) differing: Vec<AxisDifference>,
     pub(super) link: Arc<dyn Link>,
     /// Whether `--up` is given.
     pub(super) up: bool,
@@ -117,6 +119,14 @@ impl Board {
         let machine = args.machine(board_use)?;
         let chosen = args.chosen(machine.as_ref())?;
         let uri = args.with_record(&chosen.uri, machine.as_ref())?;
+        // A verb that stops axes or switches them off has no positions, and is not held up.
+        let mut differing = match &machine {
+            Some(machine) if board_use != BoardUse::Switches => note_differences(machine, &chosen.uri),
+            _ => Vec::new(),
+        };
+        if args.machine.is_some() {
+            differing.clear();
+        }
         let slot = args.slot_size();
         let default = Options::default();
         let limit = |default| args.timeout.unwrap_or(default);
@@ -166,6 +176,7 @@ impl Board {
             scales: args.scales().cloned(),
             number_scales: args.number_scales(known.as_ref()),
             machine,
+            differing,
             link,
             up: args.up,
             close,

@@ -1,7 +1,7 @@
 //! The board that a verb (a subcommand of the tool) works on: the options that all such verbs share, and their common code.
 //! `session.rs` is the open board; `bring_up.rs`, `adopted.rs` and `interruptible.rs` are its long calls: bringing the network
 //! up, checking a network that is already running, and waiting until Ctrl-C. `network.rs`, `slaves.rs` and `number.rs` parse
-//! options and operands; `reporter.rs` prints results and progress, `question/` asks at a terminal, `error.rs` has the errors,
+//! options and operands; `units.rs` writes positions in their units; `reporter.rs` prints results and progress, `question/` asks at a terminal, `error.rs` has the errors,
 //! `interrupt.rs` the signals.
 
 mod adopted;
@@ -16,6 +16,7 @@ mod question;
 mod reporter;
 mod session;
 mod slaves;
+mod units;
 
 use std::path::PathBuf;
 use std::time::Duration;

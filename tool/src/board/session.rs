@@ -7,9 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ecmsk::cia402::{ErrorCode, Mode, Statusword};
-use ecmsk::ecm::{
-    Axis, Close, Config, Ecm, EcmError, Guard, HeldBack, Options, Scale, Scales, SlaveView, Snapshot, Suspect,
-};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, HeldBack, Options, Scales, SlaveView, Snapshot, Suspect};
 use ecmsk::engine::StateFailure;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
@@ -18,13 +16,12 @@ use ecmsk::machine_file::MachineFile;
 use ecmsk::sk::{MasterState, SlotSize, StateByte};
 
 use super::Args;
-use super::axis_word::Units;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
 use super::network::find_axis;
 use super::reporter::Reporter;
 use crate::link_option::as_reader;
-use crate::machine_option::{AxisDifference, label, note_differences};
+use crate::machine_option::{AxisDifference, note_differences};
 use crate::{recording_end, streams};
 
 /// \[OURS] An axis at most this far from its last target counts as being at the target, since drives settle within a
@@ -75,9 +72,9 @@ pub struct Board {
     /// The maximum distance of a move's target from the axis's position, from `--guard`.
     pub guard: Guard,
     /// The value of `--counts-per-unit`.
-    scales: Option<Scales>,
+    pub(super) scales: Option<Scales>,
     /// The counts per unit for axes that are named by their slave numbers.
-    number_scales: Option<Scales>,
+    pub(super) number_scales: Option<Scales>,
     /// The machine file, with the names and units of the axes; `None` if there is none.
     pub machine: Option<MachineFile>,
     /// Where this file differs from that of the server, unless `--machine` names it: these axes are not moved.
@@ -189,30 +186,6 @@ impl Board {
         })
     }
 
-    /// A position of an axis as text, and in units if the axis has any.
-    pub fn in_units(&self, number: u8, counts: i32) -> (String, Option<f64>) {
-        let slave = self.config.as_ref().and_then(|config| config.slaves.get(usize::from(number).checked_sub(1)?));
-        let scale = slave.and_then(|slave| slave.axis()).map(|axis| axis.scale).filter(|scale| *scale != Scale::COUNTS);
-        let unit = self
-            .machine
-            .as_ref()
-            .and_then(|machine| machine.axis_of(number))
-            .filter(|_| !self.units().has_option(number));
-        let unit = unit.map_or_else(String::new, |axis| format!(" {}", axis.unit));
-        match scale.map(|scale| scale.to_units(counts)) {
-            Some(units) => (format!("{units}{unit} ({counts} counts)"), Some(units)),
-            None => (counts.to_string(), None),
-        }
-    }
-
-    /// A distance on an axis as text, see [`in_units`](Self::in_units). It has no sign, whatever that of the counts per unit.
-    pub fn distance_in_units(&self, number: u8, counts: u32) -> String {
-        match self.in_units(number, i32::try_from(counts).unwrap_or(i32::MAX)) {
-            (text, Some(_)) => text.trim_start_matches('-').to_owned(),
-            (_, None) => format!("{counts} counts"),
-        }
-    }
-
     /// The axes that did not follow when they were stopped since the last call, a text for each.
     pub fn held_back(&self) -> Vec<String> {
         let text = |axis: HeldBack| {
@@ -237,26 +210,6 @@ impl Board {
     /// that any more.
     pub fn was_limited(&self, slave: u8) -> bool {
         self.limited.borrow().contains(&slave)
-    }
-
-    /// The names and units with which the axes and positions of a step are converted.
-    pub fn units(&self) -> Units<'_> {
-        Units { option: self.scales.as_ref(), numbers: self.number_scales.as_ref(), machine: self.machine.as_ref() }
-    }
-
-    /// The name of an axis in messages: that of the machine file, else the number of its slave.
-    pub fn label(&self, slave: u8) -> String {
-        label(self.machine.as_ref(), slave)
-    }
-
-    /// Adds to a result what the machine file knows of an axis: its name, and the unit of `position`.
-    pub fn add_names(&self, slave: u8, json: &mut serde_json::Value) {
-        if let Some(axis) = self.machine.as_ref().and_then(|machine| machine.axis_of(slave)) {
-            json["name"] = axis.name.clone().into();
-            if !self.units().has_option(slave) {
-                json["unit"] = axis.unit.word().into();
-            }
-        }
     }
 
     /// The counters of the link since it was opened: frames, errors and, for a simulated board, the board's own

@@ -159,6 +159,7 @@ impl Args {
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
         let lost_before = board.ecm.snapshot()?.state().is_failed();
         let cycle = f64::from(config.cycle_us) * 1e-6;
+        self.note_rounded(board)?;
         let (seconds, underruns, path) = self.carry_out(board, depth, cycle, lost_before)?;
         if underruns > 0 {
             board.reporter.note(format_args!("{underruns} cycles found no target in the board: the motion had gaps"));
@@ -245,6 +246,19 @@ impl Args {
         let snapshot = board.ecm.snapshot()?;
         let path = self.path(board, &snapshot)?;
         Ok((snapshot, path))
+    }
+
+    /// Prints a note of each target that the nearest count puts to another place.
+    fn note_rounded(&self, board: &Board) -> Result<(), BoardError> {
+        for target in self.resolved(board.units())? {
+            let Some(place) = target.scale.rounds_to(target.value) else { continue };
+            let (label, value, count) = (board.label(target.slave), target.value, target.scale.count());
+            let unit = board.unit(target.slave);
+            board.reporter.note(format_args!(
+                "axis {label}: {value}{unit} is rounded to {place}{unit}, since a count is {count}{unit}"
+            ));
+        }
+        Ok(())
     }
 
     /// The numbers of the slaves that the targets name.

@@ -82,3 +82,18 @@ fn counts_per_unit_are_not_for_axes_with_names() {
     let ran = folder.run(&["move", "X=2.5", "2=9", "--counts-per-unit", "2=1000", "--up"]);
     assert_eq!(ran.out, "axis X: at 2.5 mm (2500 counts)\naxis turn: at 9 (9000 counts)\n", "{ran:?}");
 }
+
+/// A target that the nearest count puts to another place is named before the axis moves.
+#[test]
+fn a_target_that_is_rounded_to_another_place_is_named() {
+    let folder = Folder::new(
+        "format = 1\nlink = \"sim:?clock=virtual\"\n[axes]\nX = { slave = 1, unit = \"mm\", per = 1000 }\n",
+    );
+    let ran = folder.run(&["move", "X=250", "--up"]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(0), "axis X: at 0 mm (0 counts)\n"), "{ran:?}");
+    assert!(ran.err.contains("note: axis X: 250 mm is rounded to 0 mm, since a count is 1000 mm\n"), "{ran:?}");
+    let ran = folder.run(&["move", "X=20400", "--up"]);
+    assert!(ran.out == "axis X: at 20000 mm (20 counts)\n" && !ran.err.contains("rounded"), "{ran:?}");
+    let ran = folder.run(&["move", "1=0.4", "--up", "--counts-per-unit", "1"]);
+    assert!(ran.code == Some(1) && ran.err.contains("no whole number of counts"), "{ran:?}");
+}

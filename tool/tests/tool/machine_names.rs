@@ -97,3 +97,23 @@ fn a_target_that_is_rounded_to_another_place_is_named() {
     let ran = folder.run(&["move", "1=0.4", "--up", "--counts-per-unit", "1"]);
     assert!(ran.code == Some(1) && ran.err.contains("no whole number of counts"), "{ran:?}");
 }
+
+/// A homing method that neither CiA 402 nor a maker has is allowed, and `machine check` advises to look at the manual.
+#[test]
+fn a_check_advises_on_a_homing_method_that_nobody_has() {
+    let axis = |name: &str, slave: u8, method: i32| {
+        format!("{name} = {{ slave = {slave}, homing = {{ method = {method} }} }}\n")
+    };
+    let methods = [("A", 0), ("B", 1), ("C", 37), ("D", 38), ("E", 99), ("F", -1), ("G", -128), ("H", 127)];
+    let axes = (1..).zip(methods).map(|(slave, (name, method))| axis(name, slave, method));
+    let folder = Folder::new(&format!("format = 1\n[axes]\n{}", axes.collect::<String>()));
+    let ran = folder.run(&["machine", "check"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let said = |name: &str, method| {
+        format!(
+            "note: axis {name} has homing method {method}, which CiA 402 does not have: it has 1 to 37, and those below 0 are the \
+             maker's; see the manual of the drive\n"
+        )
+    };
+    assert_eq!(ran.err, [("A", 0), ("D", 38), ("E", 99), ("H", 127)].map(|(name, method)| said(name, method)).concat());
+}

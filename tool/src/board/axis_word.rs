@@ -1,9 +1,10 @@
 //! Axes as a command line names them: by the numbers of their slaves, or by the names of the machine file.
 
 use ecmsk::ecm::{Scale, Scales};
-use ecmsk::machine_file::{MachineAxis, MachineFile};
+use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 
 use super::error::BoardError;
+use crate::machine_option::{in_unit, label};
 
 /// The highest slave number behind a board.
 pub const SLAVES_MAX: u8 = 40;
@@ -106,6 +107,20 @@ impl<'a> Units<'a> {
     /// Whether `--counts-per-unit` has a value for an axis.
     pub fn has_option(&self, slave: u8) -> bool {
         self.option.is_some_and(|scales| scales.has(slave))
+    }
+
+    /// The name of an axis in messages: that of the machine file, else the number of its slave.
+    pub fn label(&self, slave: u8) -> String {
+        label(self.machine, slave)
+    }
+
+    /// A distance or a speed of an axis, in counts and above 0, as text in the unit of the machine file; without one in counts.
+    pub fn way_text(&self, slave: u8, counts: f64) -> String {
+        let axis = self.axis(slave).filter(|axis| !self.has_option(slave) && axis.unit != Unit::Counts);
+        axis.map_or_else(
+            || format!("{counts:.0} counts"),
+            |axis| in_unit(axis, counts * axis.scale.counts_per_unit.signum()),
+        )
     }
 
     /// The unit in which a position of an axis is written. For an axis that is named by its number this is not the unit

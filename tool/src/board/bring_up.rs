@@ -56,7 +56,7 @@ impl Board {
         }
         let Some((slave, word)) = off.first() else { return Ok(()) };
         if !self.up {
-            let next = self.next(&format!("`servo on {slave}`"));
+            let next = self.next(&format!("`servo on {}`", self.label(*slave)));
             return Err(BoardError::AxisOff {
                 what: what.to_owned(),
                 axis: self.label(*slave),
@@ -66,8 +66,7 @@ impl Board {
         }
         let axes: Vec<u8> = off.iter().map(|(slave, _)| *slave).collect();
         self.run_interruptible("switching on", |ecm| ecm.servo_on(&axes))?;
-        let labels = axes.iter().map(|slave| self.label(*slave)).collect::<Vec<_>>().join(", ");
-        self.reporter.note(format_args!("switched on: {} {labels}", if axes.len() == 1 { "axis" } else { "axes" }));
+        self.reporter.note(format_args!("switched on: {}", self.labels(&axes)));
         Ok(())
     }
 

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use ecmsk::cia402::{ErrorCode, Mode, Statusword};
+use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, HeldBack, Options, Scales, SlaveView, Snapshot, Suspect};
 use ecmsk::engine::StateFailure;
 use ecmsk::link::keys::Scheme;
@@ -292,11 +292,11 @@ impl Board {
                     limit: way(limit),
                 }
             }
-            EcmError::Alarm { slave, code } => {
-                let of_file = self.machine.as_ref().and_then(|machine| machine.alarm_text(slave, code));
-                let alarm = of_file.map_or_else(|| ErrorCode(code).to_string(), |text| format!("0x{code:04X}: {text}"));
-                BoardError::Alarm { axis: self.label(slave), alarm, next: self.clear_words(slave) }
-            }
+            EcmError::Alarm { slave, code } => BoardError::Alarm {
+                axis: self.label(slave),
+                alarm: self.alarm_text(slave, code),
+                next: self.clear_words(slave),
+            },
             // A report does not show which slave has refused, but the link may know it.
             EcmError::StateStuck { wanted, found, suspect: Suspect::Unknown } => {
                 match self.link_stats().state_failure {
@@ -304,15 +304,19 @@ impl Board {
                     None => error.into(),
                 }
             }
-            error if self.board_use.commands_axes() => may_go_on(error.into()),
-            error => error.into(),
+            error => match slave_of(&error).filter(|slave| self.units().axis(*slave).is_some()) {
+                Some(slave) => BoardError::OfAxis { axis: self.label(slave), error: Box::new(error) },
+                None if self.board_use.commands_axes() => may_go_on(error.into()),
+                None => error.into(),
+            },
         }
     }
 
     fn clear_words(&self, slave: u8) -> String {
+        let axis = self.label(slave);
         match self.source {
-            StepSource::CommandLine => format!("type: ecmsk servo clear {slave} (with the same options)"),
-            StepSource::Lines => format!("`servo clear {slave}` and `servo on {slave}`"),
+            StepSource::CommandLine => format!("type: ecmsk servo clear {axis} (with the same options)"),
+            StepSource::Lines => format!("`servo clear {axis}` and `servo on {axis}`"),
         }
     }
 
@@ -392,14 +396,27 @@ fn may_go_on(error: BoardError) -> BoardError {
     }
 }
 
-/// Checks that an axis runs in this mode of operation; otherwise returns [`BoardError::Refused`].
-pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
+/// The slave of an error about one slave, in which its axis may be named.
+const fn slave_of(error: &EcmError) -> Option<u8> {
+    match error {
+        EcmError::NotEnabled { slave, .. }
+        | EcmError::SecondOff { slave }
+        | EcmError::OutOfRange { slave, .. }
+        | EcmError::IsHoming { slave }
+        | EcmError::HomingFailed { slave, .. } => Some(*slave),
+        EcmError::SlaveLost { slave, .. } => *slave,
+        _ => None,
+    }
+}
+
+/// Checks that an axis with the name `label` runs in this mode of operation; otherwise returns [`BoardError::Refused`].
+pub fn in_mode(label: &str, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
     if axis.mode == wanted {
         return Ok(());
     }
     Err(BoardError::Refused {
         what: what.to_owned(),
-        why: format!("axis {slave} runs in {}, not in {wanted}", axis.mode),
+        why: format!("axis {label} runs in {}, not in {wanted}", axis.mode),
         next: "leave its mode out of --slaves, and configure the network again from PreOP".into(),
     })
 }

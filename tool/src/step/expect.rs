@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::Subcommand;
-use ecmsk::cia402::{ErrorCode, Statusword};
+use ecmsk::cia402::Statusword;
 use ecmsk::ecm::{Config, Snapshot};
 use ecmsk::machine_file::MachineFile;
 use ecmsk::sk::MasterState;
@@ -411,7 +411,7 @@ fn alarm_of(board: &Board, snapshot: &Snapshot, slave: u8, wanted: Alarm) -> Com
         Alarm::Code(wanted) => has_alarm && code == wanted,
     };
     compared(is_it, || {
-        let found = if has_alarm { format!("alarm {}", ErrorCode(code)) } else { "no alarm".to_owned() };
+        let found = if has_alarm { format!("alarm {}", board.alarm_text(slave, code)) } else { "no alarm".to_owned() };
         let wanted = match wanted {
             Alarm::None => "none".to_owned(),
             Alarm::Any => "any".to_owned(),

@@ -121,15 +121,15 @@ impl Args {
         for (index, target) in targets.iter().enumerate() {
             let slave = target.slave;
             if targets[..index].iter().any(|other| other.slave == slave) {
-                return Err(refused(format!("axis {slave} is named twice"), "name each axis once"));
+                return Err(refused(format!("axis {} is named twice", units.label(slave)), "name each axis once"));
             }
             let axis = find_axis(network, WHAT, slave)?;
-            in_mode(slave, WHAT, axis, Mode::Csp)?;
-            let counts = counts(WHAT, target)?;
+            in_mode(&units.label(slave), WHAT, axis, Mode::Csp)?;
+            let counts = counts(WHAT, target, units)?;
             if !self.relative {
                 check_limits(WHAT, units, slave, counts)?;
             }
-            check_lead(WHAT, network, slave, axis, self.speeds(target, units)?.velocity)?;
+            check_lead(WHAT, network, slave, axis, self.speeds(target, units)?.velocity, units)?;
         }
         Ok(())
     }
@@ -270,9 +270,9 @@ impl Args {
     fn path(&self, board: &Board, snapshot: &Snapshot) -> Result<Path, BoardError> {
         let axis = |target: &AxisTarget| {
             let start = board.standing_position(snapshot, target.slave);
-            let end = counts(WHAT, target)?;
+            let end = counts(WHAT, target, board.units())?;
             let end = if self.relative { start.checked_add(end) } else { Some(end) };
-            let end = end.ok_or_else(|| outside(WHAT, target))?;
+            let end = end.ok_or_else(|| outside(WHAT, target, board.units()))?;
             check_limits(WHAT, board.units(), target.slave, end)?;
             if let Guard::Within(limit) = board.guard
                 && end.abs_diff(start) > limit

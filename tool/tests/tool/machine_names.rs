@@ -117,3 +117,47 @@ fn a_check_advises_on_a_homing_method_that_nobody_has() {
     };
     assert_eq!(ran.err, [("A", 0), ("D", 38), ("E", 99), ("H", 127)].map(|(name, method)| said(name, method)).concat());
 }
+
+/// Errors and notes have the names, the units and the words for alarms of the file in every verb that commands axes, and in
+/// `flight list`.
+#[test]
+fn errors_and_notes_have_names_units_and_words() {
+    let folder = Folder::new(MACHINE);
+    folder.write("alarm", "at 1s alarm 1 0x7500 stays\n");
+    let link = "sim:?slaves=drive*2,io&clock=virtual&script=alarm&flight=flight";
+    let words = "axis X has alarm 0x7500: the red cable; remove the cause";
+    for step in ["servo clear X", "servo on 1", "home X", "move X=5", "expect alarm X=0x1000"] {
+        folder.write("program", &format!("state op\nwait 2s\n{step}\n"));
+        let ran = folder.run(&["run", "program", "--link", link]);
+        let words =
+            if step.starts_with("expect") { "axis X has alarm 0x7500: the red cable, not 0x1000" } else { words };
+        assert!(ran.code == Some(1) && ran.err.contains(words), "{step}: {ran:?}");
+    }
+    folder.write("program", "state op\nwait 2s\nsdo read X 0x603F\n");
+    let read = folder.run(&["run", "program", "--link", link]);
+    assert!(read.out.contains("(0x7500): the red cable\n"), "{read:?}");
+    let kept = folder.run(&["flight", "list", "flight"]);
+    assert!(kept.out.contains("  alarm: axis X has an alarm, 0x7500: the red cable\n"), "{kept:?}");
+    let none = folder.run(&["flight", "list", "flight", "--machine", "none"]);
+    assert!(none.out.contains("  alarm: slave 1 has an alarm, 0x7500: "), "{none:?}");
+
+    for (words, says) in [
+        (
+            &["move", "X=200", "--velocity", "99", "--lead-limit", "1000"] as &[&str],
+            "at 99.000 mm/s the target of axis X runs 6.336 mm ahead of it, the limit is 1.000 mm",
+        ),
+        (&["move", "turn=1", "2=5"], "axis turn is named twice"),
+        (&["move", "X=1000.5counts"], "1000.5 of axis X is no whole number of counts"),
+        (
+            &["move", "X=3000000"],
+            "target 3000000 of axis X is outside the 32 bits of a position; name one from -2147483.648 to",
+        ),
+        (&["move", "X=100", "--velocity", "1.5"], "this move takes 1 min 7 s, for 100 mm (100000 counts); --velocity"),
+    ] {
+        let ran = folder.run(&[words, &["--up"]].concat());
+        assert!(ran.err.contains(says), "{words:?} {ran:?}");
+    }
+    folder.write("program", "state op\nservo on X,2\nstate preop\n");
+    let ran = folder.run(&["run", "program"]);
+    assert!(ran.err.contains("leaving OP switches off axes X, turn\n"), "{ran:?}");
+}

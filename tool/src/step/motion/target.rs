@@ -55,7 +55,7 @@ impl Target {
                 let known = axis.map_or("which has no unit in a machine file".to_owned(), |axis| {
                     format!("which is in {}", axis.unit)
                 });
-                let why = format!("{}{unit} is written for axis {slave}, {known}", self.value);
+                let why = format!("{}{unit} is written for axis {}, {known}", self.value, units.label(slave));
                 let next = "write the number in the unit of the axis, or in counts, e.g. 500counts".into();
                 return Err(BoardError::Refused { what: what.into(), why, next });
             }
@@ -76,13 +76,13 @@ fn value_and_unit(text: &str) -> Option<(f64, Option<Unit>)> {
 ///
 /// # Errors
 /// The target does not fit the range of positions.
-pub fn counts(what: &str, target: &AxisTarget) -> Result<i32, BoardError> {
+pub fn counts(what: &str, target: &AxisTarget, units: Units<'_>) -> Result<i32, BoardError> {
     if target.scale == Scale::COUNTS && target.value.fract() != 0.0 {
-        let why = format!("{} of axis {} is no whole number of counts", target.value, target.slave);
+        let why = format!("{} of axis {} is no whole number of counts", target.value, units.label(target.slave));
         let next = "name a whole number, or say with --counts-per-unit what a unit is".into();
         return Err(BoardError::Refused { what: what.into(), why, next });
     }
-    target.scale.to_counts(target.value).ok_or_else(|| outside(what, target))
+    target.scale.to_counts(target.value).ok_or_else(|| outside(what, target, units))
 }
 
 /// Refuses a position beyond the soft limits of its axis.
@@ -104,9 +104,14 @@ pub fn check_limits(what: &str, units: Units<'_>, slave: u8, position_counts: i3
 }
 
 /// The error for a target that does not fit into the 32 bits of the wire.
-pub fn outside(what: &str, target: &AxisTarget) -> BoardError {
-    let why = format!("target {} of axis {} is outside the 32 bits of a position", target.value, target.slave);
-    let next = "name one from -2147483648 to 2147483647 counts".into();
+pub fn outside(what: &str, target: &AxisTarget, units: Units<'_>) -> BoardError {
+    let label = units.label(target.slave);
+    let why = format!("target {} of axis {label} is outside the 32 bits of a position", target.value);
+    let ends = [i32::MIN, i32::MAX].map(|counts| target.scale.to_units(counts));
+    let next = match target.scale == Scale::COUNTS {
+        true => "name one from -2147483648 to 2147483647 counts".into(),
+        false => format!("name one from {} to {}", ends[0].min(ends[1]), ends[0].max(ends[1])),
+    };
     BoardError::Refused { what: what.into(), why, next }
 }
 

@@ -206,6 +206,26 @@ pub fn is_on_disk(given: Option<&Path>, machine: &MachineFile) -> bool {
     machine.path == given.unwrap_or(Path::new(FILE_NAME))
 }
 
+/// The machine file that this command line uses, and the names of its axes, for an error of its words; `None` if there is none,
+/// it has no axis or cannot be used. Nothing is printed.
+pub fn names_of_axes() -> Option<(String, String)> {
+    let words: Vec<_> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    let option = |(word, next): (&String, Option<&String>)| match word.strip_prefix("--machine") {
+        Some("") => next.cloned(),
+        Some(rest) => rest.strip_prefix('=').map(str::to_owned),
+        None => None,
+    };
+    let given = words.iter().enumerate().find_map(|(place, word)| option((word, words.get(place + 1))));
+    if passes_over(given.as_deref().map(Path::new)) {
+        return None;
+    }
+    // The option `none` names no file, unless there is one of that name, which is not used.
+    let file = given.unwrap_or_else(|| FILE_NAME.to_owned());
+    let machine = MachineFile::load(Path::new(&file)).ok().filter(|_| file != NONE)?;
+    let names = machine.axes.iter().map(|axis| &*axis.name).collect::<Vec<_>>().join(", ");
+    (!names.is_empty()).then_some((file, names))
+}
+
 /// A number with a unit directly behind it or after spaces: `0.5mm`, `500 counts`.
 pub fn number_and_unit(text: &str) -> Option<(f64, Unit)> {
     let with = |unit: Unit| Some((text.strip_suffix(unit.word())?.trim_end().parse().ok()?, unit));

@@ -161,3 +161,26 @@ fn errors_and_notes_have_names_units_and_words() {
     let ran = folder.run(&["run", "program"]);
     assert!(ran.err.contains("leaving OP switches off axes X, turn\n"), "{ran:?}");
 }
+
+/// A target that is none says that a decimal point is used, and which axes the machine file has.
+#[test]
+fn a_wrong_target_names_the_decimal_point_and_the_axes() {
+    let folder = Folder::new(MACHINE);
+    folder.write("other.toml", "format = 1\n[axes]\nleft = { slave = 1 }\n");
+    let axes = "an axis from 1 to 40 or one of machine.toml: X, turn; and ";
+    let number = "a number, with a decimal point if it has decimals";
+    for (words, says) in [
+        (&["X=12,5"] as &[&str], format!("{axes}a number with a decimal point, X=12.5")),
+        (&["X=12,5mm"], format!("{axes}a number with a decimal point, X=12.5mm")),
+        (&["X"], format!("{axes}{number}")),
+        (&["X=nan"], format!("{axes}{number}")),
+        (&["X=1,2,3"], format!("{axes}{number}")),
+        (&["X", "--machine", "other.toml"], "or one of other.toml: left; and ".to_owned()),
+        (&["--machine=other.toml", "X"], "or one of other.toml: left; and ".to_owned()),
+        (&["X", "--machine", "none"], "or a name of the machine file; and ".to_owned()),
+    ] {
+        let ran = folder.run(&[&["move"], words].concat());
+        assert_eq!(ran.code, Some(2), "{words:?} {ran:?}");
+        assert!(ran.err.contains(&says), "{words:?} `{says}` {ran:?}");
+    }
+}

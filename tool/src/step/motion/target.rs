@@ -3,8 +3,8 @@
 use ecmsk::ecm::Scale;
 use ecmsk::machine_file::Unit;
 
-use crate::board::{AxisWord, BoardError, Units, positive};
-use crate::machine_option::number_and_unit;
+use crate::board::{AxisWord, BoardError, SLAVES_MAX, Units, positive};
+use crate::machine_option::{self, number_and_unit};
 
 /// A target of one axis, as it is written: `1=10000`, `X=12.5`, `X=12.5mm`, `X=500counts`.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +37,7 @@ impl Target {
             let (value, unit) = value_and_unit(value.trim())?;
             Some(Self { axis: AxisWord::parse(axis)?, value, unit })
         };
-        read(text).ok_or_else(|| "allowed: AXIS=TARGET, e.g. 1=10000, with an axis from 1 to 40 and a number".into())
+        read(text).ok_or_else(|| allowed(text))
     }
 
     /// The target with the scale of its axis and its unit.
@@ -62,6 +62,21 @@ impl Target {
         };
         Ok(AxisTarget { slave, value: self.value, scale, is_named: self.axis.is_name() })
     }
+}
+
+/// What a target may be. A number with a comma is meant with a decimal point, which is said.
+fn allowed(text: &str) -> String {
+    let axes = match machine_option::names_of_axes() {
+        Some((file, names)) => format!("one of {file}: {names}"),
+        None => "a name of the machine file".to_owned(),
+    };
+    let number = match text.split_once('=') {
+        Some((_, value)) if value_and_unit(value.replacen(',', ".", 1).trim()).is_some() && value.contains(',') => {
+            format!("a number with a decimal point, {}", text.replacen(',', ".", 1))
+        }
+        _ => "a number, with a decimal point if it has decimals".to_owned(),
+    };
+    format!("allowed: AXIS=TARGET, e.g. 1=10000 or X=12.5: an axis from 1 to {SLAVES_MAX} or {axes}; and {number}")
 }
 
 /// A number, and the word for a unit directly behind it.

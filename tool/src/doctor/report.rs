@@ -196,21 +196,20 @@ impl Pack {
 
     /// Whether a recording carries a machine file or names a link with a secret, or cannot be read, so that this is not known.
     fn tells_secrets(&self, file: &Path) -> bool {
-        let Ok(recording) = Recording::open(file) else { return true };
+        let Ok(mut recording) = Recording::open(file) else { return true };
         let mut known = recording.meta().cloned();
-        let mut has_secret = |meta: &RecordMeta| {
+        let has_secret = |meta: &RecordMeta| {
             let machine = meta.machine.as_ref().map_or("", |machine| machine.text());
             [&*meta.link, machine].into_iter().any(|text| self.secrets.without(text) != text)
         };
-        if known.as_ref().is_some_and(&mut has_secret) {
+        if known.as_ref().is_some_and(has_secret) {
             return true;
         }
         // A moment may have the frames of several links.
-        let mut recording = recording;
         while recording.next().is_some() {
             if recording.meta() != known.as_ref() {
                 known = recording.meta().cloned();
-                if known.as_ref().is_some_and(&mut has_secret) {
+                if known.as_ref().is_some_and(has_secret) {
                     return true;
                 }
             }

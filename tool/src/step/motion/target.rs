@@ -123,9 +123,10 @@ pub fn outside(what: &str, target: &AxisTarget, units: Units<'_>) -> BoardError 
     let label = units.label(target.slave);
     let why = format!("target {} of axis {label} is outside the 32 bits of a position", target.value);
     let ends = [i32::MIN, i32::MAX].map(|counts| target.scale.to_units(counts));
-    let next = match target.scale == Scale::COUNTS {
-        true => "name one from -2147483648 to 2147483647 counts".into(),
-        false => format!("name one from {} to {}", ends[0].min(ends[1]), ends[0].max(ends[1])),
+    let next = if target.scale == Scale::COUNTS {
+        "name one from -2147483648 to 2147483647 counts".into()
+    } else {
+        format!("name one from {} to {}", ends[0].min(ends[1]), ends[0].max(ends[1]))
     };
     BoardError::Refused { what: what.into(), why, next }
 }

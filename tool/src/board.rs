@@ -1,8 +1,8 @@
 //! The board that a verb (a subcommand of the tool) works on: the options that all such verbs share, and their common code.
 //! `session.rs` is the open board; `bring_up.rs`, `adopted.rs` and `interruptible.rs` are its long calls: bringing the network
 //! up, checking a network that is already running, and waiting until Ctrl-C. `network.rs`, `slaves.rs` and `number.rs` parse
-//! options and operands; `units.rs` writes positions in their units; `reporter.rs` prints results and progress, `question/` asks at a terminal, `error.rs` has the errors,
-//! `interrupt.rs` the signals.
+//! options and operands; `units.rs` writes positions in their units; `reporter.rs` prints results and progress, `question/`
+//! asks at a terminal, `error.rs` has the errors, `interrupt.rs` the signals.
 
 mod adopted;
 mod axis_word;
@@ -49,7 +49,8 @@ const HEADING: &str = "Board";
 #[derive(Clone, Debug, Default, clap::Args)]
 #[group(skip)]
 pub struct Args {
-    /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml, else usb:]
+    /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml, else
+    /// usb:]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
     pub link: Option<LinkUri>,
 

@@ -24,7 +24,8 @@ impl Board {
     ///
     /// # Errors
     /// [`BoardError::NotUp`] if the network is in a lower state, and [`BoardError::AxisOff`] if an axis is off, both
-    /// without `--up`. [`BoardError::Refused`] if two machine files differ in an axis. [`BoardError::Alarm`] if an axis has an alarm; errors of bringing the network up.
+    /// without `--up`. [`BoardError::Refused`] if two machine files differ in an axis, [`BoardError::Alarm`] if an axis has an
+    /// alarm; errors of bringing the network up.
     pub fn ready(&self, what: &str, needs: Needs<'_>) -> Result<(), BoardError> {
         if let Needs::On(axes) = needs {
             self.refuse_differing(what, axes)?;

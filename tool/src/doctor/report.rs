@@ -147,7 +147,9 @@ impl Pack {
             list.push_str("\nNot in it:\n");
             self.missing.iter().for_each(|line| _ = writeln!(list, "  {}", self.secrets.without(line)));
         }
-        list.push_str("\nSecrets of the environment, of links and of files that links name are left out, and what the machine file calls one.\n");
+        list.push_str(
+            "\nSecrets of the environment, of links and of files that links name are left out, and what a text calls one.\n",
+        );
         list
     }
 

@@ -81,7 +81,7 @@ fn without_named(text: &str) -> String {
 
 /// The quote with which a value begins that stands behind this text: one character, or three of a text of several lines.
 fn quote_before(text: &str) -> Option<&str> {
-    let of = |quote| ["\"\"\"", "'''", "\"", "'"].into_iter().find(|known| *known == quote);
+    let of = |quote: &str| ["\"\"\"", "'''", "\"", "'"].into_iter().find(|known| *known == quote);
     let sign = text.find(['=', ':'])?;
     let tail = |length| text[sign + 1..].len().checked_sub(length).and_then(|from| text[sign + 1..].get(from..));
     tail(3).and_then(of).or_else(|| tail(1).and_then(of))

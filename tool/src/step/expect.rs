@@ -238,13 +238,16 @@ impl Args {
             Verb::Torque { torques, .. } => torques.iter().try_for_each(|(word, _)| axis(word)),
             Verb::Alarm { alarms } => alarms.iter().try_for_each(|(word, _)| axis(word)),
             Verb::Inputs { inputs } => io_slave(network, WHAT, inputs.of(units.machine)?.0),
-            Verb::Sdo { which, value } => match which.of().filter(|of| !of.takes(*value)) {
-                None => Ok(()),
-                Some(of) => Err(refused(
-                    format!("{value} does not fit {}, {}", which.object, of.name()),
-                    "correct the value, or --type",
-                )),
-            },
+            Verb::Sdo { which, value } => {
+                which.slave(WHAT, units.machine)?;
+                match which.of().filter(|of| !of.takes(*value)) {
+                    None => Ok(()),
+                    Some(of) => Err(refused(
+                        format!("{value} does not fit {}, {}", which.object, of.name()),
+                        "correct the value, or --type",
+                    )),
+                }
+            }
         }
     }
 

@@ -1,6 +1,10 @@
 //! Units of positions. On the wire positions are counts. A program, an option or a machine file may set for each axis how
 //! many counts its unit has, and between which counts its targets have to be.
 
+/// A position that rounding to the nearest count moves by more than this part of its value is another place. \[OURS] It is
+/// much more than a scale makes that fits its axis, and less than one that is upside down.
+const ROUNDED_PART_MAX: f64 = 0.1;
+
 /// The number of counts in one unit (mm, degree, turn); negative if the unit counts in the opposite direction.
 ///
 /// ```
@@ -34,6 +38,27 @@ impl Scale {
     pub fn to_counts(self, units: f64) -> Option<i32> {
         let counts = (units * self.counts_per_unit).round();
         (f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&counts).then_some(counts as i32)
+    }
+
+    /// The place of a position in units after rounding to the nearest count, if that is another place: a tenth of the position
+    /// or more away. That a count is so long hardly fits an axis.
+    ///
+    /// ```
+    /// use ecmsk::ecm::Scale;
+    ///
+    /// // A count of 1000 mm, where 0.001 mm was meant.
+    /// assert_eq!(Scale::per_unit(0.001).rounds_to(250.0), Some(0.0));
+    /// assert_eq!(Scale::per_unit(1000.0).rounds_to(250.0), None);
+    /// ```
+    pub fn rounds_to(self, units: f64) -> Option<f64> {
+        // Without a sign in front of zero.
+        let rounded = self.to_units(self.to_counts(units)?) + 0.0;
+        ((rounded - units).abs() > units.abs() * ROUNDED_PART_MAX).then_some(rounded)
+    }
+
+    /// The length of a count, in units; not below 0.
+    pub fn count(self) -> f64 {
+        1.0 / self.counts_per_unit.abs()
     }
 
     /// Converts counts to units.
@@ -135,6 +160,25 @@ pub(crate) fn fraction(text: &str) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Rounding to the nearest count leads to another place if a count is long.
+    #[test]
+    fn a_long_count_leads_to_another_place() {
+        let long = Scale::per_unit(-0.001);
+        for (units, place) in [
+            (0.0, None),
+            (250.0, Some(0.0)),
+            (-400.0, Some(0.0)),
+            (700.0, Some(1000.0)),
+            (10_400.0, None),
+            (1e300, None),
+        ] {
+            assert_eq!(long.rounds_to(units), place, "{units}");
+        }
+        let degrees = Scale::per_unit(131_072.0 / 360.0);
+        assert_eq!([45.1, 0.02, 0.001].map(|units| degrees.rounds_to(units).is_some()), [false, false, true]);
+        assert_eq!(long.count(), 1000.0);
+    }
 
     /// A scale is a number or a fraction, for all axes or for one.
     #[test]

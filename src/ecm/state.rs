@@ -19,6 +19,9 @@ use crate::sk::{
 const CONFIGURE_LIMIT: Duration = Duration::from_secs(2);
 /// \[OURS] The time limit of the search for the slave that has prevented a change of state.
 const SUSPECT_LIMIT: Duration = Duration::from_secs(3);
+/// \[OURS] How long a board that has gone down to a state may show a failure there, while it brings lost slaves back. The ESI
+/// files of slaves allow 2 s for PreOP.
+const RECOVERY_LIMIT: Duration = Duration::from_secs(3);
 const HINT: &str = "see whether frames get lost (Ecm::stats), then configure again";
 
 impl Ecm {
@@ -119,11 +122,20 @@ impl Ecm {
             return Err(EcmError::WrongState { what: "a change to SafeOP or OP", needs: "PreOP", found: old });
         }
         let mut moved = !old.is_failed();
+        // On the way down a board does not wait for lost slaves. It brings them back afterwards, and shows a failure until then.
+        let goes_down = old.is_failed() && old.state().is_some_and(|state| wanted < state);
+        let mut down_since = None;
         let ended = self.exchange.run(&task, |session, _| {
             let now = session.board().state;
             moved |= now != old;
             if now == StateByte::reached(wanted) {
                 return Ok(Some(None));
+            }
+            if goes_down && moved && now == StateByte::failed(Some(wanted)) {
+                let at = self.exchange.now();
+                if at.saturating_sub(*down_since.get_or_insert(at)) < RECOVERY_LIMIT {
+                    return Ok(None);
+                }
             }
             Ok((moved && now.is_failed()).then_some(Some(now)))
         });

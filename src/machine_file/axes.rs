@@ -128,9 +128,17 @@ fn counts(value: f64, unit: Unit, scale: Scale) -> Result<i32, Fault> {
     })
 }
 
+/// As [`counts`], for a limit: it fails also if the nearest count is another place, which is so with a scale that is upside down.
+fn limit(value: f64, unit: Unit, scale: Scale) -> Result<i32, Fault> {
+    let counts = counts(value, unit, scale)?;
+    let Some(place) = scale.rounds_to(value) else { return Ok(counts) };
+    let what = format!("{value} {unit} would be {place} {unit}, since a count is {} {unit}", scale.count());
+    Err(fault(what, "correct per, the units of one count, or the limit"))
+}
+
 fn limits(fields: &AxisFields, unit: Unit, scale: Scale) -> Result<SoftLimits, FieldFault> {
     let of = |field, value: Option<f64>| {
-        value.map(|value| counts(value, unit, scale).map_err(|fault| (field, fault))).transpose()
+        value.map(|value| limit(value, unit, scale).map_err(|fault| (field, fault))).transpose()
     };
     let (min, max) = (of("min", fields.min)?, of("max", fields.max)?);
     if let (Some(low), Some(high)) = (fields.min, fields.max)

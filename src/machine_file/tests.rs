@@ -363,3 +363,34 @@ fn the_page_shows_a_machine_file() {
     let drawn = parse(example(include_str!("../../docs/WEB.md"))).unwrap();
     assert_eq!(drawn.picture.gantries, [Gantry { sides: [1, 2], bridge: Some(3) }]);
 }
+
+/// A limit that the nearest count puts to another place is refused: the scale is upside down, or the limit is below a count. One
+/// between two counts of a fine scale is rounded.
+#[test]
+fn a_limit_is_where_it_is_written() {
+    let parse =
+        |axis: &str| MachineFile::parse("m.toml", &format!("format = 1\n[axes]\nX = {{ slave = 1, {axis} }}\n"));
+    for (axis, error) in [
+        ("unit = \"mm\", per = 1000, max = 250", "axes.X.max: 250 mm would be 0 mm, since a count is 1000 mm"),
+        (
+            "unit = \"mm\", per = 1000, min = -10, max = 0.5",
+            "axes.X.min: -10 mm would be 0 mm, since a count is 1000 mm",
+        ),
+        ("unit = \"mm\", per = -1000, max = 1500", "axes.X.max: 1500 mm would be 2000 mm, since a count is 1000 mm"),
+    ] {
+        let said = parse(axis).unwrap_err().to_string();
+        assert_eq!(
+            said,
+            format!("m.toml, line 3: {error}; correct per, the units of one count, or the limit"),
+            "{axis}"
+        );
+    }
+    for (axis, max) in [
+        ("unit = \"deg\", per = \"360/131072\", max = 45.1", 16_420),
+        ("unit = \"mm\", per = 1000, max = 250000", 250),
+        ("unit = \"mm\", per = 1000, min = 0, max = 2000", 2),
+        ("max = 1", 1),
+    ] {
+        assert_eq!(parse(axis).unwrap().axes[0].limits.max, max, "{axis}");
+    }
+}

@@ -333,6 +333,7 @@ pub trait Model: Send + Sized + 'static {
 pub fn apply_fault<M: Model>(device: &mut M, fault: Fault) -> bool {
     match fault {
         Fault::Alarm { axis, fault } => change_axis(device, axis, |axis| axis.machine_mut().raise(fault)),
+        Fault::AlarmCauseEnds { axis } => change_axis(device, axis, |axis| axis.machine_mut().end_cause()),
         Fault::Stick { axis, input, value } => change_axis(device, axis, |axis| match input {
             Some(input) => axis.stick(input, value),
             None => Input::ALL.into_iter().for_each(|input| axis.stick(input, value)),

@@ -24,6 +24,11 @@ pub enum Fault {
         /// The error code of the fault, and whether a fault reset clears the fault.
         fault: DeviceFault,
     },
+    /// The cause of the alarm of an axis is gone: a fault reset clears it from now on, whatever it was.
+    AlarmCauseEnds {
+        /// The axis, from 0.
+        axis: usize,
+    },
     /// A switch of an axis sticks at a value. A stuck index pulse no longer occurs.
     Stick {
         /// The axis, from 0.
@@ -50,12 +55,12 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The fault that ends this one when it is applied: a stuck switch without a value, for example. An alarm has no such
-    /// fault, since only a fault reset by the master clears it, so the alarm itself is returned.
+    /// The fault that ends this one when it is applied: a stuck switch without a value, for example. Of an alarm it ends the
+    /// cause, since only a fault reset by the master clears the alarm itself.
     #[must_use]
     pub const fn end(self) -> Self {
         match self {
-            Self::Alarm { .. } => self,
+            Self::Alarm { axis, .. } | Self::AlarmCauseEnds { axis } => Self::AlarmCauseEnds { axis },
             Self::Stick { axis, input, .. } => Self::Stick { axis, input, value: None },
             Self::Jam { axis, .. } => Self::Jam { axis, jammed: false },
             Self::ForceInputs { channel, .. } => Self::ForceInputs { channel, pattern: None },

@@ -202,6 +202,13 @@ impl StateMachine {
         self.go(DriveState::FaultReactionActive);
     }
 
+    /// The cause of the present fault is gone: a fault reset clears it from now on.
+    pub const fn end_cause(&mut self) {
+        if let Some(fault) = &mut self.fault {
+            fault.resettable = true;
+        }
+    }
+
     /// Handles the loss of the master: the device has left OP, so no more controlwords come.
     ///
     /// \[OURS] The drive brakes as for a quick stop and ends in Switch on disabled; from then on [`Self::controlword`] returns

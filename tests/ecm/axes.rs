@@ -63,6 +63,16 @@ fn an_alarm_ends_servo_on_with_its_code_until_it_is_cleared() {
     assert!(alarm.to_string().contains("0x7500") && alarm.to_string().ends_with("clear_alarm and servo_on"));
     ecm.servo_on(&[2]).unwrap();
 
+    // Its cause ends: the alarm stays until it is cleared, and then it is.
+    let file = script("axes-alarm-ends", "at 500ms alarm 1 0x7500 stays\nat 600ms end alarm 1\n");
+    let ecm = open(&format!("slaves=drive&script={file}"));
+    in_op(&ecm, &Config::drives(1));
+    ecm.servo_on(&[1]).unwrap();
+    (0..1000).for_each(|_| _ = ecm.next_cycle(SECOND).unwrap());
+    assert_eq!(ecm.servo_on(&[1]), Err(alarm));
+    ecm.clear_alarm(&[1]).unwrap();
+    ecm.servo_on(&[1]).unwrap();
+
     // A following error is an alarm that a reset clears.
     let ecm = enabled("slaves=drive", &Config::drives(1));
     ecm.sdo_write(1, ObjectAddress::new(0x6065, 0), 10_u32).unwrap();

@@ -109,6 +109,31 @@ fn a_stuck_change_says_where_and_on_whom() {
     assert!(error.to_string().ends_with("call configure first"), "{error}");
 }
 
+/// SK-4.62 A slave that was lost and is there again comes back with the first change of state, also with one down: the board
+/// shows a failure until it is back, which is none of the change. A slave that is not there fails the change.
+#[test]
+fn a_lost_slave_comes_back_with_the_first_change_down() {
+    for (script_of, comes_back) in [("at 1s lose 2\nat 2s find 2\n", true), ("at 1s lose 2\n", false)] {
+        let file = script(if comes_back { "lost-back" } else { "lost-gone" }, script_of);
+        let ecm = enabled(&format!("slaves=drive*2&script={file}"), &Config::drives(2));
+        let failed = StateByte::failed(Some(MasterState::Op));
+        while ecm.next_cycle(SECOND).unwrap().state() != failed {}
+        cycles(&ecm, 1500);
+        assert_eq!(ecm.state().unwrap(), failed);
+        let changed = ecm.set_state(MasterState::PreOp);
+        if !comes_back {
+            let suspect = Suspect::Silent { slave: 2 };
+            let found = StateByte::failed(Some(MasterState::PreOp));
+            assert_eq!(changed, Err(EcmError::StateStuck { wanted: MasterState::PreOp, found, suspect }));
+            continue;
+        }
+        changed.unwrap();
+        ecm.configure(&Config::drives(2)).unwrap();
+        ecm.set_state(MasterState::Op).unwrap();
+        ecm.servo_on(&[1, 2]).unwrap();
+    }
+}
+
 /// API-27 SK-5.5 A board found in OP is adopted unchanged: nothing is sent, its axes go on, and configuring it is
 /// refused.
 #[test]

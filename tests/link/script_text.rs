@@ -18,7 +18,7 @@ fn valid_scripts_are_read() {
         ("", 0),
         ("# nothing\n\n   \t# still nothing\r\n", 0),
         ("alarm 1 1", 1),
-        ("at 0s alarm 2.1 0xFFFF stays", 1),
+        ("at 0s alarm 2.1 0xFFFF stays\nend alarm 2.1", 2),
         ("  at\t1.5min  cut 2   for 1h # both ways\r\n", 2),
         ("refuse 1 op for 1s\nrefuse 1 op 0x11 for 1s\nrefuse 1 init 17\nend refuse 1", 6),
         ("sdo-abort 1 0x6098:0 1\nsdo-abort 1 24728:0x0 0xFFFFFFFF for 1us\nend sdo-abort 1", 4),
@@ -68,7 +68,7 @@ fn a_byte_order_mark_is_accepted_and_utf_16_is_refused_by_name() {
 fn an_invalid_line_is_reported_with_its_position_and_what_is_allowed() {
     const VERBS: &str = "alarm, cut, heal, noise, mute, refuse, sdo-delay, sdo-abort, lose, find, stick, jam, \
                          io, silent, full, inputs";
-    const LASTING: &str = "cut, noise, mute, refuse, sdo-delay, sdo-abort, lose, stick, jam, io, silent, full";
+    const LASTING: &str = "alarm, cut, noise, mute, refuse, sdo-delay, sdo-abort, lose, stick, jam, io, silent, full";
     const TIMES: &str = "a time with its unit, such as 2.5s; units: us, ms, s, min, h; at most 1000h";
     for (text, line, column, message) in [
         ("\n  alram 1 0x7500", 2, 3, format!("`alram` is no verb; did you mean `alarm`? allowed: at, end, from, {VERBS}")),
@@ -81,7 +81,9 @@ fn an_invalid_line_is_reported_with_its_position_and_what_is_allowed() {
         ("from", 1, 5, "start|frame|op is missing; allowed: from start|frame|op".into()),
         ("from fame", 1, 6, "`fame` is no moment; did you mean `frame`? allowed: start, frame, op".into()),
         ("from op 2s", 1, 9, "`2s` is too much; allowed: from start|frame|op".into()),
-        ("end alarm 1", 1, 5, format!("`alarm` is no verb that `end` ends; allowed: {LASTING}")),
+        ("end heal", 1, 5, format!("`heal` is no verb that `end` ends; allowed: {LASTING}")),
+        ("end alarm", 1, 10, "SLAVE is missing; allowed: end alarm SLAVE[.AXIS]".into()),
+        ("end alarm 1 0x7500", 1, 13, "`0x7500` is too much; allowed: end alarm SLAVE[.AXIS]".into()),
         ("end muet 1", 1, 5, format!("`muet` is no verb that `end` ends; did you mean `mute`? allowed: {LASTING}")),
         ("end refuse", 1, 11, "SLAVE is missing; allowed: end refuse SLAVE".into()),
         ("end refuse 1 op", 1, 14, "`op` is too much; allowed: end refuse SLAVE".into()),

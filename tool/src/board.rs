@@ -1,8 +1,8 @@
 //! The board that a verb (a subcommand of the tool) works on: the options that all such verbs share, and their common code.
 //! `session.rs` is the open board; `bring_up.rs`, `adopted.rs` and `interruptible.rs` are its long calls: bringing the network
 //! up, checking a network that is already running, and waiting until Ctrl-C. `network.rs`, `slaves.rs` and `number.rs` parse
-//! options and operands; `reporter.rs` prints results and progress, `question/` asks at a terminal, `error.rs` has the errors,
-//! `interrupt.rs` the signals.
+//! options and operands; `units.rs` writes positions in their units; `reporter.rs` prints results and progress, `question/`
+//! asks at a terminal, `error.rs` has the errors, `interrupt.rs` the signals.
 
 mod adopted;
 mod axis_word;
@@ -16,6 +16,7 @@ mod question;
 mod reporter;
 mod session;
 mod slaves;
+mod units;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -48,7 +49,8 @@ const HEADING: &str = "Board";
 #[derive(Clone, Debug, Default, clap::Args)]
 #[group(skip)]
 pub struct Args {
-    /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    /// Board to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml, else
+    /// usb:]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
     pub link: Option<LinkUri>,
 
@@ -96,7 +98,8 @@ pub struct Args {
     #[arg(long, value_name = "COUNTS|off", value_parser = network::guard, global = true, help_heading = HEADING)]
     lead_limit: Option<Guard>,
 
-    /// Counts per unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
+    /// Counts per unit, for positions and speeds in mm or degrees of axes that are named by numbers: one number for all, or
+    /// e.g. 1=5000,2=131072/360
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true, global = true, help_heading = HEADING)]
     counts_per_unit: Option<Scales>,
 

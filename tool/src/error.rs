@@ -97,10 +97,11 @@ pub enum CliError {
     Control(#[from] super::control_option::ControlOptionError),
     /// The command line names no board to serve.
     #[error(
-        "no board to serve was named: no --link, {} is not set, there is no {}; give one, e.g. --link 'sim:?slaves=drive*2', see \
-         `ecmsk link help`",
+        "no board to serve was named: no --link, {} is not set, there is no {} and no link in {}; give one, e.g. --link \
+         'sim:?slaves=drive*2', see `ecmsk link help`",
         ecmsk::link::config::LINK_VARIABLE,
-        ecmsk::link::config::FILE_NAME
+        ecmsk::link::config::FILE_NAME,
+        ecmsk::machine_file::FILE_NAME
     )]
     NothingToServe,
     /// `ecmsk slave` has not made its file.

@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::{Subcommand, ValueHint};
-use ecmsk::link::record::flight::{self, FlightContents, FlightSegment, KeptMoment, Moment};
+use ecmsk::link::record::flight::{self, FlightContents, FlightSegment, KeptMoment, Kind, Moment};
+use ecmsk::machine_file::MachineFile;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
-use super::{CliError, output};
+use super::{CliError, machine_option, output, recording};
 
 /// How long `ecmsk flight mark` waits until its mark is taken: recorders look for marks once a second. \[OURS]
 const TAKEN_MAX: Duration = Duration::from_secs(3);
@@ -52,6 +53,9 @@ struct List {
     /// The folder
     #[arg(value_name = "DIR", value_hint = ValueHint::DirPath)]
     folder: PathBuf,
+
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
 
     /// Print one JSON object
     #[arg(long)]
@@ -118,8 +122,36 @@ fn mark(args: &Mark) -> Result<(), CliError> {
 fn list(args: &List) -> Result<(), CliError> {
     let failed = |source| FlightVerbError::Folder { folder: args.folder.clone(), source };
     let contents = FlightContents::of(&args.folder).map_err(failed)?;
+    let newest = contents.moments.iter().rev().find_map(|kept| kept.file.as_deref());
+    let newest = newest.or_else(|| contents.segments.last().map(|segment| &*segment.file));
+    let carried = newest.and_then(recording::carried);
+    let machine = machine_option::of_recording(args.machine.as_deref(), carried.as_deref())?;
+    let contents = with_words(contents, machine.as_ref());
     let text = if args.json { format!("{}\n", as_json(&contents)) } else { as_text(&contents, &args.folder) };
     Ok(output::print(text)?)
+}
+
+/// The same with the names of axes and the words for alarms of the machine file.
+fn with_words(mut contents: FlightContents, machine: Option<&MachineFile>) -> FlightContents {
+    let Some(machine) = machine else { return contents };
+    for reason in contents.moments.iter_mut().flat_map(|kept| &mut kept.moment.reasons) {
+        if let Some(text) = alarm_in_words(machine, &reason.text).filter(|_| reason.kind == Kind::Alarm) {
+            reason.text = text;
+        }
+    }
+    contents
+}
+
+/// The text of an alarm, `slave 1 has an alarm, 0x7500: ..`, in the words of the machine file; `None` if it has another form.
+fn alarm_in_words(machine: &MachineFile, text: &str) -> Option<String> {
+    let (slave, rest) = text.strip_prefix("slave ")?.split_once(' ')?;
+    let slave = slave.parse().ok()?;
+    let who = machine.axis_of(slave).map_or_else(|| format!("slave {slave}"), |axis| format!("axis {}", axis.name));
+    let code = rest.strip_prefix("has an alarm, 0x").and_then(|code| u16::from_str_radix(code.get(..4)?, 16).ok());
+    Some(match code.and_then(|code| Some((code, machine.alarm_text(slave, code)?))) {
+        Some((code, words)) => format!("{who} has an alarm, 0x{code:04X}: {words}"),
+        None => format!("{who} {rest}"),
+    })
 }
 
 fn as_text(contents: &FlightContents, folder: &Path) -> String {

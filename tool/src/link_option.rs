@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 use ecmsk::link::LinkError;
 use ecmsk::link::config::{ConfigError, Environment, LINK_VARIABLE, Source, find};
 use ecmsk::link::uri::{LinkUri, UriError};
-use ecmsk::machine_file::MachineFile;
+use ecmsk::machine_file::{MachineFile, MachineFileError};
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 
+use super::board::AxisWord;
+use super::machine_option;
 use super::stderr::say;
 
 /// The link that a verb opens, and whether the user has named it.
@@ -28,6 +30,9 @@ pub enum ChoiceError {
     /// The link of `ECMSK_LINK` or of a configuration file is invalid.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The machine file, which may name the link or the axis, cannot be used.
+    #[error(transparent)]
+    Machine(#[from] MachineFileError),
 }
 
 /// No link is named, and the default link does not open.
@@ -50,12 +55,30 @@ impl Unnamed {
 }
 
 impl ChosenLink {
-    /// Finds the link: that of the option `link`, otherwise that of the environment or of a configuration file.
+    /// Finds the link of a verb that needs nothing else of a machine file: that of the option `link`, otherwise that of the
+    /// environment, of the machine file in the working directory or of a configuration file.
     ///
     /// # Errors
-    /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
+    /// `ECMSK_LINK`, `ecmsk.toml` or the machine file is invalid.
     pub fn find(link: Option<&LinkUri>) -> Result<Self, ChoiceError> {
-        Self::find_with(link, None)
+        Ok(Self::find_for(link, None, None)?.0)
+    }
+
+    /// As [`find`](Self::find), for a verb about the slave `word`; returns the machine file, too. The file is read only if the
+    /// option `machine` names it, or it has to name the link or the axis: without it other command lines mean the same.
+    /// \[OURS]
+    ///
+    /// # Errors
+    /// As [`find`](Self::find).
+    pub fn find_for(
+        link: Option<&LinkUri>,
+        machine: Option<&Path>,
+        word: Option<&AxisWord>,
+    ) -> Result<(Self, Option<MachineFile>), ChoiceError> {
+        let is_link_named = link.is_some() || is_variable_set();
+        let is_needed = machine.is_some() || !is_link_named || word.is_some_and(AxisWord::is_name);
+        let machine = if is_needed { machine_option::of_link(machine, link)? } else { None };
+        Ok((Self::find_with(link, machine.as_ref())?, machine))
     }
 
     /// As [`find`](Self::find), for a verb with a machine file. The link of the file comes behind `ECMSK_LINK` and before a
@@ -69,8 +92,7 @@ impl ChosenLink {
             return Ok(Self { uri: of_machine(uri.clone()), looked: None });
         }
         let environment = environment();
-        let is_variable_set = environment.link.as_ref().is_some_and(|value| !value.is_empty());
-        if let Some(uri) = machine.filter(|_| !is_variable_set).and_then(|machine| machine.link(None)) {
+        if let Some(uri) = machine.filter(|_| !is_variable_set()).and_then(|machine| machine.link(None)) {
             return Ok(Self { uri, looked: None });
         }
         let configured = find(&environment)?;
@@ -93,6 +115,11 @@ impl ChosenLink {
     pub fn if_unnamed(&self, error: &LinkError) -> Option<Unnamed> {
         self.looked.clone().map(|looked| Unnamed { looked, error: Box::new(error.clone()) })
     }
+}
+
+/// Whether `ECMSK_LINK` names a link.
+pub fn is_variable_set() -> bool {
+    std::env::var_os(LINK_VARIABLE).is_some_and(|value| !value.is_empty())
 }
 
 /// The places where the tool searches for its link: those of the library, and its working directory.

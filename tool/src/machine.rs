@@ -201,9 +201,20 @@ fn write(file: &Path, text: &str, overwrite: bool) -> io::Result<()> {
     file.sync_all()
 }
 
+/// The highest homing method of CiA 402.
+const HOMING_METHOD_MAX: i8 = 37;
+
 /// Prints advice on what is allowed in a machine file, and hardly meant.
 fn advise(reporter: &Reporter, machine: &MachineFile) {
     for axis in &machine.axes {
+        let name = &axis.name;
+        // CiA 402 has the methods from 1 on; those below 0 are the maker's.
+        if let Some(method) = axis.homing.method.filter(|method| *method == 0 || *method > HOMING_METHOD_MAX) {
+            reporter.note(format_args!(
+                "axis {name} has homing method {method}, which CiA 402 does not have: it has 1 to {HOMING_METHOD_MAX}, and those \
+                 below 0 are the maker's; see the manual of the drive"
+            ));
+        }
         let has = [axis.limits.min != i32::MIN, axis.limits.max != i32::MAX];
         // With a unit in the opposite direction the lowest position has the highest count.
         let [has_min, has_max] = if axis.scale.counts_per_unit < 0.0 { [has[1], has[0]] } else { has };
@@ -212,7 +223,6 @@ fn advise(reporter: &Reporter, machine: &MachineFile) {
             (true, false) => ("min", "max"),
             _ => continue,
         };
-        let name = &axis.name;
         reporter
             .note(format_args!("axis {name} has {has} and no {lacks}, so that nothing limits it there; add {lacks}"));
     }

@@ -1,19 +1,22 @@
-//! The option `--machine`: the machine file of a verb.
+//! The option `--machine`: the machine file of a verb. `differing.rs` compares it with that of a server.
+
+mod differing;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, Once};
 
 use ecmsk::cia402::error_name;
-use ecmsk::link::config::{LINK_VARIABLE, find};
+use ecmsk::link::config::find;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{LinkError, tcp};
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
 use ecmsk::recording::CarriedFile;
 
-use super::link_option::{belongs_to_user, environment, is_of_another_user};
+use super::link_option::{belongs_to_user, environment, is_of_another_user, is_variable_set};
 use super::lock::lock;
 use super::stderr::say;
+pub use differing::{AxisDifference, note_differences};
 
 /// The help text of `--machine`.
 pub const HELP: &str = "Machine file: axes by name, units, limits, slaves, link; none: no such file [default: machine.toml in this \
@@ -106,8 +109,7 @@ pub fn link_passed_over() -> Result<Option<LinkUri>, MachineFileError> {
         link: Option<String>,
     }
     let path = Path::new(FILE_NAME);
-    let is_variable_set = std::env::var_os(LINK_VARIABLE).is_some_and(|value| !value.is_empty());
-    if is_variable_set || path.symlink_metadata().is_err() || is_of_another_user(path) {
+    if is_variable_set() || path.symlink_metadata().is_err() || is_of_another_user(path) {
         return Ok(None);
     }
     match MachineFile::load(path) {
@@ -162,25 +164,32 @@ pub enum ServedFileError {
 /// # Errors
 /// [`ServedFileError`]: whether the server has a file, and which limits are in it, is not known.
 pub fn of_server(link: Option<&LinkUri>) -> Result<Option<MachineFile>, ServedFileError> {
-    static ASKED: Mutex<Option<(LinkUri, Option<MachineFile>)>> = Mutex::new(None);
+    static SAID: Once = Once::new();
     let configured = || LinkUri::parse(&find(&environment()).ok()?.link).ok();
     let link = link.cloned().or_else(configured);
     let Some(uri) = link.filter(|uri| uri.scheme() == Scheme::Tcp) else { return Ok(None) };
+    let machine = served(&uri)?;
+    if let Some(machine) = &machine {
+        SAID.call_once(|| say("note", &format_args!("machine file {}", machine.path.display())));
+    }
+    Ok(machine)
+}
+
+/// The machine file of the server of a link `tcp:`, which is asked once; `None` if it has none.
+fn served(uri: &LinkUri) -> Result<Option<MachineFile>, ServedFileError> {
+    static ASKED: Mutex<Option<(LinkUri, Option<MachineFile>)>> = Mutex::new(None);
     let mut asked = lock(&ASKED);
-    if let Some((_, machine)) = asked.as_ref().filter(|(of, _)| *of == uri) {
+    if let Some((_, machine)) = asked.as_ref().filter(|(of, _)| of == uri) {
         return Ok(machine.clone());
     }
-    let machine = match tcp::machine(&uri).map_err(ServedFileError::Link)? {
-        Some(file) => {
-            // No file on this machine is meant by its name.
-            let name = format!("{} of the server", file.name());
-            let machine = MachineFile::parse(&name, file.text()).map_err(ServedFileError::File)?;
-            say("note", &format_args!("machine file {name}"));
-            Some(of_elsewhere(machine))
-        }
-        None => None,
-    };
-    *asked = Some((uri, machine.clone()));
+    let file = tcp::machine(uri).map_err(ServedFileError::Link)?;
+    let machine = file.map(|file| {
+        // No file on this machine is meant by its name.
+        let name = format!("{} of the server", file.name());
+        MachineFile::parse(&name, file.text()).map(of_elsewhere).map_err(ServedFileError::File)
+    });
+    let machine = machine.transpose()?;
+    *asked = Some((uri.clone(), machine.clone()));
     Ok(machine)
 }
 
@@ -195,6 +204,26 @@ fn of_elsewhere(mut machine: MachineFile) -> MachineFile {
 /// server.
 pub fn is_on_disk(given: Option<&Path>, machine: &MachineFile) -> bool {
     machine.path == given.unwrap_or(Path::new(FILE_NAME))
+}
+
+/// The machine file that this command line uses, and the names of its axes, for an error of its words; `None` if there is none,
+/// it has no axis or cannot be used. Nothing is printed.
+pub fn names_of_axes() -> Option<(String, String)> {
+    let words: Vec<_> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    let option = |(word, next): (&String, Option<&String>)| match word.strip_prefix("--machine") {
+        Some("") => next.cloned(),
+        Some(rest) => rest.strip_prefix('=').map(str::to_owned),
+        None => None,
+    };
+    let given = words.iter().enumerate().find_map(|(place, word)| option((word, words.get(place + 1))));
+    if passes_over(given.as_deref().map(Path::new)) {
+        return None;
+    }
+    // The option `none` names no file, unless there is one of that name, which is not used.
+    let file = given.unwrap_or_else(|| FILE_NAME.to_owned());
+    let machine = MachineFile::load(Path::new(&file)).ok().filter(|_| file != NONE)?;
+    let names = machine.axes.iter().map(|axis| &*axis.name).collect::<Vec<_>>().join(", ");
+    (!names.is_empty()).then_some((file, names))
 }
 
 /// A number with a unit directly behind it or after spaces: `0.5mm`, `500 counts`.

@@ -55,7 +55,7 @@ Examples:
   ecmsk monitor --recording run.pcapng
   ecmsk monitor --json --interval 1s | jq '.slots[0].fifo_free_entries'")]
 pub struct Args {
-    /// Board to show, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    /// Board to show, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml, else usb:]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
@@ -275,6 +275,9 @@ pub fn board(
     around: Around,
     each: Each,
 ) -> Result<Feed, MonitorError> {
+    if let Some(machine) = machine {
+        machine_option::note_differences(machine, &chosen.uri);
+    }
     let uri = as_reader(&chosen.uri);
     let watched = |known: Option<KnownNetwork>| {
         let kinds = known_kinds(slaves, &uri, machine.map(Arc::as_ref), known);

@@ -34,7 +34,7 @@ use serde_json::{Value as Json, json};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
-use crate::board::SLAVES_MAX;
+use crate::board::{AxisWord, SLAVES_MAX};
 
 use file::ParameterFile;
 use kept::{Carries, LeftOut};
@@ -60,6 +60,7 @@ pub use error::ParamsError;
 Examples:
   ecmsk params backup 1 --link nic:eth1 --output axis1.params
   ecmsk params backup all --link nic:eth1 --output machine/
+  ecmsk params backup X --machine machine.toml --output X.params
   ecmsk params diff axis1.params 1 --link nic:eth1
   ecmsk params diff monday.params friday.params
   ecmsk params restore axis1.params 1 --link nic:eth1 --yes
@@ -76,7 +77,7 @@ pub struct Args {
 enum Verb {
     /// Write the parameters of a drive, or of all drives, to a file each; nothing is written to a drive
     Backup {
-        /// The slave, from 1 in the order of the cable, or `all`
+        /// The slave, from 1 in the order of the cable, or the name of its axis in the machine file, or `all`
         #[arg(value_name = "SLAVE", value_parser = Which::parse)]
         which: Which,
         #[command(flatten)]
@@ -93,7 +94,7 @@ enum Verb {
         /// A file that `params backup` or `ecmsk objects` made
         #[arg(value_hint = ValueHint::FilePath)]
         file: PathBuf,
-        /// The drive to compare with, by its number from 1; or another file
+        /// The drive to compare with, by its number from 1 or by the name of its axis; or another file
         #[arg(value_name = "SLAVE|FILE", value_parser = Other::parse, value_hint = ValueHint::FilePath)]
         with: Other,
         #[command(flatten)]
@@ -108,9 +109,9 @@ enum Verb {
         /// A file that `params backup` or `ecmsk objects` made
         #[arg(value_hint = ValueHint::FilePath)]
         file: PathBuf,
-        /// The slave, from 1 in the order of the cable
-        #[arg(value_parser = clap::value_parser!(u8).range(1..=40))]
-        slave: u8,
+        /// The slave, from 1 in the order of the cable, or the name of its axis in the machine file
+        #[arg(value_parser = AxisWord::of_slave)]
+        slave: AxisWord,
         #[command(flatten)]
         place: Place,
         /// Write; without this option the differences are only shown
@@ -126,33 +127,33 @@ enum Verb {
 }
 
 /// The drives to save the parameters of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 enum Which {
-    One(u8),
+    One(AxisWord),
     All,
 }
 
 impl Which {
     fn parse(text: &str) -> Result<Self, String> {
-        let slave = || text.parse().ok().filter(|slave| (1..=SLAVES_MAX).contains(slave)).map(Self::One);
         if text == "all" {
             return Ok(Self::All);
         }
-        slave().ok_or_else(|| format!("allowed: 1 to {SLAVES_MAX}, or all"))
+        AxisWord::of_slave(text).map(Self::One).map_err(|allowed| format!("{allowed}, or all"))
     }
 }
 
 /// What a file is compared with: a drive, or another file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Other {
-    Slave(u8),
+    Slave(AxisWord),
+    /// A file, or an axis by its name.
     File(PathBuf),
 }
 
 impl Other {
     fn parse(text: &str) -> Result<Self, String> {
         match text.parse() {
-            Ok(slave) if (1..=SLAVES_MAX).contains(&slave) => Ok(Self::Slave(slave)),
+            Ok(slave) if (1..=SLAVES_MAX).contains(&slave) => Ok(Self::Slave(AxisWord::Number(slave))),
             Ok(_) => Err(format!("allowed: 1 to {SLAVES_MAX}, or a file")),
             Err(_) => Ok(Self::File(text.into())),
         }
@@ -168,24 +169,25 @@ impl Other {
 pub fn run(args: &Args) -> Result<ExitCode, ParamsError> {
     match &args.verb {
         Verb::Backup { which, place, output, overwrite } => {
-            backup(*which, place, output.as_deref(), *overwrite).map(|()| ExitCode::SUCCESS)
+            backup(which, place, output.as_deref(), *overwrite).map(|()| ExitCode::SUCCESS)
         }
         Verb::Diff { file, with, place } => {
             let differ = differ::diff(file, with, place).map_err(|error| ParamsError::NotCompared(Box::new(error)))?;
             Ok(ExitCode::from(u8::from(differ)))
         }
         Verb::Restore { file, slave, place, yes, force, store } => {
-            put_back::restore(file, *slave, place, Options { yes: *yes, force: *force, store: *store })
+            put_back::restore(file, slave, place, Options { yes: *yes, force: *force, store: *store })
         }
     }
 }
 
-fn backup(which: Which, place: &Place, output: Option<&Path>, overwrite: bool) -> Result<(), ParamsError> {
+fn backup(which: &Which, place: &Place, output: Option<&Path>, overwrite: bool) -> Result<(), ParamsError> {
+    if let Which::One(word) = which {
+        let (mut opened, slave) = place.open_for(word)?;
+        return backup_one(&mut opened, slave, output, overwrite);
+    }
     let mut opened = place.open()?;
-    let folder = match (which, output) {
-        (Which::One(slave), _) => return backup_one(&mut opened, slave, output, overwrite),
-        (Which::All, folder) => folder.unwrap_or(Path::new(".")),
-    };
+    let folder = output.unwrap_or(Path::new("."));
     let slaves = opened.slaves()?;
     std::fs::create_dir_all(folder).map_err(|source| ParamsError::Write { file: folder.to_owned(), source })?;
     let mut kept = 0;

@@ -28,7 +28,7 @@ use ecmsk::port::tcp::{DEFAULT_PORT, OnVanish, ServeError, ServeOptions, Server}
 
 use super::board::{BoardError, slaves_words, units_words};
 use super::flight_option::FlightArgs;
-use super::link_option::ChosenLink;
+use super::link_option::{ChoiceError, ChosenLink};
 use super::stderr::say;
 use super::{CliError, control_option, machine_option, recording_end, signals, streams};
 use watch::WatchArgs;
@@ -68,7 +68,7 @@ Examples:
 
 Make a secret: (umask 077; head -c 32 /dev/urandom | base64 > ecmsk.secret)")]
 struct Tcp {
-    /// Board to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    /// Board to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
@@ -235,12 +235,16 @@ fn ended_with(lacking: Vec<String>) -> ExitCode {
 /// # Errors
 /// No board is named, or the link is invalid.
 fn served(link: Option<&LinkUri>) -> Result<LinkUri, CliError> {
-    served_with(link, None)
+    named(ChosenLink::find(link))
 }
 
 /// As [`served`], for a verb with a machine file.
 fn served_with(link: Option<&LinkUri>, machine: Option<&MachineFile>) -> Result<LinkUri, CliError> {
-    let chosen = ChosenLink::find_with(link, machine).map_err(BoardError::from)?;
+    named(ChosenLink::find_with(link, machine))
+}
+
+fn named(chosen: Result<ChosenLink, ChoiceError>) -> Result<LinkUri, CliError> {
+    let chosen = chosen.map_err(BoardError::from)?;
     if chosen.is_named() { Ok(chosen.uri) } else { Err(CliError::NothingToServe) }
 }
 

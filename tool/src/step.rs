@@ -73,7 +73,7 @@ impl Step {
             Self::Home(args) => args.check(network, units),
             Self::Move(args) => args.check(network, units),
             Self::Expect(args) => args.check(network, units),
-            Self::Sdo(args) => args.check(),
+            Self::Sdo(args) => args.check(units.machine),
             Self::Info(_) | Self::State(_) | Self::Wait(_) | Self::Fault(_) => Ok(()),
         }
     }

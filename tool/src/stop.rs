@@ -34,7 +34,8 @@ Examples:
   ecmsk stop --link tcp://192.168.1.20?secret_file=secret --servo-off
   ecmsk stop --link usb: --slaves drive*2,io")]
 pub struct Args {
-    /// Board whose axes are stopped, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    /// Board whose axes are stopped, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or
+    /// ecmsk.toml, else usb:]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 

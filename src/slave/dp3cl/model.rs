@@ -139,6 +139,7 @@ impl Model for Dp3cl {
                 Some(alarm) => self.raise(alarm),
                 None => self.axis.machine_mut().raise(fault),
             },
+            Fault::AlarmCauseEnds { axis: 0 } => self.axis.machine_mut().end_cause(),
             Fault::Stick { axis: 0, input, value } => {
                 for input in Input::ALL.into_iter().filter(|each| input.is_none_or(|input| input == *each)) {
                     match input {

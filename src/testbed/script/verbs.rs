@@ -16,10 +16,20 @@ struct Verb {
     /// The syntax of the verb's operands.
     form: &'static str,
     meaning: &'static str,
-    /// Whether the effect lasts until it is ended. If so, a line with this verb may have `for`, and `end` accepts the verb.
-    lasts: bool,
+    lasts: Lasts,
     /// Reads the operands. After `end` the verb has only a slave as its operand ([`Reader::ends`]).
     read: fn(&mut Reader) -> Result<ScriptAction, LineError>,
+}
+
+/// How long the effect of a verb lasts.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Lasts {
+    /// The effect does not last, or another verb ends it.
+    Never,
+    /// It lasts until `end` with the verb.
+    UntilEnd,
+    /// It lasts until `end`, and a line with the verb may have `for`.
+    ForTime,
 }
 
 /// The origins of times, by the word behind `from`.
@@ -30,10 +40,13 @@ const VERBS: &[Verb] = &[
     Verb {
         name: "alarm",
         form: "SLAVE[.AXIS] CODE [stays]",
-        meaning: "a fault with that error code (0x603F); stays: no fault reset clears it",
-        lasts: false,
+        meaning: "a fault with that error code (0x603F); stays: no fault reset clears it before `end alarm`",
+        lasts: Lasts::UntilEnd,
         read: |line| {
             let (slave, axis) = line.axis()?;
+            if line.ends {
+                return Ok(ScriptAction::Fault { slave, fault: Fault::AlarmCauseEnds { axis } });
+            }
             let code = number(line.words, "CODE", &line.form, 1, 0xFFFF)? as u16;
             let resettable = !line.words.take("stays");
             Ok(ScriptAction::Fault { slave, fault: Fault::Alarm { axis, fault: DeviceFault { code, resettable } } })
@@ -43,7 +56,7 @@ const VERBS: &[Verb] = &[
         name: "cut",
         form: "SLAVE",
         meaning: "the cable is cut before that slave; before the first one no cycle passes any more",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| {
             if line.ends { Ok(ScriptAction::Cut(None)) } else { Ok(ScriptAction::Cut(Some(line.slave()? - 1))) }
         },
@@ -52,7 +65,7 @@ const VERBS: &[Verb] = &[
         name: "heal",
         form: "",
         meaning: "the cable is whole again, as with `end cut`",
-        lasts: false,
+        lasts: Lasts::Never,
         read: |_| Ok(ScriptAction::Cut(None)),
     },
     Verb {
@@ -60,7 +73,7 @@ const VERBS: &[Verb] = &[
         form: "SLAVE N",
         meaning: "the cable before that slave damages one of N frames, by turns out and back (one cable at a time); for \
                   `ecmsk bus` and `ecmsk serve ethercat`, whose slaves have frames",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| {
             let slave = line.slave()?;
             let one_of = if line.ends { 0 } else { number(line.words, "N", &line.form, 1, 0xFFFF)? as u16 };
@@ -71,14 +84,14 @@ const VERBS: &[Verb] = &[
         name: "mute",
         form: "SLAVE",
         meaning: "a slave answers nothing, while frames still pass it",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| Ok(ScriptAction::Mute { slave: line.slave()?, mute: true }),
     },
     Verb {
         name: "refuse",
         form: "SLAVE STATE [AL_STATUS]",
         meaning: "a slave does not enter init, preop, safeop or op, with that AL status code (0x0011 if none is given)",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| {
             let slave = line.slave()?;
             let state = if line.ends { None } else { Some((line.state()?, line.al_status()?)) };
@@ -89,7 +102,7 @@ const VERBS: &[Verb] = &[
         name: "sdo-delay",
         form: "SLAVE TIME",
         meaning: "SDO transfers with a slave take that much longer",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| {
             let slave = line.slave()?;
             Ok(ScriptAction::SdoDelay { slave, ns: if line.ends { 0 } else { time(line.words, &line.form)? } })
@@ -100,7 +113,7 @@ const VERBS: &[Verb] = &[
         form: "SLAVE [INDEX:SUB] CODE",
         meaning: "a slave aborts every SDO transfer with that code, or those of one object (one of a slave at a time), \
                   e.g. 0x6098:0 0x06020000",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| {
             let slave = line.slave()?;
             let abort = if line.ends { None } else { Some((line.object()?, line.abort_code()?)) };
@@ -111,14 +124,14 @@ const VERBS: &[Verb] = &[
         name: "lose",
         form: "SLAVE",
         meaning: "a slave loses its power: it falls to Init and answers nothing, while frames still pass it",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| Ok(ScriptAction::Lose { slave: line.slave()?, lost: true }),
     },
     Verb {
         name: "find",
         form: "SLAVE",
         meaning: "a slave has power again: it answers, in Init, as with `end lose`",
-        lasts: false,
+        lasts: Lasts::Never,
         read: |line| Ok(ScriptAction::Lose { slave: line.slave()?, lost: false }),
     },
     Verb {
@@ -126,7 +139,7 @@ const VERBS: &[Verb] = &[
         form: "SLAVE[.AXIS] INPUT on|off",
         meaning: "an input of an axis sticks: negative-limit, positive-limit, home or index (no pulse comes any more); \
                   `end stick` frees all of the axis",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| {
             let (slave, axis) = line.axis()?;
             let stuck = if line.ends { None } else { Some((line.input()?, line.on_or_off()?)) };
@@ -138,7 +151,7 @@ const VERBS: &[Verb] = &[
         name: "jam",
         form: "SLAVE",
         meaning: "the shaft of a drive or a step is jammed: it stands whatever the torque, and a following error comes",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| {
             let (slave, axis) = line.motor()?;
             Ok(ScriptAction::Fault { slave, fault: Fault::Jam { axis, jammed: true } })
@@ -149,7 +162,7 @@ const VERBS: &[Verb] = &[
         form: "SLAVE[.CHANNEL] inputs BITS|walk TIME",
         meaning: "digital inputs of an io or hsp are forced, instead of being wired to the outputs, and SI1 to SI4 of a \
                   dp3cl: to BITS, bit k is input k, or one after the other for TIME each",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |line| {
             let (slave, channel) = line.channel()?;
             let pattern = if line.ends { None } else { Some(line.pattern()?) };
@@ -160,21 +173,21 @@ const VERBS: &[Verb] = &[
         name: "silent",
         form: "",
         meaning: "the board makes no reports, while everything else goes on",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |_| Ok(ScriptAction::Silent(true)),
     },
     Verb {
         name: "full",
         form: "",
         meaning: "the board takes nothing out of its FIFO, so that it fills and full counts rise",
-        lasts: true,
+        lasts: Lasts::ForTime,
         read: |_| Ok(ScriptAction::Full(true)),
     },
     Verb {
         name: "inputs",
         form: "BITS",
         meaning: "the six inputs of the chip, bit k is input k",
-        lasts: false,
+        lasts: Lasts::Never,
         read: |line| Ok(ScriptAction::Inputs(number(line.words, "BITS", &line.form, 0, 0x3F)? as u8)),
     },
 ];
@@ -192,7 +205,7 @@ pub(crate) fn help() -> String {
          Verbs:\n",
     );
     for verb in VERBS {
-        let lasts = if verb.lasts { " [for TIME]" } else { "" };
+        let lasts = if verb.lasts == Lasts::ForTime { " [for TIME]" } else { "" };
         text.push_str(&format!("  {}{lasts}\n      {}\n", form(verb), verb.meaning));
     }
     text
@@ -223,11 +236,11 @@ pub(super) fn parse_line(
     let at = if words.take("at") { time(&mut words, "at TIME VERB ..")? } else { 0 };
     let ends = words.take("end");
     let word = words.need("VERB", &names(ends).join(", "))?;
-    let verb = VERBS.iter().find(|verb| verb.name == word.text && (verb.lasts || !ends));
+    let verb = VERBS.iter().find(|verb| verb.name == word.text && (verb.lasts != Lasts::Never || !ends));
     let verb = verb.ok_or_else(|| unknown_verb(word, ends))?;
     let form = match (ends, verb.lasts) {
-        (false, true) => format!("{} [for TIME]", form(verb)),
-        (false, false) => form(verb),
+        (false, Lasts::ForTime) => format!("{} [for TIME]", form(verb)),
+        (false, _) => form(verb),
         (true, _) => match verb.form.split(' ').next() {
             Some(slave) if slave.starts_with("SLAVE") && verb.name != "cut" => format!("end {} {slave}", verb.name),
             _ => format!("end {}", verb.name),
@@ -236,7 +249,7 @@ pub(super) fn parse_line(
     let mut reader = Reader { words: &mut words, slaves, form: form.clone(), ends };
     let action = (verb.read)(&mut reader)?;
     let action = if ends { action.undo() } else { action };
-    let lasts = verb.lasts && !ends && words.take("for");
+    let lasts = verb.lasts == Lasts::ForTime && !ends && words.take("for");
     let end = if lasts { Some(at + time(&mut words, &form)?) } else { None };
     if let Some(word) = words.next() {
         return Err(word.wrong("too much", &form));
@@ -258,7 +271,7 @@ fn origin(words: &mut Words) -> Result<ScriptOrigin, LineError> {
 
 /// The names of all verbs, or only of the verbs that `end` accepts.
 pub(super) fn names(ends: bool) -> Vec<&'static str> {
-    VERBS.iter().filter(|verb| verb.lasts || !ends).map(|verb| verb.name).collect()
+    VERBS.iter().filter(|verb| verb.lasts != Lasts::Never || !ends).map(|verb| verb.name).collect()
 }
 
 fn unknown_verb(word: Word, ends: bool) -> LineError {

@@ -47,7 +47,8 @@ impl Board {
             if Mode::from_code(code) != Some(Mode::Csp) {
                 let mode = Mode::from_code(code).map_or_else(|| code.to_string(), |mode| format!("{code} ({mode})"));
                 let next = "configure the network again: `state preop`, then `state op`".to_owned();
-                return Err(refused(format!("axis {slave} is in mode {mode}, not in {}", Mode::Csp), next));
+                let axis = self.label(*slave);
+                return Err(refused(format!("axis {axis} is in mode {mode}, not in {}", Mode::Csp), next));
             }
         }
         Ok(())

@@ -1,9 +1,10 @@
 //! Axes as a command line names them: by the numbers of their slaves, or by the names of the machine file.
 
 use ecmsk::ecm::{Scale, Scales};
-use ecmsk::machine_file::{MachineAxis, MachineFile};
+use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 
 use super::error::BoardError;
+use crate::machine_option::{in_unit, label};
 
 /// The highest slave number behind a board.
 pub const SLAVES_MAX: u8 = 40;
@@ -25,6 +26,15 @@ impl AxisWord {
             return Some(Self::Name(text.to_owned()));
         }
         text.parse().ok().filter(|slave| (1..=SLAVES_MAX).contains(slave)).map(Self::Number)
+    }
+
+    /// Parses the operand that names a slave: its number, or the name of its axis.
+    ///
+    /// # Errors
+    /// The text is neither; the error says what is allowed.
+    pub fn of_slave(text: &str) -> Result<Self, String> {
+        Self::parse(text)
+            .ok_or_else(|| format!("allowed: 1 to {SLAVES_MAX}, or the name of an axis in the machine file"))
     }
 
     /// Whether the axis is given by its name, so that the machine file is needed to find its slave.
@@ -73,6 +83,46 @@ impl<'a> Units<'a> {
         self.machine?.axis_of(slave)
     }
 
+    /// The number of the slave of an axis, from 1 in network order. An axis that is named by its name has the unit of the machine
+    /// file: `--counts-per-unit` would give its positions another meaning. \[OURS]
+    ///
+    /// # Errors
+    /// As [`AxisWord::slave`]; [`BoardError::Refused`] if `--counts-per-unit` has a value for an axis that is named by its name.
+    pub fn slave(&self, what: &str, word: &AxisWord) -> Result<u8, BoardError> {
+        let slave = word.slave(what, self.machine)?;
+        match self.axis(slave).filter(|_| word.is_name() && self.has_option(slave)) {
+            None => Ok(slave),
+            Some(axis) => Err(BoardError::Refused {
+                what: what.to_owned(),
+                why: format!(
+                    "axis {} has its unit, {}, from the machine file, and --counts-per-unit is for axes that are named by their \
+                     numbers",
+                    axis.name, axis.unit
+                ),
+                next: format!("leave out --counts-per-unit, or name the axis {slave}"),
+            }),
+        }
+    }
+
+    /// Whether `--counts-per-unit` has a value for an axis.
+    pub fn has_option(&self, slave: u8) -> bool {
+        self.option.is_some_and(|scales| scales.has(slave))
+    }
+
+    /// The name of an axis in messages: that of the machine file, else the number of its slave.
+    pub fn label(&self, slave: u8) -> String {
+        label(self.machine, slave)
+    }
+
+    /// A distance or a speed of an axis, in counts and above 0, as text in the unit of the machine file; without one in counts.
+    pub fn way_text(&self, slave: u8, counts: f64) -> String {
+        let axis = self.axis(slave).filter(|axis| !self.has_option(slave) && axis.unit != Unit::Counts);
+        axis.map_or_else(
+            || format!("{counts:.0} counts"),
+            |axis| in_unit(axis, counts * axis.scale.counts_per_unit.signum()),
+        )
+    }
+
     /// The unit in which a position of an axis is written. For an axis that is named by its number this is not the unit
     /// of the machine file, but that of `--counts-per-unit` or counts. So command lines from before there was a machine
     /// file keep their meaning. \[OURS]
@@ -107,6 +157,13 @@ mod tests {
         assert_eq!((units.scale(&name, 2), units.scale(&number, 2)), (Scale::per_unit(2.0), Scale::COUNTS));
         let scales = Scales::parse("7").unwrap();
         let units = Units { numbers: Some(&scales), ..units };
+        assert_eq!(units.slave("move", &name).unwrap(), 2);
+        for (option, refused) in [("7", true), ("2=7", true), ("1=7", false)] {
+            let scales = Scales::parse(option).unwrap();
+            let units = Units { option: Some(&scales), ..units };
+            let slaves = [&name, &number].map(|word| units.slave("move", word).ok());
+            assert_eq!(slaves, [(!refused).then_some(2), Some(2)], "{option}");
+        }
         assert_eq!((units.scale(&name, 2), units.scale(&number, 2)), (Scale::per_unit(2.0), Scale::per_unit(7.0)));
         let unknown = AxisWord::Name("Y".to_owned());
         assert_eq!(

@@ -1,6 +1,7 @@
 //! Checks that the network is in the state that a step (an action such as `move` or `sdo`) needs. If it is not, `--up` brings
 //! the network up; without `--up` the error says what to type.
 
+use ecmsk::machine_file::FILE_NAME;
 use ecmsk::sk::MasterState;
 
 use super::error::BoardError;
@@ -23,8 +24,12 @@ impl Board {
     ///
     /// # Errors
     /// [`BoardError::NotUp`] if the network is in a lower state, and [`BoardError::AxisOff`] if an axis is off, both
-    /// without `--up`. [`BoardError::Alarm`] if an axis has an alarm; errors of bringing the network up.
+    /// without `--up`. [`BoardError::Refused`] if two machine files differ in an axis, [`BoardError::Alarm`] if an axis has an
+    /// alarm; errors of bringing the network up.
     pub fn ready(&self, what: &str, needs: Needs<'_>) -> Result<(), BoardError> {
+        if let Needs::On(axes) = needs {
+            self.refuse_differing(what, axes)?;
+        }
         let found = self.ecm.state()?;
         let wanted = if needs == Needs::Sdo { MasterState::PreOp } else { MasterState::Op };
         // SDOs work in a failed state, and can show why a change of state has failed.
@@ -52,7 +57,7 @@ impl Board {
         }
         let Some((slave, word)) = off.first() else { return Ok(()) };
         if !self.up {
-            let next = self.next(&format!("`servo on {slave}`"));
+            let next = self.next(&format!("`servo on {}`", self.label(*slave)));
             return Err(BoardError::AxisOff {
                 what: what.to_owned(),
                 axis: self.label(*slave),
@@ -62,9 +67,24 @@ impl Board {
         }
         let axes: Vec<u8> = off.iter().map(|(slave, _)| *slave).collect();
         self.run_interruptible("switching on", |ecm| ecm.servo_on(&axes))?;
-        let labels = axes.iter().map(|slave| self.label(*slave)).collect::<Vec<_>>().join(", ");
-        self.reporter.note(format_args!("switched on: {} {labels}", if axes.len() == 1 { "axis" } else { "axes" }));
+        self.reporter.note(format_args!("switched on: {}", self.labels(&axes)));
         Ok(())
+    }
+
+    /// Refuses to move axes of which the machine file of the folder says something else than that of the server: the same words
+    /// mean other places there, or other limits. Nobody has named the file of the folder, and the server's may be the right
+    /// one. \[OURS]
+    fn refuse_differing(&self, what: &str, axes: &[u8]) -> Result<(), BoardError> {
+        let differs = self.differing.iter().find(|differs| axes.contains(&differs.slave));
+        differs.map_or(Ok(()), |differs| {
+            Err(BoardError::Refused {
+                what: what.to_owned(),
+                why: differs.text.clone(),
+                next: format!(
+                    "correct the file that is wrong, or say --machine {FILE_NAME} to move by that of this folder"
+                ),
+            })
+        })
     }
 
     /// Changes the state. On the way from PreOP to higher states the network is configured.

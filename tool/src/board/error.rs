@@ -131,6 +131,15 @@ pub enum BoardError {
         /// The greatest distance that `--lead-limit` allows.
         limit: String,
     },
+    /// The library reports an error of a slave whose axis has a name in the machine file.
+    #[error("axis {axis}: {error}")]
+    OfAxis {
+        /// The name of the axis.
+        axis: String,
+        /// The error.
+        // Boxed, because every error is as large as its largest variant.
+        error: Box<EcmError>,
+    },
     /// Neither an option nor the link says which slaves the network has.
     #[error("{what} needs the list of slaves; give it with --slaves, e.g. --slaves drive*2,io")]
     UnknownNetwork {

@@ -6,10 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use ecmsk::cia402::{ErrorCode, Mode, Statusword};
-use ecmsk::ecm::{
-    Axis, Close, Config, Ecm, EcmError, Guard, HeldBack, Options, Scale, Scales, SlaveView, Snapshot, Suspect,
-};
+use ecmsk::cia402::{Mode, Statusword};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, HeldBack, Options, Scales, SlaveView, Snapshot, Suspect};
 use ecmsk::engine::StateFailure;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
@@ -18,13 +16,12 @@ use ecmsk::machine_file::MachineFile;
 use ecmsk::sk::{MasterState, SlotSize, StateByte};
 
 use super::Args;
-use super::axis_word::Units;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
 use super::network::find_axis;
 use super::reporter::Reporter;
 use crate::link_option::as_reader;
-use crate::machine_option::label;
+use crate::machine_option::{AxisDifference, note_differences};
 use crate::{recording_end, streams};
 
 /// \[OURS] An axis at most this far from its last target counts as being at the target, since drives settle within a
@@ -75,11 +72,13 @@ pub struct Board {
     /// The maximum distance of a move's target from the axis's position, from `--guard`.
     pub guard: Guard,
     /// The value of `--counts-per-unit`.
-    scales: Option<Scales>,
+    pub(super) scales: Option<Scales>,
     /// The counts per unit for axes that are named by their slave numbers.
-    number_scales: Option<Scales>,
+    pub(super) number_scales: Option<Scales>,
     /// The machine file, with the names and units of the axes; `None` if there is none.
     pub machine: Option<MachineFile>,
+    /// Where this file differs from that of the server, unless `--machine` names it: these axes are not moved.
+    pub(super) differing: Vec<AxisDifference>,
     pub(super) link: Arc<dyn Link>,
     /// Whether `--up` is given.
     pub(super) up: bool,
@@ -117,6 +116,14 @@ impl Board {
         let machine = args.machine(board_use)?;
         let chosen = args.chosen(machine.as_ref())?;
         let uri = args.with_record(&chosen.uri, machine.as_ref())?;
+        // A verb that stops axes or switches them off has no positions, and is not held up.
+        let mut differing = match &machine {
+            Some(machine) if board_use != BoardUse::Switches => note_differences(machine, &chosen.uri),
+            _ => Vec::new(),
+        };
+        if args.machine.is_some() {
+            differing.clear();
+        }
         let slot = args.slot_size();
         let default = Options::default();
         let limit = |default| args.timeout.unwrap_or(default);
@@ -166,6 +173,7 @@ impl Board {
             scales: args.scales().cloned(),
             number_scales: args.number_scales(known.as_ref()),
             machine,
+            differing,
             link,
             up: args.up,
             close,
@@ -176,26 +184,6 @@ impl Board {
             outputs: RefCell::default(),
             limited: RefCell::default(),
         })
-    }
-
-    /// A position of an axis as text, and in units if the axis has any.
-    pub fn in_units(&self, number: u8, counts: i32) -> (String, Option<f64>) {
-        let slave = self.config.as_ref().and_then(|config| config.slaves.get(usize::from(number).checked_sub(1)?));
-        let scale = slave.and_then(|slave| slave.axis()).map(|axis| axis.scale).filter(|scale| *scale != Scale::COUNTS);
-        let unit = self.machine.as_ref().filter(|_| self.scales.is_none()).and_then(|machine| machine.axis_of(number));
-        let unit = unit.map_or_else(String::new, |axis| format!(" {}", axis.unit));
-        match scale.map(|scale| scale.to_units(counts)) {
-            Some(units) => (format!("{units}{unit} ({counts} counts)"), Some(units)),
-            None => (counts.to_string(), None),
-        }
-    }
-
-    /// A distance on an axis as text, see [`in_units`](Self::in_units). It has no sign, whatever that of the counts per unit.
-    pub fn distance_in_units(&self, number: u8, counts: u32) -> String {
-        match self.in_units(number, i32::try_from(counts).unwrap_or(i32::MAX)) {
-            (text, Some(_)) => text.trim_start_matches('-').to_owned(),
-            (_, None) => format!("{counts} counts"),
-        }
     }
 
     /// The axes that did not follow when they were stopped since the last call, a text for each.
@@ -222,26 +210,6 @@ impl Board {
     /// that any more.
     pub fn was_limited(&self, slave: u8) -> bool {
         self.limited.borrow().contains(&slave)
-    }
-
-    /// The names and units with which the axes and positions of a step are converted.
-    pub fn units(&self) -> Units<'_> {
-        Units { option: self.scales.as_ref(), numbers: self.number_scales.as_ref(), machine: self.machine.as_ref() }
-    }
-
-    /// The name of an axis in messages: that of the machine file, else the number of its slave.
-    pub fn label(&self, slave: u8) -> String {
-        label(self.machine.as_ref(), slave)
-    }
-
-    /// Adds to a result what the machine file knows of an axis: its name, and the unit of `position`.
-    pub fn add_names(&self, slave: u8, json: &mut serde_json::Value) {
-        if let Some(axis) = self.machine.as_ref().and_then(|machine| machine.axis_of(slave)) {
-            json["name"] = axis.name.clone().into();
-            if self.scales.is_none() {
-                json["unit"] = axis.unit.word().into();
-            }
-        }
     }
 
     /// The counters of the link since it was opened: frames, errors and, for a simulated board, the board's own
@@ -324,11 +292,11 @@ impl Board {
                     limit: way(limit),
                 }
             }
-            EcmError::Alarm { slave, code } => {
-                let of_file = self.machine.as_ref().and_then(|machine| machine.alarm_text(slave, code));
-                let alarm = of_file.map_or_else(|| ErrorCode(code).to_string(), |text| format!("0x{code:04X}: {text}"));
-                BoardError::Alarm { axis: self.label(slave), alarm, next: self.clear_words(slave) }
-            }
+            EcmError::Alarm { slave, code } => BoardError::Alarm {
+                axis: self.label(slave),
+                alarm: self.alarm_text(slave, code),
+                next: self.clear_words(slave),
+            },
             // A report does not show which slave has refused, but the link may know it.
             EcmError::StateStuck { wanted, found, suspect: Suspect::Unknown } => {
                 match self.link_stats().state_failure {
@@ -336,15 +304,19 @@ impl Board {
                     None => error.into(),
                 }
             }
-            error if self.board_use.commands_axes() => may_go_on(error.into()),
-            error => error.into(),
+            error => match slave_of(&error).filter(|slave| self.units().axis(*slave).is_some()) {
+                Some(slave) => BoardError::OfAxis { axis: self.label(slave), error: Box::new(error) },
+                None if self.board_use.commands_axes() => may_go_on(error.into()),
+                None => error.into(),
+            },
         }
     }
 
     fn clear_words(&self, slave: u8) -> String {
+        let axis = self.label(slave);
         match self.source {
-            StepSource::CommandLine => format!("type: ecmsk servo clear {slave} (with the same options)"),
-            StepSource::Lines => format!("`servo clear {slave}` and `servo on {slave}`"),
+            StepSource::CommandLine => format!("type: ecmsk servo clear {axis} (with the same options)"),
+            StepSource::Lines => format!("`servo clear {axis}` and `servo on {axis}`"),
         }
     }
 
@@ -424,14 +396,27 @@ fn may_go_on(error: BoardError) -> BoardError {
     }
 }
 
-/// Checks that an axis runs in this mode of operation; otherwise returns [`BoardError::Refused`].
-pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
+/// The slave of an error about one slave, in which its axis may be named.
+const fn slave_of(error: &EcmError) -> Option<u8> {
+    match error {
+        EcmError::NotEnabled { slave, .. }
+        | EcmError::SecondOff { slave }
+        | EcmError::OutOfRange { slave, .. }
+        | EcmError::IsHoming { slave }
+        | EcmError::HomingFailed { slave, .. } => Some(*slave),
+        EcmError::SlaveLost { slave, .. } => *slave,
+        _ => None,
+    }
+}
+
+/// Checks that an axis with the name `label` runs in this mode of operation; otherwise returns [`BoardError::Refused`].
+pub fn in_mode(label: &str, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
     if axis.mode == wanted {
         return Ok(());
     }
     Err(BoardError::Refused {
         what: what.to_owned(),
-        why: format!("axis {slave} runs in {}, not in {wanted}", axis.mode),
+        why: format!("axis {label} runs in {}, not in {wanted}", axis.mode),
         next: "leave its mode out of --slaves, and configure the network again from PreOP".into(),
     })
 }

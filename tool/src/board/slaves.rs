@@ -50,7 +50,7 @@ impl SlaveList {
                 Self::All => slaves_with_axis(network).into_iter().map(AxisWord::Number).collect(),
             };
             for word in named {
-                let slave = word.slave(what, units.machine)?;
+                let slave = units.slave(what, &word)?;
                 find_axis(network, what, slave)?;
                 if axes.iter().all(|(other, _)| *other != slave) {
                     axes.push((slave, word));

@@ -7,7 +7,9 @@ use ecmsk::bus::BusError;
 use ecmsk::bus::eeprom::ContentError;
 use ecmsk::link::LinkError;
 use ecmsk::link::config::{FILE_NAME, LINK_VARIABLE};
+use ecmsk::machine_file::FILE_NAME as MACHINE_FILE;
 
+use crate::board::BoardError;
 use crate::link_option::ChoiceError;
 
 /// Why a verb of `ecmsk bus` failed. Every text ends with the next step.
@@ -19,15 +21,18 @@ pub enum BusVerbError {
     /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
+    /// The machine file has no axis of that name, or there is no machine file.
+    #[error(transparent)]
+    // Boxed, because every error of a verb is as large as its largest variant.
+    Axis(#[from] Box<BoardError>),
     /// The command line names no link to a network, and there is no default for one.
     #[error(
-        "no network was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME}; give one, e.g. --link nic:eth1, or to \
-         try it --link 'sim:?slaves=drive*2'"
+        "no network was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME} and no link in {MACHINE_FILE}; \
+         give one, e.g. --link nic:eth1, or to try it --link 'sim:?slaves=drive*2'"
     )]
     NoLink,
     /// The network or a slave reports an error, or does not answer.
     #[error(transparent)]
-    // Boxed, because every error of a verb is as large as its largest variant.
     Bus(Box<BusError>),
     /// The command line requests something that is not possible.
     #[error("{what}: {why}; {next}")]
@@ -90,7 +95,7 @@ impl BusVerbError {
     /// The exit code: 2 if the command line is wrong, otherwise 1.
     pub fn code(&self) -> u8 {
         match self {
-            Self::NoLink | Self::WrongRequest { .. } => crate::WRONG_COMMAND_LINE,
+            Self::NoLink | Self::Axis(_) | Self::WrongRequest { .. } => crate::WRONG_COMMAND_LINE,
             Self::Bus(error) if matches!(**error, BusError::Link(LinkError::Uri(_))) => crate::WRONG_COMMAND_LINE,
             _ => 1,
         }

@@ -76,8 +76,8 @@ fn read(whose: &Whose, name: &str, output: Option<&Path>) -> Result<(), BusVerbE
         let (why, next) = ("a file may be bytes, not for a terminal".into(), "name a file with --output".into());
         return Err(BusVerbError::WrongRequest { what: "bus foe read", why, next });
     }
-    let mut session = whose.of.open()?;
-    let content = session.network.read_file(whose.of.slave, name, whose.password)?;
+    let (mut session, slave) = whose.of.open()?;
+    let content = session.network.read_file(slave, name, whose.password)?;
     let Some(file) = output else {
         let mut out = io::stdout().lock();
         out.write_all(&content)?;
@@ -86,7 +86,7 @@ fn read(whose: &Whose, name: &str, output: Option<&Path>) -> Result<(), BusVerbE
     std::fs::write(file, &content).map_err(|source| BusVerbError::Write { file: file.to_owned(), source })?;
     let text = format!("{} bytes of {name} written to {}", content.len(), file.display());
     let json = json!({
-        "verb": "bus foe read", "slave": whose.of.slave, "name": name, "bytes": content.len(), "file": file.display().to_string(),
+        "verb": "bus foe read", "slave": slave, "name": name, "bytes": content.len(), "file": file.display().to_string(),
     });
     Ok(session.reporter.result(text, &json)?)
 }
@@ -102,9 +102,9 @@ fn write(whose: &Whose, file: &Path, name: Option<&str>) -> Result<(), BusVerbEr
     }
     let own = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let name = name.unwrap_or(&own);
-    let mut session = whose.of.open()?;
-    session.network.write_file(whose.of.slave, name, whose.password, &content)?;
-    let text = format!("slave {}: {name} written, {} bytes", whose.of.slave, content.len());
-    let json = json!({ "verb": "bus foe write", "slave": whose.of.slave, "name": name, "bytes": content.len() });
+    let (mut session, slave) = whose.of.open()?;
+    session.network.write_file(slave, name, whose.password, &content)?;
+    let text = format!("slave {slave}: {name} written, {} bytes", content.len());
+    let json = json!({ "verb": "bus foe write", "slave": slave, "name": name, "bytes": content.len() });
     Ok(session.reporter.result(text, &json)?)
 }

@@ -78,20 +78,20 @@ pub fn run(args: &Args) -> Result<(), BusVerbError> {
 }
 
 fn list(whose: &SlaveArgs, with_entries: bool) -> Result<(), BusVerbError> {
-    let Session { mut network, reporter, .. } = whose.open()?;
-    for object in dictionary::objects(&mut *network, whose.slave)? {
+    let (Session { mut network, reporter, .. }, slave) = whose.open()?;
+    for object in dictionary::objects(&mut *network, slave)? {
         let Object { index, name, code, data_type, max_sub } = &object;
         let kind = kind(*code);
         let text = format!("0x{index:04X}  {kind:<6}  {:<14}  {name}", type_name(*data_type));
         let json = json!({
-            "verb": "bus sdo list", "slave": whose.slave, "index": index, "name": name, "kind": kind,
+            "verb": "bus sdo list", "slave": slave, "index": index, "name": name, "kind": kind,
             "type": data_type.text(), "type_code": data_type.0, "max_sub": max_sub,
         });
         reporter.result(text, &json)?;
         if !with_entries {
             continue;
         }
-        for entry in dictionary::entries(&mut *network, whose.slave, &object)? {
+        for entry in dictionary::entries(&mut *network, slave, &object)? {
             let access = access(entry.access);
             let text = format!(
                 "  :{:<3}  {access:<10}  {:<14}  {} bits  {}",
@@ -100,7 +100,7 @@ fn list(whose: &SlaveArgs, with_entries: bool) -> Result<(), BusVerbError> {
                 entry.bits,
                 entry.name
             );
-            reporter.result(text, &entry_json("bus sdo list", whose.slave, &entry))?;
+            reporter.result(text, &entry_json("bus sdo list", slave, &entry))?;
         }
     }
     Ok(())
@@ -116,11 +116,11 @@ fn entry_json(verb: &str, slave: u8, entry: &Entry) -> Json {
 
 fn dump(whose: &SlaveArgs) -> Result<(), BusVerbError> {
     const VERB: &str = "bus sdo dump";
-    let Session { mut network, reporter, .. } = whose.open()?;
-    for object in dictionary::objects(&mut *network, whose.slave)? {
-        for entry in dictionary::entries(&mut *network, whose.slave, &object)? {
-            let mut json = entry_json(VERB, whose.slave, &entry);
-            let value = dictionary::value(&mut *network, whose.slave, &entry)?;
+    let (Session { mut network, reporter, .. }, slave) = whose.open()?;
+    for object in dictionary::objects(&mut *network, slave)? {
+        for entry in dictionary::entries(&mut *network, slave, &object)? {
+            let mut json = entry_json(VERB, slave, &entry);
+            let value = dictionary::value(&mut *network, slave, &entry)?;
             let shown = match value {
                 None => "(cannot be read)".to_owned(),
                 Some(Err(code)) => {
@@ -202,8 +202,7 @@ fn access(access: ObjectAccess) -> String {
 }
 
 fn read(whose: &SlaveArgs, transfer: &Transfer) -> Result<(), BusVerbError> {
-    let Session { mut network, reporter, .. } = whose.open()?;
-    let slave = whose.slave;
+    let (Session { mut network, reporter, .. }, slave) = whose.open()?;
     let bytes = network.upload(slave, transfer.object.address, transfer.scope())?;
     let object = transfer.object.to_string();
     let size_mismatch = |SizeMismatch { found, wanted }| BusVerbError::SizeMismatch { slave, object, found, wanted };
@@ -215,8 +214,8 @@ fn write(whose: &SlaveArgs, transfer: &Transfer, value: &Written) -> Result<(), 
     let wrong = |WrongValue { why, next }| BusVerbError::WrongRequest { what: WRITE, why, next };
     // A wrong value is reported before the network is opened.
     let bytes = transfer.encoded(WRITE, value).map_err(wrong)?;
-    let Session { mut network, reporter, .. } = whose.open()?;
-    network.download(whose.slave, transfer.object.address, transfer.scope(), &bytes)?;
-    let (text, json) = transfer.written(WRITE, whose.slave, value, &bytes);
+    let (Session { mut network, reporter, .. }, slave) = whose.open()?;
+    network.download(slave, transfer.object.address, transfer.scope(), &bytes)?;
+    let (text, json) = transfer.written(WRITE, slave, value, &bytes);
     Ok(reporter.result(text, &json)?)
 }

@@ -1,21 +1,29 @@
 //! The open network that a verb of `ecmsk bus` works on, and the options that name it.
 
+use std::path::PathBuf;
+
+use clap::ValueHint;
 use ecmsk::bus::{self, BusError, FoundSlave, Network};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::machine_file::MachineFile;
 
 use super::BusVerbError;
 use super::words::state_text;
-use crate::board::Reporter;
+use crate::board::{AxisWord, Reporter};
 use crate::link_option::ChosenLink;
+use crate::machine_option;
 
 // No doc comments on `NetworkArgs` and `SlaveArgs`: clap would show them as the help of every verb.
 #[derive(Clone, clap::Args)]
 #[group(skip)]
 pub struct NetworkArgs {
     /// Network to inspect: nic:INTERFACE, sim:?slaves=.. or a chip, see `ecmsk link help` [default: ECMSK_LINK, else
-    /// the one of ecmsk.toml]
+    /// the one of machine.toml or ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
+
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
 
     /// Print JSON, one object a line
     #[arg(long)]
@@ -25,25 +33,28 @@ pub struct NetworkArgs {
 #[derive(Clone, clap::Args)]
 #[group(skip)]
 pub struct SlaveArgs {
-    /// The slave, from 1 in the order of the cable
-    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
-    pub slave: u8,
+    /// The slave, from 1 in the order of the cable, or the name of its axis in the machine file
+    #[arg(value_name = "SLAVE", value_parser = AxisWord::of_slave)]
+    slave: AxisWord,
     #[command(flatten)]
     network: NetworkArgs,
 }
 
 impl SlaveArgs {
-    /// Opens the network and checks that it has the slave of the command line.
+    /// Opens the network and checks that it has the slave of the command line; returns the number of that, too.
     ///
     /// # Errors
-    /// As [`NetworkArgs::open`]; [`BusError::NoSuchSlave`] if the scan has found no slave with that number.
-    pub fn open(&self) -> Result<Session, BusVerbError> {
-        let session = self.network.open()?;
-        let (slave, found) = (self.slave, session.slaves.len());
+    /// As [`NetworkArgs::open`]; the machine file has no axis of that name; [`BusError::NoSuchSlave`] if the scan has found no
+    /// slave with that number.
+    pub fn open(&self) -> Result<(Session, u8), BusVerbError> {
+        let (chosen, machine) = self.network.find(Some(&self.slave))?;
+        let slave = self.slave.slave("bus", machine.as_ref()).map_err(Box::new)?;
+        let session = self.network.open_chosen(&chosen)?;
+        let found = session.slaves.len();
         if !session.slaves.iter().any(|found| found.slave == slave) {
             return Err(BusError::NoSuchSlave { slave, found }.into());
         }
-        Ok(session)
+        Ok((session, slave))
     }
 }
 
@@ -61,10 +72,16 @@ impl NetworkArgs {
     /// # Errors
     /// The command line names no network, the network does not open, or it has no slave.
     pub fn open(&self) -> Result<Session, BusVerbError> {
-        let chosen = ChosenLink::find(self.link.as_ref())?;
-        if !chosen.is_named() {
-            return Err(BusVerbError::NoLink);
-        }
+        self.open_chosen(&self.find(None)?.0)
+    }
+
+    /// The link and the machine file of a verb; `word` names its slave.
+    fn find(&self, word: Option<&AxisWord>) -> Result<(ChosenLink, Option<MachineFile>), BusVerbError> {
+        let (chosen, machine) = ChosenLink::find_for(self.link.as_ref(), self.machine.as_deref(), word)?;
+        if chosen.is_named() { Ok((chosen, machine)) } else { Err(BusVerbError::NoLink) }
+    }
+
+    fn open_chosen(&self, chosen: &ChosenLink) -> Result<Session, BusVerbError> {
         crate::recording_end::opens(&chosen.uri);
         Session::open(&chosen.uri.to_string(), self.json)
     }

@@ -70,14 +70,14 @@ pub fn run(args: &Args) -> Result<(), BusVerbError> {
 }
 
 fn read(whose: &SlaveArgs, output: Option<&Path>) -> Result<(), BusVerbError> {
-    let mut session = whose.open()?;
-    let content = session.network.read_eeprom(whose.slave)?;
+    let (mut session, slave) = whose.open()?;
+    let content = session.network.read_eeprom(slave)?;
     if let Some(file) = output {
         std::fs::write(file, &content).map_err(|source| BusVerbError::Write { file: file.to_owned(), source })?;
     }
     let mut json = contents::json(&content);
     json["verb"] = "bus sii read".into();
-    json["slave"] = whose.slave.into();
+    json["slave"] = slave.into();
     json["bytes"] = hex(&content).into();
     json["file"] = output.map(|file| file.display().to_string()).into();
     session.reporter.result(contents::text(&content), &json)?;
@@ -97,8 +97,7 @@ fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Resul
         return Err(fit(ContentError::Len { len: content.len() }));
     }
     eeprom::check(&content).map_err(fit)?;
-    let Session { mut network, reporter, .. } = whose.open()?;
-    let slave = whose.slave;
+    let (Session { mut network, reporter, .. }, slave) = whose.open()?;
     // An EEPROM that cannot be read counts as empty, so that it can be repaired: the check whether the file is for this device
     // passes.
     let present = network.read_eeprom(slave).unwrap_or_default();

@@ -6,8 +6,10 @@ use ecmsk::link::config::{self, FILE_NAME, LINK_VARIABLE, Platform, Source};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::machine::findings::Finding;
+use ecmsk::machine_file;
 
-use crate::link_option::environment;
+use crate::link_option::{environment, is_variable_set};
+use crate::machine_option;
 
 const CHECK: &str = "link";
 
@@ -18,6 +20,29 @@ pub fn given(link: &LinkUri) -> Finding {
 
 /// The finding about the configured link, and the link if it is valid. `root` is the folder that contains `/etc`.
 pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
+    of_machine().unwrap_or_else(|| configured(root))
+}
+
+/// The finding about the link in the machine file of the working directory, which comes behind `ECMSK_LINK` and before
+/// configuration files; `None` if it names none, or `ECMSK_LINK` does.
+fn of_machine() -> Option<(Finding, Option<LinkUri>)> {
+    if is_variable_set() {
+        return None;
+    }
+    match machine_option::load(None) {
+        Ok(machine) => {
+            let uri = machine?.link(None)?;
+            let found = format!("{uri}, from {}; {LINK_VARIABLE} is not set", machine_file::FILE_NAME);
+            Some((Finding::fine(CHECK, found), Some(uri)))
+        }
+        Err(error) => {
+            let (found, next) = split(&error.to_string());
+            Some((Finding::wrong(CHECK, found, next), None))
+        }
+    }
+}
+
+fn configured(root: &Path) -> (Finding, Option<LinkUri>) {
     let mut environment = environment();
     if let Platform::Unix { etc, .. } = &mut environment.platform {
         *etc = root.join("etc");

@@ -11,6 +11,7 @@ use ecmsk::link::record::flight::FlightContents;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::machine::findings::Finding;
 use ecmsk::machine_file;
+use ecmsk::recording::{RecordMeta, Recording};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
@@ -146,7 +147,9 @@ impl Pack {
             list.push_str("\nNot in it:\n");
             self.missing.iter().for_each(|line| _ = writeln!(list, "  {}", self.secrets.without(line)));
         }
-        list.push_str("\nSecrets of the environment, of links and of files that links name are left out.\n");
+        list.push_str(
+            "\nSecrets of the environment, of links and of files that links name are left out, and what a text calls one.\n",
+        );
         list
     }
 
@@ -193,6 +196,29 @@ impl Pack {
         Ok(())
     }
 
+    /// Whether a recording carries a machine file or names a link with a secret, or cannot be read, so that this is not known.
+    fn tells_secrets(&self, file: &Path) -> bool {
+        let Ok(mut recording) = Recording::open(file) else { return true };
+        let mut known = recording.meta().cloned();
+        let has_secret = |meta: &RecordMeta| {
+            let machine = meta.machine.as_ref().map_or("", |machine| machine.text());
+            [&*meta.link, machine].into_iter().any(|text| self.secrets.without(text) != text)
+        };
+        if known.as_ref().is_some_and(has_secret) {
+            return true;
+        }
+        // A moment may have the frames of several links.
+        while recording.next().is_some() {
+            if recording.meta() != known.as_ref() {
+                known = recording.meta().cloned();
+                if known.as_ref().is_some_and(has_secret) {
+                    return true;
+                }
+            }
+        }
+        false
+    }
+
     /// The newest moments and segments of a flight recorder, within a bound.
     fn flight(&mut self, folder: &Path) {
         let contents = match FlightContents::of(folder) {
@@ -211,6 +237,9 @@ impl Pack {
                 continue;
             }
             match read(file, left) {
+                Ok(_) if self.tells_secrets(file) => self.missing.push(format!(
+                    "frames: {name}: the machine file or the link in it has a secret; take it out, and record anew"
+                )),
                 Ok(content) => {
                     left = left.saturating_sub(content.len() as u64);
                     self.bytes(&format!("flight/{name}"), "frames of the flight recorder", content);

@@ -65,7 +65,10 @@ fn without_named(text: &str) -> String {
             continue;
         };
         let begin = text.len() - value.len();
-        let end = value.find(|c: char| matches!(c, '&' | '"' | '\'') || c.is_whitespace()).unwrap_or(value.len());
+        let end = match quote_before(&text[at..begin]) {
+            Some(quote) => end_of_quoted(value, quote),
+            None => value.find(|c: char| matches!(c, '&' | '"' | '\'') || c.is_whitespace()).unwrap_or(value.len()),
+        };
         if end > 0 {
             clean.push_str(&text[at..begin]);
             clean.push_str(REMOVED);
@@ -74,6 +77,27 @@ fn without_named(text: &str) -> String {
     }
     clean.push_str(&text[from..]);
     clean
+}
+
+/// The quote with which a value begins that stands behind this text: one character, or three of a text of several lines.
+fn quote_before(text: &str) -> Option<&str> {
+    let of = |quote: &str| ["\"\"\"", "'''", "\"", "'"].into_iter().find(|known| *known == quote);
+    let sign = text.find(['=', ':'])?;
+    let tail = |length| text[sign + 1..].len().checked_sub(length).and_then(|from| text[sign + 1..].get(from..));
+    tail(3).and_then(of).or_else(|| tail(1).and_then(of))
+}
+
+/// Where a value ends that has begun with this quote: at its closing quote, in double quotes not at one behind a backslash.
+/// Without a closing quote it ends with its line.
+fn end_of_quoted(value: &str, quote: &str) -> usize {
+    let mut escaped = false;
+    for (at, c) in value.char_indices() {
+        if !escaped && value[at..].starts_with(quote) || c == '\n' && quote.len() == 1 {
+            return at;
+        }
+        escaped = !escaped && c == '\\' && quote.starts_with('"');
+    }
+    value.len()
 }
 
 /// A text without the `NAME:PASSWORD@` of addresses.
@@ -106,7 +130,14 @@ mod tests {
         for (text, clean) in [
             ("tcp://host?secret=hunter2&role=reader", "tcp://host?secret=[removed]&role=reader"),
             ("link = \"tcp://me:pass@host:1?x=1\"", "link = \"tcp://[removed]@host:1?x=1\""),
-            ("Password: 'a b'", "Password: '[removed] b'"),
+            ("Password: 'a b'", "Password: '[removed]'"),
+            (r#"password = "correct horse battery" # x"#, r#"password = "[removed]" # x"#),
+            (r#"{"password":"correct \"horse\" battery","x":1}"#, r#"{"password":"[removed]","x":1}"#),
+            ("passphrase = 'a \" b\\'\nx", "passphrase = '[removed]'\nx"),
+            ("token = \"\"\"\na \"b\"\n\"\"\"\nx", "token = \"\"\"[removed]\"\"\"\nx"),
+            ("password = \"no end\nx = \"y\"", "password = \"[removed]\nx = \"y\""),
+            ("password: one two", "password: [removed] two"),
+            ("link = \"tcp://host?token=a\" 'b'", "link = \"tcp://host?token=[removed]\" 'b'"),
             ("tcp://host?secret_file=/etc/a", "tcp://host?secret_file=/etc/a"),
             ("token", "token"),
             ("a secret and a token=x", "a secret and a token=[removed]"),

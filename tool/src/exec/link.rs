@@ -10,7 +10,7 @@ use ecmsk::machine_file::MachineFile;
 
 use super::clock::ProgramClock;
 use super::{Args, ExecError};
-use crate::link_option::with_key;
+use crate::link_option::{is_variable_set, with_key};
 use crate::{control_option, record_option};
 
 /// The link to set for `program`: the user's, with the machine file, the recording, the control socket and the clock if they
@@ -31,8 +31,7 @@ pub fn for_program(
         machine.path = std::path::absolute(&machine.path).unwrap_or(machine.path);
         machine
     });
-    let is_variable_set = env::var_os(config::LINK_VARIABLE).is_some_and(|value| !value.is_empty());
-    let of_file = machine.as_ref().filter(|_| !is_variable_set).and_then(|machine| machine.link.clone());
+    let of_file = machine.as_ref().filter(|_| !is_variable_set()).and_then(|machine| machine.link.clone());
     let link = match (&args.link, of_file) {
         (Some(link), _) => link.clone(),
         (None, _) if !is_changed => return Ok(None),

@@ -10,7 +10,7 @@ use super::place::{Opened, Place, progress};
 use super::restore::{self, Compared, Difference};
 use super::show::{answer_shown, object_json, put_answer, shown, summarise};
 use super::{Other, ParamsError};
-use crate::board::Reporter;
+use crate::board::{AxisWord, Reporter};
 use crate::hex::hex;
 
 const VERB: &str = "params diff";
@@ -21,13 +21,26 @@ const VERB: &str = "params diff";
 /// A file cannot be read, the link does not open, or the drive does not answer.
 pub fn diff(path: &Path, with: &Other, place: &Place) -> Result<bool, ParamsError> {
     let file = ParameterFile::read(path)?;
+    let drive_of = |word: &AxisWord| {
+        let (mut opened, slave) = place.open_for(word)?;
+        drive(&mut opened, slave, &file)
+    };
     match with {
-        Other::File(other) => {
-            let reporter = Reporter::new(place.json, false);
-            Ok(files(&reporter, &file.objects, &ParameterFile::read(other)?.objects)?)
-        }
-        Other::Slave(slave) => drive(&mut place.open()?, *slave, &file),
+        Other::Slave(word) => drive_of(word),
+        Other::File(other) => match axis(other, place)? {
+            Some(word) => drive_of(&word),
+            None => {
+                let reporter = Reporter::new(place.json, false);
+                Ok(files(&reporter, &file.objects, &ParameterFile::read(other)?.objects)?)
+            }
+        },
     }
+}
+
+/// The axis that a word names which may be a file, too: there is no such file, and the machine file has that axis.
+fn axis(word: &Path, place: &Place) -> Result<Option<AxisWord>, ParamsError> {
+    let name = word.to_str().filter(|_| !word.exists()).and_then(AxisWord::parse).filter(AxisWord::is_name);
+    name.map_or(Ok(None), |name| Ok(place.has_axis(&name)?.then_some(name)))
 }
 
 /// Prints the parameters in which a drive differs from a file. Returns whether there are any.

@@ -8,7 +8,9 @@ use ecmsk::coe::AbortCode;
 use ecmsk::ecm::EcmError;
 use ecmsk::link::config::{FILE_NAME, LINK_VARIABLE};
 use ecmsk::link::manufacturer_objects::ManufacturerObjectsError;
+use ecmsk::machine_file::FILE_NAME as MACHINE_FILE;
 
+use crate::board::BoardError;
 use crate::link_option::ChoiceError;
 
 /// Why parameters were not saved, compared or written. Every error text ends with what the user can do next.
@@ -20,10 +22,14 @@ pub enum ParamsError {
     /// The link that `ECMSK_LINK` or a configuration file gives is invalid, or the file cannot be used.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
+    /// The machine file has no axis of that name, or there is no machine file.
+    #[error(transparent)]
+    // Boxed, because every error is as large as its largest variant.
+    Axis(#[from] Box<BoardError>),
     /// The command line names no link.
     #[error(
-        "no network or board was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME}; give one, e.g. --link nic:eth1 \
-         or --link usb:"
+        "no network or board was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME} and no link in \
+         {MACHINE_FILE}; give one, e.g. --link nic:eth1 or --link usb:"
     )]
     NoLink,
     /// A parameter file or a file of objects cannot be read.
@@ -53,7 +59,6 @@ pub enum ParamsError {
     },
     /// An error of the network or of a slave.
     #[error(transparent)]
-    // Boxed, because every error is as large as its largest variant.
     Bus(Box<BusError>),
     /// An error of the board or of a slave.
     #[error(transparent)]
@@ -148,7 +153,7 @@ impl ParamsError {
     pub const fn code(&self) -> u8 {
         match self {
             Self::NotCompared(_) => crate::compare::TROUBLE,
-            Self::NoLink => crate::WRONG_COMMAND_LINE,
+            Self::NoLink | Self::Axis(_) => crate::WRONG_COMMAND_LINE,
             _ => 1,
         }
     }

@@ -18,16 +18,21 @@ use super::ParamsError;
 use super::drive::{BehindBoard, Drive, OnNetwork};
 use super::file::Device;
 use super::kept::{self, Kept};
-use crate::board::Reporter;
+use crate::board::{AxisWord, Reporter};
 use crate::link_option::ChosenLink;
+use crate::machine_option;
 
 // No doc comment: clap would show it as the help of every verb.
 #[derive(Clone, clap::Args)]
 #[group(skip)]
 pub struct Place {
-    /// Network or board with the drive, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    /// Network or board with the drive, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or
+    /// ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
+
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
 
     /// The objects of the drive with their types, which a board cannot list: an ESI file (.xml), or a list, see `ecmsk objects
     /// from-esi`
@@ -52,12 +57,34 @@ pub struct Opened {
 }
 
 impl Place {
+    /// Opens the link, and finds the slaves of a network; returns the number of the slave `word`, too.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open), and the machine file has no axis of that name.
+    pub fn open_for(&self, word: &AxisWord) -> Result<(Opened, u8), ParamsError> {
+        let (chosen, machine) = ChosenLink::find_for(self.link.as_ref(), self.machine.as_deref(), Some(word))?;
+        let slave = word.slave("params", machine.as_ref()).map_err(Box::new)?;
+        Ok((self.open_chosen(&chosen)?, slave))
+    }
+
+    /// Whether the machine file has an axis of that name.
+    ///
+    /// # Errors
+    /// The machine file cannot be used.
+    pub fn has_axis(&self, name: &AxisWord) -> Result<bool, ParamsError> {
+        let (_, machine) = ChosenLink::find_for(self.link.as_ref(), self.machine.as_deref(), Some(name))?;
+        Ok(name.slave("params", machine.as_ref()).is_ok())
+    }
+
     /// Opens the link, and finds the slaves of a network.
     ///
     /// # Errors
     /// The command line names no link, it does not open, there is no slave, or the network of a board is above PreOP.
     pub fn open(&self) -> Result<Opened, ParamsError> {
-        let chosen = ChosenLink::find(self.link.as_ref())?;
+        self.open_chosen(&ChosenLink::find_for(self.link.as_ref(), self.machine.as_deref(), None)?.0)
+    }
+
+    fn open_chosen(&self, chosen: &ChosenLink) -> Result<Opened, ParamsError> {
         if !chosen.is_named() {
             return Err(ParamsError::NoLink);
         }

@@ -11,7 +11,7 @@ use super::file::ParameterFile;
 use super::place::{Opened, Place};
 use super::restore::{Compared, Fate, Restore, Stage};
 use super::show::{show, shown, summarise};
-use crate::board::Reporter;
+use crate::board::{AxisWord, Reporter};
 
 const VERB: &str = "params restore";
 
@@ -29,9 +29,10 @@ pub struct Options {
 /// # Errors
 /// [`ParamsError`] if the file cannot be read, the link does not open, the drive is of another product or does not answer any
 /// more, or `--yes` is not given.
-pub fn restore(path: &Path, slave: u8, place: &Place, options: Options) -> Result<ExitCode, ParamsError> {
+pub fn restore(path: &Path, word: &AxisWord, place: &Place, options: Options) -> Result<ExitCode, ParamsError> {
     let file = ParameterFile::read(path)?;
-    put_back(&mut place.open()?, slave, &file, options)
+    let (mut opened, slave) = place.open_for(word)?;
+    put_back(&mut opened, slave, &file, options)
 }
 
 /// Writes the parameters of a file to a drive of an open link, see [`restore`].

@@ -29,7 +29,7 @@ Examples:
   sudo ecmsk serve gadget --link 'sim:?slaves=drive*2' --serial 7
   sudo modprobe dummy_hcd; sudo ecmsk serve gadget --link 'sim:?slaves=drive*2' --udc dummy_udc.0")]
 pub struct Args {
-    /// Board to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    /// Board to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = given_link)]
     link: Option<LinkUri>,
 

@@ -33,7 +33,7 @@ Examples:
 From another machine, through a tunnel: ssh -N -L 3240:127.0.0.1:3240 HOST, then usbip attach -r 127.0.0.1 -b 1-1")]
 pub struct Args {
     /// Board to serve, see `ecmsk link help`; once for each board. The boards get the bus ids 1-1, 1-2 and so on
-    /// [default: ECMSK_LINK, else the one of ecmsk.toml]
+    /// [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml]
     #[arg(long = "link", value_name = "URI", value_parser = given_link, action = ArgAction::Append)]
     links: Vec<LinkUri>,
 

@@ -59,7 +59,7 @@ pub struct Args {
     #[arg(value_name = "FILE", conflicts_with_all = ["link", "flight"], value_hint = ValueHint::FilePath)]
     file: Option<PathBuf>,
 
-    /// Board to show, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    /// Board to show, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 

@@ -24,7 +24,7 @@ Examples:
   ecmsk serve xf --link 'xf-sim:?slaves=drive*2'
   ecmsk serve xf --link 'xf-sim:?slaves=drive*2&chip_fw=old' --listen unix:/run/user/1000/xf")]
 pub struct Args {
-    /// Chip to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    /// Chip to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::Subcommand;
-use ecmsk::cia402::{ErrorCode, Statusword};
+use ecmsk::cia402::Statusword;
 use ecmsk::ecm::{Config, Snapshot};
 use ecmsk::machine_file::MachineFile;
 use ecmsk::sk::MasterState;
@@ -238,13 +238,16 @@ impl Args {
             Verb::Torque { torques, .. } => torques.iter().try_for_each(|(word, _)| axis(word)),
             Verb::Alarm { alarms } => alarms.iter().try_for_each(|(word, _)| axis(word)),
             Verb::Inputs { inputs } => io_slave(network, WHAT, inputs.of(units.machine)?.0),
-            Verb::Sdo { which, value } => match which.of().filter(|of| !of.takes(*value)) {
-                None => Ok(()),
-                Some(of) => Err(refused(
-                    format!("{value} does not fit {}, {}", which.object, of.name()),
-                    "correct the value, or --type",
-                )),
-            },
+            Verb::Sdo { which, value } => {
+                which.slave(WHAT, units.machine)?;
+                match which.of().filter(|of| !of.takes(*value)) {
+                    None => Ok(()),
+                    Some(of) => Err(refused(
+                        format!("{value} does not fit {}, {}", which.object, of.name()),
+                        "correct the value, or --type",
+                    )),
+                }
+            }
         }
     }
 
@@ -339,7 +342,8 @@ impl Verb {
             Self::Sdo { which, value } => {
                 let of = which.of().unwrap_or(Type::U32);
                 let (found, wanted) = (of.number(read_raw(board, WHAT, which)?), of.number(value.number as u32));
-                let why = || format!("{} of slave {} is {found}, not {value}", which.object, which.slave);
+                let slave = which.slave(WHAT, board.machine.as_ref())?;
+                let why = || format!("{} of slave {slave} is {found}, not {value}", which.object);
                 Ok(compared(found == wanted, why))
             }
             Self::Time { at_least, at_most } => {
@@ -410,7 +414,7 @@ fn alarm_of(board: &Board, snapshot: &Snapshot, slave: u8, wanted: Alarm) -> Com
         Alarm::Code(wanted) => has_alarm && code == wanted,
     };
     compared(is_it, || {
-        let found = if has_alarm { format!("alarm {}", ErrorCode(code)) } else { "no alarm".to_owned() };
+        let found = if has_alarm { format!("alarm {}", board.alarm_text(slave, code)) } else { "no alarm".to_owned() };
         let wanted = match wanted {
             Alarm::None => "none".to_owned(),
             Alarm::Any => "any".to_owned(),

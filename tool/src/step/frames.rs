@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use ecmsk::ecm::{Axis, Config, EcmError, Guard, Snapshot, Stream, StreamStats};
 use ecmsk::sk::{SlotSize, StateByte};
 
-use crate::board::{Board, BoardError};
+use crate::board::{Board, BoardError, Units};
 
 /// \[OURS] How far ahead of their execution targets are sent to the FIFO. If the program is late by less than this, the motion
 /// has no gap.
@@ -208,13 +208,24 @@ pub fn held_limit_s(depth: u16, cycle: f64) -> f64 {
 ///
 /// # Errors
 /// [`BoardError::Refused`].
-pub fn check_lead(what: &str, network: &Config, slave: u8, axis: &Axis, velocity: f64) -> Result<(), BoardError> {
+pub fn check_lead(
+    what: &str,
+    network: &Config,
+    slave: u8,
+    axis: &Axis,
+    velocity: f64,
+    units: Units<'_>,
+) -> Result<(), BoardError> {
     let behind = velocity * f64::from(depth(network)) * f64::from(network.cycle_us) * 1e-6;
     match axis.guard {
         Guard::Within(limit) if behind > f64::from(limit) => Err(BoardError::Refused {
             what: what.to_owned(),
             why: format!(
-                "at {velocity} counts/s the target of axis {slave} runs {behind:.0} counts ahead of it, the limit is {limit}"
+                "at {}/s the target of axis {} runs {} ahead of it, the limit is {}",
+                units.way_text(slave, velocity),
+                units.label(slave),
+                units.way_text(slave, behind),
+                units.way_text(slave, limit.into())
             ),
             next: "lower --velocity, or widen --lead-limit".into(),
         }),

@@ -67,7 +67,7 @@ impl Args {
     fn offset_counts(&self, slave: u8, word: &AxisWord, units: Units<'_>) -> Result<Option<i32>, BoardError> {
         let Some(value) = self.offset else { return Ok(None) };
         let scale = units.scale(word, slave);
-        let counts = counts(WHAT, &AxisTarget { slave, value, scale, is_named: word.is_name() })?;
+        let counts = counts(WHAT, &AxisTarget { slave, value, scale, is_named: word.is_name() }, units)?;
         check_limits(WHAT, units, slave, counts)?;
         Ok(Some(counts))
     }
@@ -102,7 +102,7 @@ impl Args {
         board.forget_targets();
         let mut pace = board.reporter.pace();
         let mut seconds = 0.0;
-        let reporter = &board.reporter;
+        let (reporter, position_text) = (&board.reporter, board.position_text(slave));
         let abort = || {
             if let Err(error) = board.ecm.abort_homing() {
                 reporter.note(format_args!("homing did not end: {error}"));
@@ -112,10 +112,11 @@ impl Args {
             seconds = now.elapsed.as_secs_f64();
             if pace.due(now.elapsed) {
                 let phase = phase(now.phase);
-                let at = now.position;
+                let counts = now.position;
+                let at = position_text.of(counts).0;
                 // An error of standard output is reported with the result.
                 let _ = reporter.progress(format_args!("homing axis {label}: {phase}, at {at}, {seconds:.1} s"), || {
-                    json!({"verb": WHAT, "axis": slave, "progress": phase, "position_counts": at, "seconds": seconds})
+                    json!({"verb": WHAT, "axis": slave, "progress": phase, "position_counts": counts, "seconds": seconds})
                 });
             }
         };

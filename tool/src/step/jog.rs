@@ -142,15 +142,15 @@ impl Args {
         let mut slaves = Vec::new();
         let mut asked = Vec::new();
         for word in &self.axes {
-            let slave = word.slave(WHAT, units.machine)?;
+            let slave = units.slave(WHAT, word)?;
             if slaves.contains(&slave) {
-                return Err(refused(format!("axis {slave} is named twice"), "name each axis once"));
+                return Err(refused(format!("axis {} is named twice", units.label(slave)), "name each axis once"));
             }
             let config = board.known_network(WHAT)?;
             let axis = find_axis(config, WHAT, slave)?;
-            in_mode(slave, WHAT, axis, Mode::Csp)?;
+            in_mode(&units.label(slave), WHAT, axis, Mode::Csp)?;
             let speeds = self.speeds(board, word, slave)?;
-            check_lead(WHAT, config, slave, axis, speeds.velocity)?;
+            check_lead(WHAT, config, slave, axis, speeds.velocity, units)?;
             slaves.push(slave);
             asked.push((speeds, units.scale(word, slave).counts_per_unit > 0.0));
         }

@@ -121,15 +121,15 @@ impl Args {
         for (index, target) in targets.iter().enumerate() {
             let slave = target.slave;
             if targets[..index].iter().any(|other| other.slave == slave) {
-                return Err(refused(format!("axis {slave} is named twice"), "name each axis once"));
+                return Err(refused(format!("axis {} is named twice", units.label(slave)), "name each axis once"));
             }
             let axis = find_axis(network, WHAT, slave)?;
-            in_mode(slave, WHAT, axis, Mode::Csp)?;
-            let counts = counts(WHAT, target)?;
+            in_mode(&units.label(slave), WHAT, axis, Mode::Csp)?;
+            let counts = counts(WHAT, target, units)?;
             if !self.relative {
                 check_limits(WHAT, units, slave, counts)?;
             }
-            check_lead(WHAT, network, slave, axis, self.speeds(target, units)?.velocity)?;
+            check_lead(WHAT, network, slave, axis, self.speeds(target, units)?.velocity, units)?;
         }
         Ok(())
     }
@@ -159,6 +159,7 @@ impl Args {
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
         let lost_before = board.ecm.snapshot()?.state().is_failed();
         let cycle = f64::from(config.cycle_us) * 1e-6;
+        self.note_rounded(board)?;
         let (seconds, underruns, path) = self.carry_out(board, depth, cycle, lost_before)?;
         if underruns > 0 {
             board.reporter.note(format_args!("{underruns} cycles found no target in the board: the motion had gaps"));
@@ -247,6 +248,19 @@ impl Args {
         Ok((snapshot, path))
     }
 
+    /// Prints a note of each target that the nearest count puts to another place.
+    fn note_rounded(&self, board: &Board) -> Result<(), BoardError> {
+        for target in self.resolved(board.units())? {
+            let Some(place) = target.scale.rounds_to(target.value) else { continue };
+            let (label, value, count) = (board.label(target.slave), target.value, target.scale.count());
+            let unit = board.unit(target.slave);
+            board.reporter.note(format_args!(
+                "axis {label}: {value}{unit} is rounded to {place}{unit}, since a count is {count}{unit}"
+            ));
+        }
+        Ok(())
+    }
+
     /// The numbers of the slaves that the targets name.
     fn slaves(&self, board: &Board) -> Result<Vec<u8>, BoardError> {
         Ok(self.resolved(board.units())?.iter().map(|target| target.slave).collect())
@@ -256,9 +270,9 @@ impl Args {
     fn path(&self, board: &Board, snapshot: &Snapshot) -> Result<Path, BoardError> {
         let axis = |target: &AxisTarget| {
             let start = board.standing_position(snapshot, target.slave);
-            let end = counts(WHAT, target)?;
+            let end = counts(WHAT, target, board.units())?;
             let end = if self.relative { start.checked_add(end) } else { Some(end) };
-            let end = end.ok_or_else(|| outside(WHAT, target))?;
+            let end = end.ok_or_else(|| outside(WHAT, target, board.units()))?;
             check_limits(WHAT, board.units(), target.slave, end)?;
             if let Guard::Within(limit) = board.guard
                 && end.abs_diff(start) > limit

@@ -1,13 +1,15 @@
 //! `sdo`: reads and writes objects of slaves.
 
 use clap::Subcommand;
-use ecmsk::cia402::{self, error_name};
+use ecmsk::cia402;
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Ecm, EcmError};
+use ecmsk::machine_file::MachineFile;
 use serde_json::json;
 
 use super::object::{Object, Type, Value};
-use crate::board::{Board, BoardError, Needs, find_slave};
+use crate::board::{AxisWord, Board, BoardError, Needs, find_slave};
+use crate::machine_option::alarm_words;
 
 /// The object 0x603F, error code: the drive's last alarm.
 const ERROR_CODE: ObjectAddress = ObjectAddress::new(cia402::ERROR_CODE, 0);
@@ -36,9 +38,9 @@ enum Verb {
 
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Which {
-    /// The slave, from 1 in the order of the cable
-    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
-    pub(super) slave: u8,
+    /// The slave, from 1 in the order of the cable, or the name of its axis in the machine file
+    #[arg(value_name = "SLAVE", value_parser = AxisWord::of_slave)]
+    slave: AxisWord,
     /// The object: 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
     #[arg(value_name = "OBJECT[:SUB]", value_parser = Object::parse)]
     pub(super) object: Object,
@@ -48,6 +50,14 @@ pub(super) struct Which {
 }
 
 impl Which {
+    /// The number of the slave.
+    ///
+    /// # Errors
+    /// The machine file has no axis of that name.
+    pub(super) fn slave(&self, what: &str, machine: Option<&MachineFile>) -> Result<u8, BoardError> {
+        self.slave.slave(what, machine)
+    }
+
     /// The type of the object, from the option or as it is known.
     pub(super) fn of(&self) -> Option<Type> {
         self.of.or(self.object.known.map(|(_, of)| of))
@@ -55,11 +65,13 @@ impl Which {
 }
 
 impl Args {
-    /// Checks the value to write before anything is sent.
+    /// Checks the slave and the value to write before anything is sent.
     ///
     /// # Errors
-    /// The value has no type or does not fit it.
-    pub fn check(&self) -> Result<(), BoardError> {
+    /// The machine file has no axis of that name. The value has no type or does not fit it.
+    pub fn check(&self, machine: Option<&MachineFile>) -> Result<(), BoardError> {
+        let (Verb::Read(which) | Verb::Write { which, .. }) = &self.verb;
+        which.slave("sdo", machine)?;
         let Verb::Write { which, value } = &self.verb else { return Ok(()) };
         let refused = |why, next: &str| BoardError::Refused { what: "sdo write".into(), why, next: next.into() };
         match which.of() {
@@ -81,7 +93,7 @@ impl Args {
     /// [`BoardError`] if the value has no type or does not fit it, the slave answers with an abort code, the board does not
     /// answer, or a signal stops the SDO.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
-        self.check()?;
+        self.check(board.machine.as_ref())?;
         match &self.verb {
             Verb::Read(which) => read(board, which),
             Verb::Write { which, value } => write(board, which, *value),
@@ -102,7 +114,7 @@ const fn article(of: Type) -> &'static str {
 /// The slave answers with an abort code, the board does not answer, or the value does not fit the type of the object.
 pub(super) fn read_raw(board: &Board, what: &str, which: &Which) -> Result<u32, BoardError> {
     board.ready(what, Needs::Sdo)?;
-    let (slave, object) = (which.slave, which.object.address);
+    let (slave, object) = (which.slave(what, board.machine.as_ref())?, which.object.address);
     let raw = board.run_interruptible("an SDO read", |ecm| ecm.sdo_read::<u32>(slave, object));
     let value = raw.map_err(|error| answered(board, what, slave, error))?;
     match which.of().map(Type::bits).filter(|bits| *bits < 32 && value >> bits != 0) {
@@ -112,7 +124,7 @@ pub(super) fn read_raw(board: &Board, what: &str, which: &Which) -> Result<u32, 
 }
 
 fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
-    let (slave, object) = (which.slave, which.object);
+    let (slave, object) = (which.slave("sdo read", board.machine.as_ref())?, which.object);
     let raw = read_raw(board, "sdo read", which)?;
     let mut json = json!({
         "verb": "sdo read", "slave": slave, "index": object.address.index, "sub": object.address.sub, "raw": raw,
@@ -128,7 +140,7 @@ fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
     let digits = of.bits() as usize / 4;
     let mut meaning = String::new();
     if object.address == ERROR_CODE {
-        let name = error_name(raw as u16);
+        let name = alarm_words(board.machine.as_ref(), slave, raw as u16);
         json["meaning"] = name.into();
         meaning = format!(": {name}");
     }
@@ -137,7 +149,8 @@ fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
 
 fn write(board: &Board, which: &Which, value: Value) -> Result<(), BoardError> {
     board.ready("sdo write", Needs::Sdo)?;
-    let (slave, object, number) = (which.slave, which.object, value.number);
+    let slave = which.slave("sdo write", board.machine.as_ref())?;
+    let (object, number) = (which.object, value.number);
     let of = which.of().unwrap_or(Type::U32);
     let sent = board.run_interruptible("an SDO write", |ecm| send(ecm, slave, object, of, number));
     sent.map_err(|error| answered(board, "sdo write", slave, error))?;

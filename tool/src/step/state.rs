@@ -3,7 +3,7 @@
 use ecmsk::sk::MasterState;
 use serde_json::json;
 
-use crate::board::{Board, BoardError, numbered, slaves_with_axis};
+use crate::board::{Board, BoardError, slaves_with_axis};
 
 /// Show or change the network's state
 ///
@@ -66,7 +66,7 @@ fn leave_op(board: &Board, to: MasterState) -> Result<(), BoardError> {
     let axes = board.config.iter().flat_map(slaves_with_axis);
     let on: Vec<u8> = axes.filter(|slave| board.statusword(&snapshot, *slave).is_enabled()).collect();
     if !on.is_empty() {
-        board.reporter.note(format_args!("leaving OP switches off {}", numbered("axis", "axes", &on)));
+        board.reporter.note(format_args!("leaving OP switches off {}", board.labels(&on)));
     }
     Ok(())
 }

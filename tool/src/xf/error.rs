@@ -3,6 +3,7 @@
 use std::io;
 
 use ecmsk::link::config::{FILE_NAME, LINK_VARIABLE};
+use ecmsk::machine_file::FILE_NAME as MACHINE_FILE;
 use ecmsk::xf::host::HostError;
 use ecmsk::xf_api::XfError;
 
@@ -19,8 +20,8 @@ pub enum XfVerbError {
     Choice(#[from] ChoiceError),
     /// The command line names no chip.
     #[error(
-        "no chip was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME}; give one, e.g. --link \
-         'xf-sim:?slaves=drive*2', see `ecmsk link help`"
+        "no chip was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME} and no link in {MACHINE_FILE}; give \
+         one, e.g. --link 'xf-sim:?slaves=drive*2', see `ecmsk link help`"
     )]
     NoLink,
     /// An error of the chip, its link or a slave.

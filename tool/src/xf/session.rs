@@ -17,7 +17,7 @@ use crate::output::counted;
 #[derive(Clone, Default, clap::Args)]
 #[group(skip)]
 pub struct ChipArgs {
-    /// Chip to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    /// Chip to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of machine.toml or ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 

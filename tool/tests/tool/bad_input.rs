@@ -25,7 +25,7 @@ fn a_wrong_option_is_a_wrong_command_line() {
         (&["move", "1=nan"], "allowed: AXIS=TARGET"),
         (&["move", "1=5", "--velocity", "inf"], "allowed: a number above 0"),
         (&["move", "1=5", "--jerk", "-3"], "allowed: a number above 0, or off"),
-        (&["sdo", "read", "0", "statusword"], "0 is not in 1..=40"),
+        (&["sdo", "read", "0", "statusword"], "allowed: 1 to 40, or the name of an axis"),
         (&["sdo", "read", "1", "0x1000", "--type", "f32"], "allowed: u8, i8"),
         (&["sdo", "write", "1", "0x1000", "x"], "allowed: a whole number"),
         (&["io", "41"], "allowed: a slave from 1 to 40, local, or names"),

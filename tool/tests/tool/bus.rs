@@ -160,7 +160,7 @@ fn a_wrong_value_opens_no_network() {
         (&["sdo", "write", "1", "0x5555", "1"][..], "the type of 0x5555:0 is not known"),
         (&["sdo", "write", "1", "homing_method", "128"], "128 does not fit"),
         (&["sdo", "write", "1", "0x1018", "1", "--complete"], "all sub-indices at once are bytes"),
-        (&["sdo", "read", "0", "0x1000"], "0 is not in 1..=40"),
+        (&["sdo", "read", "0", "0x1000"], "allowed: 1 to 40, or the name of an axis"),
         (&["sdo", "read", "1", "6041"], "did you mean `0x6041`?"),
         (&["errors", "--watch", "1", "--clear"], "--clear"),
         (&["dc", "--seconds", "0"], "0 is not in 1..=86400"),

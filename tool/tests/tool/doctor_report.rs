@@ -77,6 +77,20 @@ fn a_report_has_what_a_support_asks_for_and_no_secret() {
     assert_eq!(shown.code, Some(0), "{shown:?}");
     assert!(!list.contains("Not in it"), "{list}");
 
+    // Frames that carry the machine file are packed without its secret, or not at all.
+    let carrying = path("carrying");
+    let recorded = format!("sim:?slaves=drive&clock=virtual&axes=machine.toml&flight={}", carrying.display());
+    let mut moves = ecmsk(["move", "1=100", "--up", "--machine", "none", "--link", &recorded]);
+    let moved = Ran::from(moves.current_dir(folder.path()).output().expect("the tool starts"));
+    assert_eq!(moved.code, Some(0), "{moved:?}");
+    report(&["--flight", carrying.to_str().expect("UTF-8")], &[]);
+    let packed = files(&path("press.tar"));
+    let list = text(&packed, "CONTENTS.txt");
+    assert!(packed.keys().all(|name| !name.starts_with("report/flight/")), "{list}");
+    assert!(list.contains(".ecmrec: the machine file or the link in it has a secret; take it out"), "{list}");
+    let is_in = |bytes: &[u8]| bytes.windows(SECRETS[2].len()).any(|part| part == SECRETS[2].as_bytes());
+    assert!(!packed.values().any(|content| is_in(content)));
+
     // The link of a configuration has a secret in its file, and one that somebody wrote into it.
     let link = format!("tcp://me:{}@localhost:1?secret_file=tcp.secret", SECRETS[3]);
     let ran = report(&[], &[("ECMSK_LINK", &*link), ("ECMSK_TCP_SECRET", SECRETS[0])]);

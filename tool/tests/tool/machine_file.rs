@@ -142,7 +142,7 @@ fn limits_refuse_before_anything_moves() {
         (&["move", "X=1", "2=5", "--velocity", "1"], "a speed would have two units; name all axes alike"),
         (&["home", "X", "--offset", "251"], "home: axis X would be at 251 mm, beyond its limit, max = 250 mm"),
         (&["move", "Z=1"], "move: machine.toml has no axis `Z`; it has X, turn"),
-        (&["move", "X=1deg"], "1deg is written for axis 1, which is in mm; write the number in the unit of the axis"),
+        (&["move", "X=1deg"], "1deg is written for axis X, which is in mm; write the number in the unit of the axis"),
         (&["servo", "on", "X,Z"], "has no axis `Z`"),
     ] {
         let record = folder.path("refused.pcapng");

@@ -111,6 +111,49 @@ fn a_servers_machine_file_leads_to_no_other_board() {
     assert!(ran.err.contains("or correct max in machine.toml of the server"), "{ran:?}");
 }
 
+/// A machine file of the folder that says something else of an axis than that of the server: verbs that read say so, verbs that
+/// move the axis refuse, unless `--machine` names the file. Other axes are moved.
+#[test]
+fn an_axis_is_not_moved_by_two_files_that_differ() {
+    let folder = Folder::new(&MACHINE.replace("per = 0.001", "per = 0.01"));
+    let (options, _) = support::tcp::options();
+    let file = CarriedFile::new(Path::new("machine.toml"), MACHINE);
+    let options = ServeOptions { machine: Some(Arc::new(file)), ..options };
+    let server = support::tcp::serve_with("sim:?slaves=drive*2,io&clock=virtual", options);
+    let link = support::tcp::uri(&server, "");
+    let differs = "axis X: a count is 0.01 mm in machine.toml, 0.001 mm in machine.toml of the server";
+    let warning = format!("warning: {differs}\n");
+    let run = |words: &[&str]| folder.run(&[words, &["--link", &link]].concat());
+    for words in [&["info"] as &[&str], &["monitor", "--once"]] {
+        let ran = run(words);
+        assert!(ran.code == Some(0) && ran.err.matches(&warning).count() == 1, "{words:?} {ran:?}");
+    }
+    for words in [&["move", "X=2", "--up"] as &[&str], &["home", "X", "--up"], &["move", "turn=5", "1=5", "--up"]] {
+        let ran = run(words);
+        let error = format!(
+            "error: {}: {differs}; correct the file that is wrong, or say --machine machine.toml to move by that of this folder\n",
+            words[0]
+        );
+        assert!(ran.code == Some(1) && ran.out.is_empty() && ran.err.ends_with(&error), "{words:?} {ran:?}");
+    }
+    let ran = run(&["info"]);
+    assert!(ran.out.contains("PreOP"), "nothing was sent: {ran:?}");
+    assert_eq!(run(&["move", "turn=5", "--up"]).code, Some(0));
+    let ran = run(&["move", "X=2", "--up", "--machine", "machine.toml"]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(0), "axis X: at 2 mm (200 counts)\n"), "{ran:?}");
+    assert!(ran.err.contains(&warning), "{ran:?}");
+    let ran = run(&["servo", "off", "all"]);
+    assert!(ran.code == Some(0) && !ran.err.contains("warning"), "{ran:?}");
+
+    folder.write("machine.toml", &MACHINE.replace("max = 250", "max = 300"));
+    let ran = run(&["move", "X=2", "--up"]);
+    let differs = "axis X: max is 300 mm in machine.toml, 250 mm in machine.toml of the server; ";
+    assert!(ran.code == Some(1) && ran.err.contains(differs), "{ran:?}");
+    folder.write("machine.toml", MACHINE);
+    let ran = run(&["move", "X=2", "--up"]);
+    assert!(ran.code == Some(0) && !ran.err.contains("warning"), "{ran:?}");
+}
+
 /// A verb that moves axes does not begin if the server's machine file is not known: one of a newer format, or if the connection
 /// that asks for it ends. Without the file there would be no limits.
 #[test]

@@ -20,7 +20,8 @@
 //!   to a board,
 //!   signals, scripts, the shell
 //! - `monitor*.rs`: `ecmsk monitor`; `jog.rs`, `stop_verb.rs`: `ecmsk jog`, `ecmsk stop`
-//! - `machine_file.rs`, `machine_served.rs`: the machine file, that of a server, and `ecmsk machine`
+//! - `machine_file.rs`, `machine_names.rs`, `machine_served.rs`: the machine file, its link, names and words in all verbs, that
+//!   of a server, and `ecmsk machine`
 //! - `slave.rs`: `ecmsk slave`
 //! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_metrics.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`,
 //!   `service_on_tcp.rs`, `tcp_*.rs`: `ecmsk serve`
@@ -64,6 +65,7 @@ mod jog;
 mod list;
 mod machine;
 mod machine_file;
+mod machine_names;
 mod machine_served;
 mod man;
 mod migrate;

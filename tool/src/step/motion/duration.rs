@@ -35,8 +35,12 @@ pub fn announce(board: &Board, path: &Path, yes: bool) -> Result<Asked, BoardErr
     if seconds <= TOLD_FROM_S {
         return Ok(Asked::No);
     }
-    let (takes, way) = (Long(seconds), path.length);
-    board.reporter.note(format_args!("this move takes {takes}, for {way:.0} counts; --velocity makes it shorter"));
+    let takes = Long(seconds);
+    let furthest = path.axes.iter().max_by_key(|axis| axis.end.abs_diff(axis.start));
+    let way = furthest.map_or_else(String::new, |axis| {
+        format!(", for {}", board.distance_in_units(axis.slave, axis.end.abs_diff(axis.start)))
+    });
+    board.reporter.note(format_args!("this move takes {takes}{way}; --velocity makes it shorter"));
     if yes || !board.can_ask() {
         return Ok(Asked::No);
     }

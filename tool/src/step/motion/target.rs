@@ -3,8 +3,8 @@
 use ecmsk::ecm::Scale;
 use ecmsk::machine_file::Unit;
 
-use crate::board::{AxisWord, BoardError, Units, positive};
-use crate::machine_option::number_and_unit;
+use crate::board::{AxisWord, BoardError, SLAVES_MAX, Units, positive};
+use crate::machine_option::{self, number_and_unit};
 
 /// A target of one axis, as it is written: `1=10000`, `X=12.5`, `X=12.5mm`, `X=500counts`.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +37,7 @@ impl Target {
             let (value, unit) = value_and_unit(value.trim())?;
             Some(Self { axis: AxisWord::parse(axis)?, value, unit })
         };
-        read(text).ok_or_else(|| "allowed: AXIS=TARGET, e.g. 1=10000, with an axis from 1 to 40 and a number".into())
+        read(text).ok_or_else(|| allowed(text))
     }
 
     /// The target with the scale of its axis and its unit.
@@ -45,7 +45,7 @@ impl Target {
     /// # Errors
     /// The machine file does not have the axis, or the target is written in another unit than that of the axis.
     pub fn resolve(&self, what: &str, units: Units<'_>) -> Result<AxisTarget, BoardError> {
-        let slave = self.axis.slave(what, units.machine)?;
+        let slave = units.slave(what, &self.axis)?;
         let axis = units.axis(slave);
         let scale = match (self.unit, axis) {
             (None, _) => units.scale(&self.axis, slave),
@@ -55,13 +55,28 @@ impl Target {
                 let known = axis.map_or("which has no unit in a machine file".to_owned(), |axis| {
                     format!("which is in {}", axis.unit)
                 });
-                let why = format!("{}{unit} is written for axis {slave}, {known}", self.value);
+                let why = format!("{}{unit} is written for axis {}, {known}", self.value, units.label(slave));
                 let next = "write the number in the unit of the axis, or in counts, e.g. 500counts".into();
                 return Err(BoardError::Refused { what: what.into(), why, next });
             }
         };
         Ok(AxisTarget { slave, value: self.value, scale, is_named: self.axis.is_name() })
     }
+}
+
+/// What a target may be. A number with a comma is meant with a decimal point, which is said.
+fn allowed(text: &str) -> String {
+    let axes = match machine_option::names_of_axes() {
+        Some((file, names)) => format!("one of {file}: {names}"),
+        None => "a name of the machine file".to_owned(),
+    };
+    let number = match text.split_once('=') {
+        Some((_, value)) if value_and_unit(value.replacen(',', ".", 1).trim()).is_some() && value.contains(',') => {
+            format!("a number with a decimal point, {}", text.replacen(',', ".", 1))
+        }
+        _ => "a number, with a decimal point if it has decimals".to_owned(),
+    };
+    format!("allowed: AXIS=TARGET, e.g. 1=10000 or X=12.5: an axis from 1 to {SLAVES_MAX} or {axes}; and {number}")
 }
 
 /// A number, and the word for a unit directly behind it.
@@ -76,13 +91,13 @@ fn value_and_unit(text: &str) -> Option<(f64, Option<Unit>)> {
 ///
 /// # Errors
 /// The target does not fit the range of positions.
-pub fn counts(what: &str, target: &AxisTarget) -> Result<i32, BoardError> {
+pub fn counts(what: &str, target: &AxisTarget, units: Units<'_>) -> Result<i32, BoardError> {
     if target.scale == Scale::COUNTS && target.value.fract() != 0.0 {
-        let why = format!("{} of axis {} is no whole number of counts", target.value, target.slave);
+        let why = format!("{} of axis {} is no whole number of counts", target.value, units.label(target.slave));
         let next = "name a whole number, or say with --counts-per-unit what a unit is".into();
         return Err(BoardError::Refused { what: what.into(), why, next });
     }
-    target.scale.to_counts(target.value).ok_or_else(|| outside(what, target))
+    target.scale.to_counts(target.value).ok_or_else(|| outside(what, target, units))
 }
 
 /// Refuses a position beyond the soft limits of its axis.
@@ -104,9 +119,15 @@ pub fn check_limits(what: &str, units: Units<'_>, slave: u8, position_counts: i3
 }
 
 /// The error for a target that does not fit into the 32 bits of the wire.
-pub fn outside(what: &str, target: &AxisTarget) -> BoardError {
-    let why = format!("target {} of axis {} is outside the 32 bits of a position", target.value, target.slave);
-    let next = "name one from -2147483648 to 2147483647 counts".into();
+pub fn outside(what: &str, target: &AxisTarget, units: Units<'_>) -> BoardError {
+    let label = units.label(target.slave);
+    let why = format!("target {} of axis {label} is outside the 32 bits of a position", target.value);
+    let ends = [i32::MIN, i32::MAX].map(|counts| target.scale.to_units(counts));
+    let next = if target.scale == Scale::COUNTS {
+        "name one from -2147483648 to 2147483647 counts".into()
+    } else {
+        format!("name one from {} to {}", ends[0].min(ends[1]), ends[0].max(ends[1]))
+    };
     BoardError::Refused { what: what.into(), why, next }
 }
 

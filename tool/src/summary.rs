@@ -177,8 +177,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let is_file = args.file.as_os_str() != "-";
     args.check_files()?;
     if args.by.is_some() || is_file && args.file.is_dir() {
-        let machine = machine_option::load(args.machine.as_deref())?;
-        return if is_file { trends::run(args, machine.as_ref()) } else { Err(SummaryError::TrendsOfStdin.into()) };
+        return if is_file { trends::run(args) } else { Err(SummaryError::TrendsOfStdin.into()) };
     }
     let open = || Frames::open_board(&args.file, args.slot_size, args.device);
     let mut frames = open()?;

@@ -27,8 +27,9 @@ use rules::{Event, Limit, Rules, RulesError, What};
 
 use super::error::CliError;
 use super::filter::Times;
-use super::junit::{self, Case, JunitError};
+use super::junit::{self, Case};
 use super::machine_option::label;
+use super::output_file::{OutputFileError, OverwriteOption};
 use super::recording::{Frames, parse_device};
 use super::summary::extremes::{AxisExtremes, Extremes, named, seconds};
 use super::{machine_option, output, slot_size};
@@ -86,6 +87,9 @@ pub struct Args {
     /// Write the result of each rule to this file, in the JUnit format
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     junit: Option<PathBuf>,
+
+    #[command(flatten)]
+    overwrite: OverwriteOption,
 }
 
 /// Why a run was not judged.
@@ -102,7 +106,7 @@ pub enum AssertError {
     Rules(#[from] RulesError),
     /// The results cannot be written.
     #[error(transparent)]
-    Junit(#[from] JunitError),
+    Junit(#[from] OutputFileError),
     /// The recording has no frame.
     #[error("{0} holds no frame; record a program that opens a board")]
     NoFrame(String),
@@ -139,14 +143,16 @@ struct Run {
 /// # Errors
 /// [`AssertError`] if the run could not be judged; [`CliError::Output`] if standard output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let junit = args.junit.as_deref().map(|file| junit::output(file, args.overwrite.replace()));
+    junit.map_or(Ok(()), |junit| junit.check()).map_err(AssertError::from)?;
     let (run, rules, machine) = read(args)?;
     let machine = machine.as_ref();
     let judged = judge(&rules, &run, machine);
     let broken = judged.iter().filter(|judged| !judged.is_kept).count();
     let text = if args.json { json_line(args, &judged, &run) } else { lines(&judged) };
     output::print(text)?;
-    if let Some(file) = &args.junit {
-        junit::write(file, &format!("ecmsk assert {}", args.file.display()), &cases(&judged, &run, broken))
+    if let Some(junit) = &junit {
+        junit::write(junit, &format!("ecmsk assert {}", args.file.display()), &cases(&judged, &run, broken))
             .map_err(AssertError::from)?;
     }
     match run.lacks {

@@ -29,7 +29,7 @@ use ecmsk::recording::{CarriedFile, RecordError};
 use time::OffsetDateTime;
 
 use super::fail_on::FailOn;
-use super::{Args, SummaryError, write};
+use super::{Args, SummaryError};
 use crate::error::CliError;
 use crate::filter::Times;
 use crate::output;
@@ -160,7 +160,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let report = Report { folder: &args.file, by, parts: &parts, sources: &sources, machine };
     output::print(if args.json { format!("{}\n", report.json()) } else { report.text() })?;
     if let Some(file) = &args.html {
-        write(file, "--html", page::html(&report)?)?;
+        args.page(file).write(page::html(&report)?.as_bytes()).map_err(SummaryError::from)?;
     }
     args.end(&reasons, &trends.failures, trends.is_clean)
 }

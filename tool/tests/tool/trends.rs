@@ -89,7 +89,8 @@ fn keep_with(script: &Script, file: &Path, begins: &[u64], machine: Option<&str>
     let mut recording = Recording::open(&made).expect("a recording");
     let frames: Vec<Recorded> = recording.by_ref().map(|frame| frame.expect("whole")).collect();
     let machine = machine.map(|text| Arc::new(CarriedFile::new(Path::new("machine.toml"), text)));
-    let meta = RecordMeta { clock: Clock::Real, machine, ..recording.meta().expect("its metadata").clone() };
+    let opened_ns = begins.first().copied();
+    let meta = RecordMeta { clock: Clock::Real, machine, opened_ns, ..recording.meta().expect("its metadata").clone() };
     let mut copy = RecordingCopy::new(file, &meta);
     for begin_ns in begins {
         for frame in &frames {
@@ -326,6 +327,21 @@ fn what_is_no_recording_is_passed_over() {
     made.record(&file, "sim:?clock=virtual", Some(SlotSize::Bytes12));
     run(["summary", "--by", "day", text(&file)]).expect_failure(1, &["virtual clock"], "leave --by out");
     assert!(run(["summary", text(empty.path())]).expect_quiet().starts_with("recording"));
+}
+
+/// A recording of the real clock that is cut within its first block says what is damaged in seconds since the board was opened,
+/// as ever.
+#[test]
+fn times_of_damage_count_from_the_beginning() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("cut.ecmrec");
+    keep(&day(Day::default()), &file, &[MONDAY_NS]);
+    let mut bytes = fs::read(&file).expect("a file");
+    let places: Vec<usize> = (0..bytes.len() - 8).filter(|at| bytes[*at..].starts_with(b"\x89ECMREC\n")).collect();
+    bytes.truncate(places[1] + 100);
+    fs::write(&file, bytes).expect("a file");
+    let ran = run(["summary", text(&file)]);
+    assert!(ran.code == Some(1) && ran.err.contains("damaged, and not read: from 0.0"), "{ran:?}");
 }
 
 /// A recording that is being written is whole as far as it is written.

@@ -189,8 +189,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     if !events.is_any() && walked.frames > 0 {
         say("note", &format_args!("none of {} frames is left; change --from, --to or --around", walked.frames));
     }
-    let is_whole = walked.damage.is_none() && frames.lacks().is_none();
-    let summary = events.summary();
+    let lacks = frames.lacks().unwrap_or_default();
+    let is_whole = walked.damage.is_none() && lacks.is_nothing();
+    let summary = events.summary(walked.damage.is_none() && lacks.missing == 0 && lacks.not_ended == 0);
     let axes: Vec<_> = extremes.axes().collect();
     if args.json {
         let mut json = json(&summary, machine.as_ref());

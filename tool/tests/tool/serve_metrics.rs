@@ -201,6 +201,19 @@ fn a_lost_slave_is_no_health() {
     board.serving.end();
 }
 
+/// A full disk, which ends a recording, is said by `/healthz`, and is no reason to start the server again.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_recording_on_a_full_disk_is_said() {
+    let metrics = Metrics::start("tcp", &["--link", "sim:?slaves=drive&record=/dev/full"]);
+    run(["state", "preop", "--link", &metrics.link()]);
+    until("frames are missing", || {
+        let (status, text) = metrics.health();
+        assert_eq!(status, "200", "{text}");
+        (text.starts_with("ok, but ") && text.contains(" frames are missing in its recording: ")).then_some(())
+    });
+}
+
 /// A server on the loopback address answers to names of its machine alone. It only shows, and only these two things.
 #[test]
 fn who_may_ask_and_what() {

@@ -371,7 +371,7 @@ mod tests {
 
     /// Each kind knows its own files, and no other.
     #[test]
-    fn kinds_are_told_apart() {
+    fn kinds_differ() {
         let mut report = vec![0; 512];
         report[..20].copy_from_slice(b"report/CONTENTS.txt\0");
         report[257..262].copy_from_slice(b"ustar");

@@ -201,11 +201,19 @@ fn a_lost_slave_is_no_health() {
     board.serving.end();
 }
 
-/// A full disk, which ends a recording, is said by `/healthz`, and is no reason to start the server again.
+/// Frames that are missing in a recording, here because its reader is gone, are said by `/healthz`, and are no reason to start the
+/// server again.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_recording_on_a_full_disk_is_said() {
-    let metrics = Metrics::start("tcp", &["--link", "sim:?slaves=drive&record=/dev/full"]);
+fn a_recording_that_has_stopped_is_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pipe = folder.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("it starts").success());
+    let reader = std::fs::File::options().read(true).write(true).open(&pipe).expect("a pipe");
+    let link = format!("sim:?slaves=drive&record={}", pipe.display());
+    let metrics = Metrics::start("tcp", &["--link", &link]);
+    assert_eq!(metrics.health(), ("200".to_owned(), "ok\n".to_owned()));
+    drop(reader);
     run(["state", "preop", "--link", &metrics.link()]);
     until("frames are missing", || {
         let (status, text) = metrics.health();

@@ -13,8 +13,10 @@ pub enum RecordError {
         /// The message of the operating system.
         message: String,
     },
-    /// The beginning of the file is not that of a capture.
-    #[error("{name} is neither a pcapng nor a pcap file; make one with the link key record= or with Wireshark")]
+    /// The beginning of the file is not that of a recording or a capture.
+    #[error(
+        "{name} is no recording (.ecmrec, .pcapng) and no capture (pcapng, pcap); make one with the link key record= or with Wireshark"
+    )]
     NotACapture {
         /// The name of the file, for the message.
         name: String,

@@ -72,7 +72,7 @@ impl<R: Read> Exchanges<R> {
 
     /// What is missing in the recording, as far as it was read. Complete only after the last packet.
     pub fn lacks(&self) -> Lacks {
-        self.lacks.clone().since(self.zero_ns)
+        self.lacks.clone().since(self.zero_ns, self.meta.as_ref())
     }
 
     /// Reads one block: `None` at the end of the file, `Some(None)` if the block has no bytes of an exchange.

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::RecordMeta;
+
 /// A stretch of a recording that cannot be read, since its bytes are damaged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lost {
@@ -94,10 +96,12 @@ pub struct Lacks {
 }
 
 impl Lacks {
-    /// Returns these lacks with the time in the file from which times of damage count.
-    pub(super) fn since(mut self, zero_ns: Option<u64>) -> Self {
+    /// Returns these lacks with the time in the file from which times of damage count. `zero_ns`: that of the frames; `None` if
+    /// none could be read. It is then that of the metadata, or else the first time that is known.
+    pub(super) fn since(mut self, zero_ns: Option<u64>, meta: Option<&RecordMeta>) -> Self {
         if self.damage.count > 0 {
-            self.damage.begin_ns = zero_ns.unwrap_or_default();
+            let first_ns = self.damage.whole.from_ns.or(self.damage.whole.to_ns).unwrap_or_default();
+            self.damage.begin_ns = zero_ns.unwrap_or_else(|| RecordMeta::zero_ns(meta, first_ns));
         }
         self
     }

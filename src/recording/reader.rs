@@ -125,7 +125,7 @@ impl<R: Read> Recording<R> {
 
     /// What is missing in the part read so far. Complete only after the last frame was read.
     pub fn lacks(&self) -> Lacks {
-        self.lacks.clone().since(self.zero_ns)
+        self.lacks.clone().since(self.zero_ns, self.first_meta.as_ref())
     }
 
     /// The packets that were skipped in the part read so far, counted.
@@ -210,7 +210,7 @@ impl<R: Read> Recording<R> {
         match self.others.take() {
             Some(found) if found.contains(&of_chip) => Err(RecordError::OfChip { name }),
             Some(found) if found.is_empty() && self.lacks.damage.count > 0 => {
-                let damage = &self.lacks.damage;
+                let damage = self.lacks().damage;
                 let next = if damage.whole.is_newer { "" } else { "; record again" };
                 Err(RecordError::Unreadable { name, damage: format!("{damage}{next}") })
             }

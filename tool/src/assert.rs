@@ -27,9 +27,10 @@ use rules::{Event, Limit, Rules, RulesError, What};
 
 use super::error::CliError;
 use super::filter::Times;
-use super::junit::{self, Case, JunitError};
+use super::junit::{self, Case};
 use super::machine_option::label;
-use super::recording::{Frames, carried, parse_device};
+use super::output_file::{OutputFileError, OverwriteOption};
+use super::recording::{Frames, parse_device};
 use super::summary::extremes::{AxisExtremes, Extremes, named, seconds};
 use super::{machine_option, output, slot_size};
 
@@ -86,6 +87,9 @@ pub struct Args {
     /// Write the result of each rule to this file, in the JUnit format
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     junit: Option<PathBuf>,
+
+    #[command(flatten)]
+    overwrite: OverwriteOption,
 }
 
 /// Why a run was not judged.
@@ -102,7 +106,7 @@ pub enum AssertError {
     Rules(#[from] RulesError),
     /// The results cannot be written.
     #[error(transparent)]
-    Junit(#[from] JunitError),
+    Junit(#[from] OutputFileError),
     /// The recording has no frame.
     #[error("{0} holds no frame; record a program that opens a board")]
     NoFrame(String),
@@ -139,17 +143,16 @@ struct Run {
 /// # Errors
 /// [`AssertError`] if the run could not be judged; [`CliError::Output`] if standard output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let machine = machine_option::of_recording(args.machine.as_deref(), carried(&args.file).as_deref());
-    let machine = machine.map_err(AssertError::from)?;
+    let junit = args.junit.as_deref().map(|file| junit::output(file, args.overwrite.replace()));
+    junit.map_or(Ok(()), |junit| junit.check()).map_err(AssertError::from)?;
+    let (run, rules, machine) = read(args)?;
     let machine = machine.as_ref();
-    let rules = Rules::load(&args.rules, machine).map_err(AssertError::from)?;
-    let run = read(args)?;
     let judged = judge(&rules, &run, machine);
     let broken = judged.iter().filter(|judged| !judged.is_kept).count();
     let text = if args.json { json_line(args, &judged, &run) } else { lines(&judged) };
     output::print(text)?;
-    if let Some(file) = &args.junit {
-        junit::write(file, &format!("ecmsk assert {}", args.file.display()), &cases(&judged, &run, broken))
+    if let Some(junit) = &junit {
+        junit::write(junit, &format!("ecmsk assert {}", args.file.display()), &cases(&judged, &run, broken))
             .map_err(AssertError::from)?;
     }
     match run.lacks {
@@ -159,8 +162,15 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     }
 }
 
-fn read(args: &Args) -> Result<Run, AssertError> {
-    let mut frames = Frames::open_board(&args.file, args.slot_size, args.device)?;
+/// Reads the rules and the recording. Returns what the run did, the rules, and the machine file in whose units they are.
+fn read(args: &Args) -> Result<(Run, Rules, Option<MachineFile>), AssertError> {
+    let (from_stdin, carried) = machine_option::carried_by(&args.file, args.slot_size, args.device)?;
+    let machine = machine_option::of_recording(args.machine.as_deref(), carried.as_deref())?;
+    let rules = Rules::load(&args.rules, machine.as_ref())?;
+    let mut frames = match from_stdin {
+        Some(frames) => frames,
+        None => Frames::open_board(&args.file, args.slot_size, args.device)?,
+    };
     let (mut extremes, mut summary, mut finder) = (Extremes::new(Times::default()), Summary::default(), Finder::new());
     let (mut watch, mut times_ns) = (None, (0, 0));
     let walked = frames.walk(i64::MAX, |framed| {
@@ -187,7 +197,8 @@ fn read(args: &Args) -> Result<Run, AssertError> {
     summary.set_frame_counts(&watch.counts());
     // The frames before a damage may break rules.
     let lacks = walked.damage.map(|damage| damage.to_string()).or_else(|| Some(frames.lacks()?.to_string()));
-    Ok(Run { summary, extremes, found: finder.found, times_ns, lacks })
+    let run = Run { summary, extremes, found: finder.found, times_ns, lacks };
+    Ok((run, rules, machine))
 }
 
 fn judge(rules: &Rules, run: &Run, machine: Option<&MachineFile>) -> Vec<Judged> {

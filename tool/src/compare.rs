@@ -15,6 +15,7 @@ use ecmsk::recording::Address;
 use ecmsk::sk::SlotSize;
 
 use super::board::whole;
+use super::output_file::OverwriteOption;
 use super::plot::{self, PlotError};
 use super::stderr::say;
 use super::{output, recording, slot_size};
@@ -90,6 +91,9 @@ pub struct How {
     #[arg(long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
     pub plot: Option<PathBuf>,
 
+    #[command(flatten)]
+    overwrite: OverwriteOption,
+
     /// Bytes of a slot in both, 12 or 16 [default: from the recordings, else from their CRCs and slots, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
@@ -100,6 +104,14 @@ pub struct How {
 }
 
 impl How {
+    /// The file of `--plot`, checked.
+    ///
+    /// # Errors
+    /// Those of [`plot::check`].
+    pub fn picture<'a>(&self, file: &'a Path, recordings: &[&Path]) -> Result<plot::Picture<'a>, PlotError> {
+        plot::check(file, "--plot", recordings, self.overwrite.replace())
+    }
+
     /// The options of the command line that decide what counts as equal.
     pub fn options(&self) -> CompareOptions {
         CompareOptions {
@@ -158,7 +170,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
         return Err(CompareVerbError::TooManyDevices { found: args.device.len() });
     }
     if let Some(file) = &args.how.plot {
-        plot::check(file, "--plot", &[&args.a, &args.b])?;
+        args.how.picture(file, &[&args.a, &args.b])?;
     }
     let options = args.how.options();
     let mut runs = Runs::open(args, &options)?;
@@ -174,7 +186,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
         let Runs { a, b, size } = Runs::open(args, &options)?;
         let steps = |source| Steps::new(source, size, options.ignore_repeats);
         let drawing = draw(steps(a), steps(b), &names, &found)?;
-        plot::save(file, "--plot", &[&args.a, &args.b], &drawing)?;
+        args.how.picture(file, &[&args.a, &args.b])?.save(&drawing)?;
     }
     let settles = settling_tolerance(args, &options, &found)?;
     let text = if args.how.json {

@@ -23,6 +23,7 @@ use ecmsk::machine::findings::{Finding, FindingVerdict, lateness, lateness_of_ow
 use ecmsk::machine::timing::TimerLateness;
 use serde_json::{Map, Value, json};
 
+use super::output_file::{Kind, OutputFile, OverwriteOption};
 use super::visible::visible;
 use super::{CliError, output};
 pub use folder::FolderError;
@@ -31,7 +32,6 @@ pub use link::not_in_build;
 use linux as system;
 #[cfg(target_os = "linux")]
 pub use linux::RuleError;
-pub use report::ReportError;
 #[cfg(windows)]
 use windows as system;
 
@@ -74,6 +74,9 @@ pub struct Args {
     /// The folder of the flight recorder for --report [default: that of flight= in the link]
     #[arg(long, value_name = "DIR", requires = "report", value_hint = ValueHint::DirPath)]
     flight: Option<PathBuf>,
+
+    #[command(flatten)]
+    overwrite: OverwriteOption,
 
     #[command(flatten)]
     system: system::SystemArgs,
@@ -119,6 +122,10 @@ impl Paint {
 /// [`CliError`] if the folder cannot be read, if the udev rule cannot be written, or if standard output cannot be
 /// written to.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let replace = args.overwrite.replace();
+    let report =
+        args.report.as_deref().map(|file| OutputFile { file, option: "--report", kind: Kind::Report, replace });
+    report.map_or(Ok(()), |report| report.check())?;
     let (findings, wanted) = match &args.folder {
         Some(folder) => (folder::findings(folder)?, None),
         None => match machine(args)? {
@@ -131,7 +138,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     } else {
         output::print_coloured(&text(&findings, Paint::of_stdout()))?;
     }
-    if let Some(file) = &args.report {
+    if let Some(file) = &report {
         let system = system::name(&args.system);
         output::print(report::pack(file, args, &findings, wanted.as_ref(), system)?)?;
     }

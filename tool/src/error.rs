@@ -70,7 +70,7 @@ pub enum CliError {
     UdevRule(#[from] super::doctor::RuleError),
     /// `ecmsk doctor` has not packed its report.
     #[error(transparent)]
-    Report(#[from] super::doctor::ReportError),
+    Report(#[from] super::output_file::OutputFileError),
     /// `ecmsk doctor` cannot check the folder of a program.
     #[error(transparent)]
     Folder(#[from] super::doctor::FolderError),

@@ -26,7 +26,7 @@ use serde_json::json;
 
 use super::error::CliError;
 use super::filter::TimeOptions;
-use super::recording::{Frames, carried, parse_device};
+use super::recording::{Frames, parse_device};
 use super::stderr::say;
 use super::{compare, machine_option, output, slot_size};
 use spans::{Span, Spans};
@@ -137,14 +137,10 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
 
 /// When the condition was true, and whether all frames could be read.
 fn find(args: &Args) -> Result<(Vec<Span>, bool), FindError> {
-    let is_file = args.file.as_os_str() != "-";
-    // Standard input can be read only once, so its machine file is read with its frames. Otherwise a wrong expression is
-    // reported before the recording is opened.
-    let open = || Frames::open_board(&args.file, args.slot_size, args.device);
-    let from_stdin = if is_file { None } else { Some(open()?) };
-    let carried = from_stdin.as_ref().map_or_else(|| carried(&args.file), Frames::carried);
+    let (from_stdin, carried) = machine_option::carried_by(&args.file, args.slot_size, args.device)?;
     let machine = machine_option::of_recording(args.machine.as_deref(), carried.as_deref())?;
     let condition = expression::parse(&args.expression, machine.as_ref())?;
+    let open = || Frames::open_board(&args.file, args.slot_size, args.device);
     let mut frames = from_stdin.map_or_else(open, Ok)?;
     let times = args.times.times();
     let (mut watch, mut spans, mut is_any) = (Watch::new(), Spans::new(&condition), false);

@@ -1,10 +1,10 @@
 //! Results as a file in the JUnit format, which GitLab, Jenkins and other services show: one test case for each thing that
 //! was checked.
 
-use std::fs;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
+
+use super::output_file::{Kind, OutputFile, OutputFileError, Replace};
 
 /// One thing that was checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -17,25 +17,21 @@ pub struct Case {
     pub time: Duration,
 }
 
-/// Why there is no file of results.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot write the results to {}: {source}; name another file with --junit", .file.display())]
-pub struct JunitError {
-    /// The path of the file.
-    file: PathBuf,
-    /// The error of the operating system.
-    source: io::Error,
+/// The file of `--junit`.
+pub const fn output(file: &Path, replace: Replace) -> OutputFile<'_> {
+    OutputFile { file, option: "--junit", kind: Kind::Junit, replace }
 }
 
-/// Writes the cases as one suite with that name. An existing file is replaced.
+/// Writes the cases as one suite with that name.
 ///
 /// # Errors
-/// The file cannot be written.
-pub fn write(file: &Path, suite: &str, cases: &[Case]) -> Result<(), JunitError> {
-    fs::write(file, text(suite, cases)).map_err(|source| JunitError { file: file.to_owned(), source })
+/// [`OutputFileError`] if the file cannot be written, or is there and is none with results.
+pub fn write(output: &OutputFile, suite: &str, cases: &[Case]) -> Result<(), OutputFileError> {
+    output.write(text(suite, cases).as_bytes())
 }
 
-fn text(suite: &str, cases: &[Case]) -> String {
+/// The text of the file.
+pub fn text(suite: &str, cases: &[Case]) -> String {
     let failures = cases.iter().filter(|case| case.failure.is_some()).count();
     let seconds = |time: Duration| format!("{:.3}", time.as_secs_f64());
     let suite = escaped(suite);

@@ -27,7 +27,7 @@
 //! - `web.rs`: the page of `plot -o run.html` and `serve web`, in `web/`; its own sources are in `tool/web/`
 //! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
 //! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`: errors, and output that does not wait for whoever reads it;
-//!   `visible.rs`: control characters in output; `markup.rs`, `junit.rs`: text in HTML and XML, results of tests; `signals/`: Ctrl-C
+//!   `output_file.rs`: files that verbs write; `visible.rs`: control characters in output; `markup.rs`, `junit.rs`: text in HTML and XML, results of tests; `signals/`: Ctrl-C
 //! - `fuzzed.rs`: the functions that `fuzz/` calls
 
 mod assert;
@@ -64,6 +64,7 @@ mod monitor;
 mod motion;
 mod objects;
 mod output;
+mod output_file;
 mod params;
 mod plot;
 mod record_option;

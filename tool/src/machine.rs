@@ -11,7 +11,7 @@ mod compared;
 mod network;
 mod template;
 
-use std::io::{self, Write as _};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -25,6 +25,7 @@ use serde_json::json;
 
 use super::board::Reporter;
 use super::link_option::ChosenLink;
+use super::output_file::{Kind, OutputFile, OutputFileError, Replace};
 use super::{link_option, output};
 
 /// Make a machine file, compare it with the network, or print its schema
@@ -102,20 +103,9 @@ pub enum MachineVerbError {
         /// Why no board can run these slaves.
         error: ConfigError,
     },
-    /// The machine file to write exists already.
-    #[error("{} is there already; name another file with --output, or replace it with --overwrite", file.display())]
-    Exists {
-        /// The path of the machine file.
-        file: PathBuf,
-    },
-    /// The machine file cannot be written.
-    #[error("cannot write {}: {source}; name another place with --output", file.display())]
-    Write {
-        /// The path of the machine file.
-        file: PathBuf,
-        /// The error of the operating system.
-        source: io::Error,
-    },
+    /// The machine file cannot be written, or is there and stays.
+    #[error(transparent)]
+    NewFile(#[from] OutputFileError),
     /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] link_option::ChoiceError),
@@ -177,9 +167,10 @@ pub fn run(args: &Args) -> Result<ExitCode, MachineVerbError> {
 
 fn new(link: &LinkUri, file: &Path, overwrite: bool) -> Result<ExitCode, MachineVerbError> {
     let is_stdout = file == Path::new("-");
+    let output = OutputFile { file, option: "--output", kind: Kind::Any, replace: Replace::Asked(overwrite) };
     // This is checked before a network is reset.
-    if !is_stdout && !overwrite && file.symlink_metadata().is_ok() {
-        return Err(MachineVerbError::Exists { file: file.to_owned() });
+    if !is_stdout {
+        output.check()?;
     }
     let found = network::slaves(link)?;
     let text = template::text(link, &found);
@@ -187,18 +178,10 @@ fn new(link: &LinkUri, file: &Path, overwrite: bool) -> Result<ExitCode, Machine
         output::print(text)?;
         return Ok(ExitCode::SUCCESS);
     }
-    write(file, &text, overwrite).map_err(|source| MachineVerbError::Write { file: file.to_owned(), source })?;
+    output.write(text.as_bytes())?;
     let slaves = output::counted(found.len(), "slave");
     output::print(format!("{}: {slaves}; name its axes and set their units\n", file.display()))?;
     Ok(ExitCode::SUCCESS)
-}
-
-fn write(file: &Path, text: &str, overwrite: bool) -> io::Result<()> {
-    let mut options = std::fs::OpenOptions::new();
-    options.write(true).create(true).truncate(true).create_new(!overwrite);
-    let mut file = options.open(file)?;
-    file.write_all(text.as_bytes())?;
-    file.sync_all()
 }
 
 /// The highest homing method of CiA 402.

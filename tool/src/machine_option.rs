@@ -2,8 +2,9 @@
 
 mod differing;
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, Once};
+use std::sync::{Arc, Mutex, Once};
 
 use ecmsk::cia402::error_name;
 use ecmsk::link::config::find;
@@ -11,10 +12,12 @@ use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{LinkError, tcp};
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
-use ecmsk::recording::CarriedFile;
+use ecmsk::recording::{Address, CarriedFile, RecordError};
+use ecmsk::sk::SlotSize;
 
 use super::link_option::{belongs_to_user, environment, is_of_another_user, is_variable_set};
 use super::lock::lock;
+use super::recording::{self, Frames};
 use super::stderr::say;
 pub use differing::{AxisDifference, note_differences};
 
@@ -73,6 +76,24 @@ pub fn of_recording(
         }
     }
     load(given)
+}
+
+/// The machine file that a recording carries, for a verb that reports what is wrong in its own arguments before it opens the
+/// recording. Standard input can be read only once, so it is opened, and returned, too.
+///
+/// # Errors
+/// [`RecordError`] if standard input cannot be read or is not a recording.
+pub fn carried_by(
+    file: &Path,
+    size: Option<SlotSize>,
+    device: Option<Address>,
+) -> Result<(Option<Frames<Box<dyn Read>>>, Option<Arc<CarriedFile>>), RecordError> {
+    if file != Path::new(recording::STDIN) {
+        return Ok((None, recording::carried(file)));
+    }
+    let frames = Frames::open_board(file, size, device)?;
+    let carried = frames.carried();
+    Ok((Some(frames), carried))
 }
 
 /// The text of a machine file, as a server passes it on; `None` if it cannot be read any more.

@@ -18,6 +18,7 @@ use ecmsk::recording::{Address, Clock};
 use ecmsk::sk::SlotSize;
 
 use super::compare::{TROUBLE, tell};
+use super::output_file::OverwriteOption;
 use super::plot::{self, PlotError};
 use super::stderr::say;
 use super::{output, recording, slot_size};
@@ -64,6 +65,9 @@ pub struct Args {
     /// Write a picture of the FIFO level and the host's pauses, with the time that `ahead=` bridges, to this file
     #[arg(long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
     plot: Option<PathBuf>,
+
+    #[command(flatten)]
+    overwrite: OverwriteOption,
 
     /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs and slots, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
@@ -117,7 +121,7 @@ pub fn run(args: &Args) -> Result<ExitCode, MigrateVerbError> {
         return Err(MigrateVerbError::Stdin);
     }
     if let Some(file) = &args.plot {
-        plot::check(file, "--plot", &[&args.file])?;
+        plot::check(file, "--plot", &[&args.file], args.overwrite.replace())?;
     }
     let mut source = RecordedRun::open(&args.file, args.slot_size, args.device)?;
     let mut survey = Survey::new(source.size());
@@ -149,7 +153,8 @@ pub fn run(args: &Args) -> Result<ExitCode, MigrateVerbError> {
         plot: args.plot.as_deref(),
     };
     if let Some(file) = &args.plot {
-        plot::save(file, "--plot", &[&args.file], &draw(args, &report)?)?;
+        let picture = plot::check(file, "--plot", &[&args.file], args.overwrite.replace())?;
+        picture.save(&draw(args, &report)?)?;
     }
     let text = if args.json { json::object(&report).to_string() + "\n" } else { text::of(&report) };
     match output::print(text) {

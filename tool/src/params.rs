@@ -35,6 +35,7 @@ use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
 use crate::board::{AxisWord, SLAVES_MAX};
+use crate::output_file::{Kind, OutputFile, Replace};
 
 use file::ParameterFile;
 use kept::{Carries, LeftOut};
@@ -189,7 +190,7 @@ fn backup(which: &Which, place: &Place, output: Option<&Path>, overwrite: bool) 
     let mut opened = place.open()?;
     let folder = output.unwrap_or(Path::new("."));
     let slaves = opened.slaves()?;
-    std::fs::create_dir_all(folder).map_err(|source| ParamsError::Write { file: folder.to_owned(), source })?;
+    std::fs::create_dir_all(folder).map_err(|source| ParamsError::Folder { folder: folder.to_owned(), source })?;
     let mut kept = 0;
     for slave in &slaves {
         let file = folder.join(format!("slave{slave}.params"));
@@ -208,16 +209,17 @@ fn backup(which: &Which, place: &Place, output: Option<&Path>, overwrite: bool) 
 /// Writes the parameters of a slave to a file, or to standard output.
 fn backup_one(opened: &mut Opened, slave: u8, file: Option<&Path>, overwrite: bool) -> Result<(), ParamsError> {
     const VERB: &str = "params backup";
-    if let Some(file) = file.filter(|file| !overwrite && file.exists()) {
-        return Err(ParamsError::Exists { file: file.to_owned() });
-    }
+    let replace = Replace::Asked(overwrite);
+    let output = file.map(|file| OutputFile { file, option: "--output", kind: Kind::Any, replace });
+    output.map_or(Ok(()), |output| output.check())?;
     let source = format!("slave {slave} of {}", opened.link);
     let (device, kept) = opened.read(slave)?;
     let text = ParameterFile::text(&device, &kept, &source, &now());
-    match file {
+    match output {
         None => crate::output::print(text)?,
-        Some(file) => {
-            std::fs::write(file, text).map_err(|source| ParamsError::Write { file: file.to_owned(), source })?;
+        Some(output) => {
+            output.write(text.as_bytes())?;
+            let file = output.file;
             let (count, left_out) = (kept.objects.len(), kept.left_out.len());
             let json = json!({
                 "verb": VERB, "slave": slave, "file": file.display().to_string(), "parameters": count,

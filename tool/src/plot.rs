@@ -49,6 +49,7 @@ use ecmsk::sk::{CommandId, SlotSize};
 use super::board::AxisWord;
 use super::error::CliError;
 use super::filter::{Command, TimeOptions, Times, nanoseconds};
+use super::output_file::OverwriteOption;
 use super::recording::{self, Frames, Walked};
 use super::stderr::say;
 use super::{machine_option, output, slot_size};
@@ -57,7 +58,7 @@ pub use chart::Sheet;
 use chosen::{Asked, AxesWord, Chosen, Diagram, Room};
 pub use error::PlotError;
 use file::Format;
-pub use file::{check, save};
+pub use file::{Picture, check};
 use series::{Series, Subject};
 use survey::Survey;
 
@@ -95,6 +96,9 @@ pub struct Args {
     /// output, as SVG [default: FILE with the ending .svg]
     #[arg(short, long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
+
+    #[command(flatten)]
+    overwrite: OverwriteOption,
 
     /// Title of the plot [default: the link that was recorded]
     #[arg(long, value_name = "TEXT")]
@@ -165,7 +169,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         let mut stdout = io::stdout().lock();
         return Ok(stdout.write_all(&drawing).and_then(|()| stdout.flush())?);
     }
-    save(&output, "-o", &[&args.file], &sheet)?;
+    file::check(&output, "-o", &[&args.file], args.overwrite.replace())?.save(&sheet)?;
     told();
     Ok(output::print(format!("{}\n", output.display()))?)
 }
@@ -186,7 +190,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let first = first(args, Room::PICTURE, || {
         if output != Path::new("-") {
             // The output file is checked before a long recording is read twice.
-            file::check(&output, "-o", &[&args.file])?;
+            file::check(&output, "-o", &[&args.file], args.overwrite.replace())?;
         }
         Ok(())
     })?;

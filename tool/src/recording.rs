@@ -22,7 +22,7 @@ use super::stderr::say;
 const LOOK_AHEAD: usize = 1000;
 
 /// The name that stands for standard input.
-const STDIN: &str = "-";
+pub const STDIN: &str = "-";
 
 #[cfg(test)]
 thread_local! {

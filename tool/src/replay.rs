@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
             Pace::Answers => replay.waiting_runs().map(|(board, model)| (boxed(board), boxed(model)))?,
         };
         let drawing = compare::draw(steps(board), steps(model), &names, &found)?;
-        plot::save(file, "--plot", &[&args.capture], &drawing)?;
+        args.how.picture(file, &[&args.capture])?.save(&drawing)?;
     }
     let text = if args.how.json {
         let mut object = compare::json::object(&names, &found, &options);

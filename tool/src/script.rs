@@ -10,6 +10,7 @@ use ecmsk::ecm::Config;
 
 use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource, Units};
 use super::junit::{self, Case};
+use super::output_file::Replace;
 use super::stderr::say;
 use super::step::{Line, Step};
 
@@ -69,16 +70,19 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 /// [`BoardError`] if the script has an invalid line, the board cannot be opened, a step fails, or a signal stops the
 /// script.
 pub fn play(text: &str, args: &Args, watch: fn() -> Result<Interrupt, BoardError>) -> Result<(), BoardError> {
+    // Before anything moves.
+    let junit = args.junit.as_deref().map(|file| junit::output(file, Replace::Never));
+    junit.map_or(Ok(()), |junit| junit.check())?;
     let mut cases = Vec::new();
     let done = play_steps(text, args, watch, &mut cases);
-    let Some(file) = &args.junit else { return done };
+    let Some(junit) = junit else { return done };
     if let Err(error) = &done
         && cases.iter().all(|case| case.failure.is_none())
     {
         // No step has failed: the script or the board could not be used, or a signal came.
         cases.push(Case { name: "the whole run".to_owned(), failure: Some(error.to_string()), time: Duration::ZERO });
     }
-    junit::write(file, &format!("ecmsk run {}", args.name()), &cases)?;
+    junit::write(&junit, &format!("ecmsk run {}", args.name()), &cases)?;
     done
 }
 

@@ -10,6 +10,7 @@ use ecmsk::link::slaves::{self, SlaveSpec};
 use ecmsk::slave::esc::{DescriptionError, eeprom_of, esi_of};
 
 use super::CliError;
+use super::output_file::{Kind, OutputFile, OutputFileError, OverwriteOption};
 
 /// Write the EEPROM or the ESI file of a kind of simulated slave
 ///
@@ -46,6 +47,9 @@ struct Of {
     /// File to write to [default: standard output]
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
+
+    #[command(flatten)]
+    overwrite: OverwriteOption,
 }
 
 /// Why the EEPROM or the ESI file was not made. Every error text ends with what the user can do next.
@@ -61,14 +65,9 @@ pub enum SlaveError {
     /// An EEPROM cannot be shown on a terminal, because it is binary.
     #[error("an EEPROM is bytes, not for a terminal; name a file with --output")]
     Terminal,
-    /// The output file cannot be written.
-    #[error("cannot write {}: {source}; name another file with --output", file.display())]
-    Write {
-        /// The path of the file.
-        file: PathBuf,
-        /// The error of the operating system.
-        source: io::Error,
-    },
+    /// The output file cannot be written, or is there and stays.
+    #[error(transparent)]
+    File(#[from] OutputFileError),
 }
 
 fn kind(text: &str) -> Result<SlaveSpec, String> {
@@ -80,21 +79,21 @@ fn kind(text: &str) -> Result<SlaveSpec, String> {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let (of, bytes) = match &args.file {
-        File::Esi(of) => (of, esi(of)?),
+    let (of, kind, bytes) = match &args.file {
+        File::Esi(of) => (of, Kind::Esi, esi(of)?),
         File::Sii(of) => {
             if of.output.is_none() && io::stdout().is_terminal() {
                 return Err(SlaveError::Terminal.into());
             }
-            (of, sii(of)?)
+            (of, Kind::Eeprom, sii(of)?)
         }
     };
     match &of.output {
         // The EEPROM is binary, and `output` prints only text.
         None => io::stdout().lock().write_all(&bytes)?,
         Some(file) => {
-            let written = std::fs::File::create(file).and_then(|mut open| open.write_all(&bytes));
-            written.map_err(|source| SlaveError::Write { file: file.clone(), source })?;
+            let output = OutputFile { file, option: "--output", kind, replace: of.overwrite.replace() };
+            output.write(&bytes).map_err(SlaveError::from)?;
         }
     }
     Ok(ExitCode::SUCCESS)

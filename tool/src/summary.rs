@@ -15,7 +15,6 @@ pub mod fail_on;
 mod page;
 mod trends;
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -36,6 +35,7 @@ use super::error::CliError;
 use super::filter::TimeOptions;
 use super::junit::{self, Case};
 use super::machine_option::{alarm_words, label};
+use super::output_file::{Kind, OutputFile, OutputFileError, OverwriteOption};
 use super::plot::survey::Survey;
 use super::recording::{Frames, is_same_file, parse_device};
 use super::stderr::say;
@@ -111,6 +111,9 @@ pub struct Args {
     /// Write a page for a browser to this file: the summary, the axes, the alarms, and a picture of each bad moment
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     html: Option<PathBuf>,
+
+    #[command(flatten)]
+    overwrite: OverwriteOption,
 }
 
 /// Why a file of `ecmsk summary` was not written.
@@ -123,16 +126,6 @@ pub enum SummaryError {
         file: PathBuf,
         /// The option that names the file.
         option: &'static str,
-    },
-    /// The file cannot be written.
-    #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
-    Write {
-        /// The path of the file.
-        file: PathBuf,
-        /// The option that names the file.
-        option: &'static str,
-        /// The error of the operating system.
-        source: io::Error,
     },
     /// Standard input is named, but the page needs its recording twice.
     #[error("the page of --html needs the recording twice, and standard input can be read once; save it to a file")]
@@ -163,9 +156,9 @@ pub enum SummaryError {
     /// Standard input is to be read for trends.
     #[error("--by needs a file, since it looks at its beginning first; save standard input to one")]
     TrendsOfStdin,
-    /// The results of --junit cannot be written.
+    /// A file cannot be written, or is there and stays.
     #[error(transparent)]
-    Junit(#[from] junit::JunitError),
+    File(#[from] OutputFileError),
 }
 
 /// Runs `ecmsk summary`: reads the recording to its end and prints what went wrong in it. The exit code is 1 if
@@ -177,8 +170,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let is_file = args.file.as_os_str() != "-";
     args.check_files()?;
     if args.by.is_some() || is_file && args.file.is_dir() {
-        let machine = machine_option::load(args.machine.as_deref())?;
-        return if is_file { trends::run(args, machine.as_ref()) } else { Err(SummaryError::TrendsOfStdin.into()) };
+        return if is_file { trends::run(args) } else { Err(SummaryError::TrendsOfStdin.into()) };
     }
     let open = || Frames::open_board(&args.file, args.slot_size, args.device);
     let mut frames = open()?;
@@ -197,8 +189,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     if !events.is_any() && walked.frames > 0 {
         say("note", &format_args!("none of {} frames is left; change --from, --to or --around", walked.frames));
     }
-    let is_whole = walked.damage.is_none() && frames.lacks().is_none();
-    let summary = events.summary();
+    let lacks = frames.lacks().unwrap_or_default();
+    let is_whole = walked.damage.is_none() && lacks.is_nothing();
+    let summary = events.summary(walked.damage.is_none() && lacks.missing == 0 && lacks.not_ended == 0);
     let axes: Vec<_> = extremes.axes().collect();
     if args.json {
         let mut json = json(&summary, machine.as_ref());
@@ -212,7 +205,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     }
     if let (Some(file), Some(survey)) = (&args.html, &survey) {
         let page = page::Page { args, summary: &summary, axes: &axes, events: &events, machine: machine.as_ref() };
-        write(file, "--html", page.html(open()?, survey)?)?;
+        args.page(file).write(page.html(open()?, survey)?.as_bytes()).map_err(SummaryError::from)?;
     }
     let reasons = args.reasons();
     let failures = |asked: &FailOn| asked.reason.failures(&summary, is_whole, &axes, machine.as_ref());
@@ -234,7 +227,7 @@ impl Args {
                 Case { name: reason.text.clone(), failure, time: Duration::ZERO }
             };
             let cases: Vec<Case> = reasons.iter().zip(failures).map(case).collect();
-            junit::write(file, &format!("ecmsk summary {}", self.file.display()), &cases)
+            junit::write(&self.results(file), &format!("ecmsk summary {}", self.file.display()), &cases)
                 .map_err(SummaryError::from)?;
         }
         let failed = self.fail_on.iter().zip(failures).flat_map(|(_, failures)| failures);
@@ -247,18 +240,25 @@ impl Args {
         if self.html.is_some() && self.file.as_os_str() == "-" {
             return Err(SummaryError::Stdin);
         }
-        for (file, option) in [(&self.junit, "--junit"), (&self.html, "--html")] {
-            let Some(file) = file else { continue };
-            if is_same_file(&self.file, file) {
-                return Err(SummaryError::SameFile { file: file.clone(), option });
+        let (results, page) = (self.junit.as_deref(), self.html.as_deref());
+        for output in [results.map(|file| self.results(file)), page.map(|file| self.page(file))].into_iter().flatten() {
+            if is_same_file(&self.file, output.file) {
+                return Err(SummaryError::SameFile { file: output.file.to_owned(), option: output.option });
             }
+            output.check()?;
         }
         Ok(())
     }
-}
 
-fn write(file: &Path, option: &'static str, text: String) -> Result<(), SummaryError> {
-    fs::write(file, text).map_err(|source| SummaryError::Write { file: file.to_owned(), option, source })
+    /// The file of `--junit`.
+    const fn results<'a>(&self, file: &'a Path) -> OutputFile<'a> {
+        junit::output(file, self.overwrite.replace())
+    }
+
+    /// The file of `--html`.
+    const fn page<'a>(&self, file: &'a Path) -> OutputFile<'a> {
+        OutputFile { file, option: "--html", kind: Kind::Page, replace: self.overwrite.replace() }
+    }
 }
 
 /// What went wrong, a line for each.

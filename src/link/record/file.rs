@@ -124,17 +124,25 @@ fn kept_path(path: &Path) -> PathBuf {
 /// # Errors
 /// [`io::ErrorKind::AlreadyExists`] if there is a file that must not be removed; errors of the operating system.
 pub fn make_room(path: &Path, overwrite: bool) -> io::Result<()> {
+    if check_room(path, overwrite)? { fs::remove_file(fs::canonicalize(path)?) } else { Ok(()) }
+}
+
+/// Whether a recording is at `path`, which [`make_room`] would remove. Nothing is removed.
+///
+/// # Errors
+/// Those of [`make_room`].
+pub fn check_room(path: &Path, overwrite: bool) -> io::Result<bool> {
     match fs::metadata(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
         Err(error) => return Err(error),
-        Ok(metadata) if !metadata.is_file() || metadata.len() == 0 => return Ok(()),
+        Ok(metadata) if !metadata.is_file() || metadata.len() == 0 => return Ok(false),
         Ok(_) if !overwrite => return Err(io::Error::new(io::ErrorKind::AlreadyExists, "the file is there already")),
         Ok(_) => {}
     }
     check_replaceable(path)?;
     // Opening with the lock fails if another recording is being written to the file.
     drop(open_locked(path)?);
-    fs::remove_file(fs::canonicalize(path)?)
+    Ok(true)
 }
 
 /// Opens a file without waiting; opening a pipe that nobody reads would wait for a reader.

@@ -44,7 +44,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 pub use chip::RecordedChip;
 pub use copy::RecordingCopy;
-pub use file::make_room;
+pub use file::{check_room, make_room};
 #[cfg(all(feature = "serve", target_os = "linux"))]
 pub use network::NetworkRecording;
 

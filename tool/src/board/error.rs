@@ -36,7 +36,7 @@ pub enum BoardError {
     },
     /// The results of a script cannot be written.
     #[error(transparent)]
-    Junit(#[from] crate::junit::JunitError),
+    Junit(#[from] crate::output_file::OutputFileError),
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of text")]
     Input(io::Error),

@@ -11,6 +11,7 @@ use ecmsk::machine_file::FILE_NAME as MACHINE_FILE;
 
 use crate::board::BoardError;
 use crate::link_option::ChoiceError;
+use crate::output_file::OutputFileError;
 
 /// Why a verb of `ecmsk bus` failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
@@ -64,14 +65,9 @@ pub enum BusVerbError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The file of `--output` cannot be written.
-    #[error("cannot write {}: {source}; name another file with --output", file.display())]
-    Write {
-        /// The path of the file that cannot be written.
-        file: PathBuf,
-        /// The error of the operating system.
-        source: io::Error,
-    },
+    /// The file of `--output` cannot be written, or is there and stays.
+    #[error(transparent)]
+    File(#[from] OutputFileError),
     /// The file that is to be written to an EEPROM is invalid, or is for another device.
     #[error("{}: {error}", file.display())]
     Content {

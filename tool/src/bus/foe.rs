@@ -7,6 +7,7 @@ use clap::{Subcommand, ValueHint};
 use serde_json::json;
 
 use super::{BusVerbError, SlaveArgs, read_file};
+use crate::output_file::{Kind, OutputFile, OverwriteOption, Replace};
 
 /// Read or write a file of a slave (FoE, in PreOP)
 ///
@@ -36,6 +37,8 @@ enum Verb {
         /// File of this machine to which the slave's file is written [default: standard output]
         #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
         output: Option<PathBuf>,
+        #[command(flatten)]
+        overwrite: OverwriteOption,
     },
     /// Write a file to a slave
     Write {
@@ -66,24 +69,27 @@ struct Whose {
 /// file or standard output cannot be used.
 pub fn run(args: &Args) -> Result<(), BusVerbError> {
     match &args.verb {
-        Verb::Read { whose, name, output } => read(whose, name, output.as_deref()),
+        Verb::Read { whose, name, output, overwrite } => read(whose, name, output.as_deref(), overwrite.replace()),
         Verb::Write { whose, file, name } => write(whose, file, name.as_deref()),
     }
 }
 
-fn read(whose: &Whose, name: &str, output: Option<&Path>) -> Result<(), BusVerbError> {
+fn read(whose: &Whose, name: &str, output: Option<&Path>, replace: Replace) -> Result<(), BusVerbError> {
     if output.is_none() && io::stdout().is_terminal() {
         let (why, next) = ("a file may be bytes, not for a terminal".into(), "name a file with --output".into());
         return Err(BusVerbError::WrongRequest { what: "bus foe read", why, next });
     }
+    let output = output.map(|file| OutputFile { file, option: "--output", kind: Kind::Any, replace });
+    output.map_or(Ok(()), |output| output.check())?;
     let (mut session, slave) = whose.of.open()?;
     let content = session.network.read_file(slave, name, whose.password)?;
-    let Some(file) = output else {
+    let Some(output) = output else {
         let mut out = io::stdout().lock();
         out.write_all(&content)?;
         return Ok(out.flush()?);
     };
-    std::fs::write(file, &content).map_err(|source| BusVerbError::Write { file: file.to_owned(), source })?;
+    output.write(&content)?;
+    let file = output.file;
     let text = format!("{} bytes of {name} written to {}", content.len(), file.display());
     let json = json!({
         "verb": "bus foe read", "slave": slave, "name": name, "bytes": content.len(), "file": file.display().to_string(),

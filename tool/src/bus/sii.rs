@@ -9,6 +9,7 @@ use serde_json::json;
 use super::contents::{self, word_name};
 use super::{BusVerbError, Session, SlaveArgs, read_file};
 use crate::hex::hex;
+use crate::output_file::{Kind, OutputFile, OverwriteOption, Replace};
 use crate::signals;
 
 /// Read or write the EEPROM of a slave (SII)
@@ -37,6 +38,8 @@ enum Verb {
         /// Write the EEPROM's bytes, up to the end of its categories, to this file
         #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
         output: Option<PathBuf>,
+        #[command(flatten)]
+        overwrite: OverwriteOption,
     },
     /// Write a file into an EEPROM: changes are shown, written and read back
     ///
@@ -64,16 +67,18 @@ enum Verb {
 /// written, or if a file or standard output cannot be used.
 pub fn run(args: &Args) -> Result<(), BusVerbError> {
     match &args.verb {
-        Verb::Read { whose, output } => read(whose, output.as_deref()),
+        Verb::Read { whose, output, overwrite } => read(whose, output.as_deref(), overwrite.replace()),
         Verb::Write { whose, file, yes, other_device } => write(whose, file, *yes, *other_device),
     }
 }
 
-fn read(whose: &SlaveArgs, output: Option<&Path>) -> Result<(), BusVerbError> {
+fn read(whose: &SlaveArgs, output: Option<&Path>, replace: Replace) -> Result<(), BusVerbError> {
+    let file = output.map(|file| OutputFile { file, option: "--output", kind: Kind::Eeprom, replace });
+    file.map_or(Ok(()), |file| file.check())?;
     let (mut session, slave) = whose.open()?;
     let content = session.network.read_eeprom(slave)?;
-    if let Some(file) = output {
-        std::fs::write(file, &content).map_err(|source| BusVerbError::Write { file: file.to_owned(), source })?;
+    if let Some(file) = file {
+        file.write(&content)?;
     }
     let mut json = contents::json(&content);
     json["verb"] = "bus sii read".into();

@@ -19,6 +19,7 @@ use super::secrets::Secrets;
 use super::{Args, Paint};
 use crate::bus::scan;
 use crate::link_option::belongs_to_user;
+use crate::output_file::{OutputFile, OutputFileError};
 
 /// The most bytes of a flight recorder's files that are packed. \[OURS]
 const FLIGHT_BYTES_MAX: u64 = 32 << 20;
@@ -43,15 +44,7 @@ const KERNEL_OPTIONS: [&str; 12] = [
 /// The list of what is in the file.
 const CONTENTS: &str = "report/CONTENTS.txt";
 
-/// Why the report was not written.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot write the report {}: {source}; name another file with --report", .file.display())]
-pub struct ReportError {
-    file: PathBuf,
-    source: io::Error,
-}
-
-/// The file of `--report`: its name has to end with `.tar`, so that no other file is replaced by mistake.
+/// The file of `--report`: its name has to end with `.tar`, so that no other file is meant by mistake.
 pub fn file(text: &str) -> Result<PathBuf, String> {
     let file = PathBuf::from(text);
     if file.extension().is_some_and(|extension| extension == "tar") {
@@ -73,14 +66,14 @@ struct Pack {
 /// Packs the report; returns the list of what is in it and what is not. `link`: the link that would be used.
 ///
 /// # Errors
-/// [`ReportError`] if the file cannot be written.
+/// [`OutputFileError`] if the file cannot be written.
 pub fn pack(
-    file: &Path,
+    file: &OutputFile,
     args: &Args,
     findings: &[Finding],
     link: Option<&LinkUri>,
     system: Option<String>,
-) -> Result<String, ReportError> {
+) -> Result<String, OutputFileError> {
     let mut pack = Pack { secrets: Secrets::find(link), files: Vec::new(), here: Vec::new(), missing: Vec::new() };
     pack.text("versions.txt", "versions, system, processor, memory, date", &versions(system));
     pack.text("doctor.txt", "what `ecmsk doctor` says", &super::text(findings, Paint(false)));
@@ -97,14 +90,20 @@ pub fn pack(
     }
     let list = pack.list();
     pack.files.insert(0, (CONTENTS.to_owned(), list.clone().into_bytes()));
-    write(file, &pack.files).map_err(|source| ReportError { file: file.to_owned(), source })?;
-    Ok(format!("{}\n{list}", file.display()))
+    let mut new = file.begin()?;
+    new.file().and_then(|there| write(there, &pack.files)).map_err(|source| file.failed(source))?;
+    new.finish()?;
+    Ok(format!("{}\n{list}", file.file.display()))
 }
 
-/// Writes all files into a tar, whole or not at all.
-fn write(file: &Path, files: &[(String, Vec<u8>)]) -> io::Result<()> {
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let there = tempfile::NamedTempFile::new_in(folder)?;
+/// Writes all files into a tar.
+fn write(there: File, files: &[(String, Vec<u8>)]) -> io::Result<()> {
+    // What the report says of the machine is for its user.
+    #[cfg(unix)]
+    if there.metadata()?.is_file() {
+        use std::os::unix::fs::PermissionsExt;
+        there.set_permissions(std::fs::Permissions::from_mode(0o600))?;
+    }
     let mut tar = tar::Builder::new(there);
     let now = OffsetDateTime::now_utc().unix_timestamp();
     for (name, bytes) in files {
@@ -114,7 +113,7 @@ fn write(file: &Path, files: &[(String, Vec<u8>)]) -> io::Result<()> {
         header.set_mtime(u64::try_from(now).unwrap_or(0));
         tar.append_data(&mut header, name, &**bytes)?;
     }
-    tar.into_inner()?.persist(file).map(drop).map_err(|error| error.error)
+    tar.into_inner().map(drop)
 }
 
 impl Pack {

@@ -51,7 +51,7 @@ pub fn drive(opened: &mut Opened, slave: u8, file: &ParameterFile) -> Result<boo
     let compared = compare_with(opened, slave, file, true)?;
     for Difference { wanted, present } in &compared.different {
         let (from, to) = (shown(wanted, wanted.value.bytes()), answer_shown(wanted, present));
-        let text = format!("{:<10}  {from} | {to}  {}", wanted.address.to_string(), wanted.name);
+        let text = format!("{:<10}  file {from} | drive {to}  {}", wanted.address.to_string(), wanted.name);
         let mut json = object_json(VERB, slave, wanted);
         json["file"] = hex(wanted.value.bytes()).into();
         put_answer(&mut json, "drive", present);
@@ -81,7 +81,9 @@ fn files(reporter: &Reporter, first: &ManufacturerObjects, second: &Manufacturer
         let side = |of: &Option<ManufacturerObject>| {
             of.as_ref().map_or_else(|| "-".to_owned(), |of| shown(of, of.value.bytes()))
         };
-        let text = format!("{:<10}  {} | {}  {}", object.address.to_string(), side(&first), side(&second), object.name);
+        let [first_value, second_value] = [side(&first), side(&second)];
+        let text =
+            format!("{:<10}  file {first_value} | other {second_value}  {}", object.address.to_string(), object.name);
         let bytes = |of: &Option<ManufacturerObject>| of.as_ref().map(|of| hex(of.value.bytes()));
         let json = json!({
             "verb": VERB, "index": object.address.index, "sub": object.address.sub, "name": object.name,

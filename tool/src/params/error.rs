@@ -12,6 +12,7 @@ use ecmsk::machine_file::FILE_NAME as MACHINE_FILE;
 
 use crate::board::BoardError;
 use crate::link_option::ChoiceError;
+use crate::output_file::OutputFileError;
 
 /// Why parameters were not saved, compared or written. Every error text ends with what the user can do next.
 #[derive(Debug, thiserror::Error)]
@@ -43,20 +44,17 @@ pub enum ParamsError {
         /// What is wrong with the content of the file.
         reason: String,
     },
-    /// The file cannot be written.
-    #[error("cannot write {}: {source}; name another place with --output", file.display())]
-    Write {
-        /// The path of the file.
-        file: PathBuf,
+    /// The folder for the files cannot be made.
+    #[error("cannot write {}: {source}; name another place with --output", folder.display())]
+    Folder {
+        /// The path of the folder.
+        folder: PathBuf,
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The file to write exists already.
-    #[error("{} is there already; name another place with --output, or replace it with --overwrite", file.display())]
-    Exists {
-        /// The path of the file.
-        file: PathBuf,
-    },
+    /// The file cannot be written, or is there and stays.
+    #[error(transparent)]
+    NewFile(#[from] OutputFileError),
     /// An error of the network or of a slave.
     #[error(transparent)]
     Bus(Box<BusError>),

@@ -1,11 +1,11 @@
 //! Errors of `ecmsk plot`.
 
-use std::io;
 use std::path::PathBuf;
 
 use ecmsk::sk::SlotSize;
 
 use super::{MAX_AXES, style};
+use crate::output_file::OutputFileError;
 
 /// Why no plot was made.
 #[derive(Debug, thiserror::Error)]
@@ -106,16 +106,9 @@ pub enum PlotError {
         /// The option that names the file.
         option: &'static str,
     },
-    /// The output file cannot be written.
-    #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
-    Write {
-        /// The path of the file.
-        file: PathBuf,
-        /// The option that names the file.
-        option: &'static str,
-        /// The error of the operating system.
-        source: io::Error,
-    },
+    /// The output file cannot be written, or is there and stays.
+    #[error(transparent)]
+    File(#[from] OutputFileError),
     /// The picture cannot be drawn.
     #[error("cannot draw: {reason}; try fewer axes with --axes, or a shorter time with --from and --to")]
     Draw {

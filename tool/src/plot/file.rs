@@ -1,10 +1,10 @@
 //! The file of a picture; its name decides the format.
 
-use std::fs;
 use std::path::Path;
 
 use super::chart::Sheet;
 use super::{PlotError, png, svg};
+use crate::output_file::{Kind, OutputFile, Replace};
 use crate::recording::is_same_file;
 
 /// The format of a picture.
@@ -42,33 +42,52 @@ impl Format {
     }
 }
 
-/// Checks the output file before anything is read or drawn: its format, and that it is not one of the recordings. `option`
-/// is the option that names the output file, for the error.
+/// Checks the output file before anything is read or drawn: its format, that it is not one of the recordings, and that it may be
+/// written. `option` is the option that names the file.
 ///
 /// # Errors
-/// The file has an unknown extension, or is one of the recordings.
-pub fn check(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<Format, PlotError> {
-    check_other(file, option, recordings)?;
-    Format::of(file, option)
+/// The file has an unknown extension, is one of the recordings, or is there and stays.
+pub fn check<'a>(
+    file: &'a Path,
+    option: &'static str,
+    recordings: &[&Path],
+    replace: Replace,
+) -> Result<Picture<'a>, PlotError> {
+    let format = Format::of(file, option)?;
+    let kind = match format {
+        Format::Svg => Kind::Svg,
+        Format::Png => Kind::Png,
+    };
+    let output = OutputFile { file, option, kind, replace };
+    check_other(&output, recordings)?;
+    Ok(Picture { output, format })
 }
 
-/// Checks that the output file is not one of the recordings.
+/// Checks that the output file is not one of the recordings, and may be written.
 ///
 /// # Errors
-/// [`PlotError::SameFile`] if the file is one of the recordings.
-pub fn check_other(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<(), PlotError> {
+/// [`PlotError::SameFile`] if the file is one of the recordings; [`PlotError::File`] if it is there and stays.
+pub fn check_other(output: &OutputFile, recordings: &[&Path]) -> Result<(), PlotError> {
+    let file = output.file;
     if recordings.iter().any(|recording| is_same_file(file, recording)) {
-        return Err(PlotError::SameFile { file: file.to_owned(), option });
+        return Err(PlotError::SameFile { file: file.to_owned(), option: output.option });
     }
-    Ok(())
+    Ok(output.check()?)
 }
 
-/// Writes a picture to a file, which must not be one of the recordings. `option` is the option that names the file, for the
-/// error.
-///
-/// # Errors
-/// The file has an unknown extension, is one of the recordings, or cannot be written; or the picture cannot be drawn.
-pub fn save(file: &Path, option: &'static str, recordings: &[&Path], sheet: &Sheet) -> Result<(), PlotError> {
-    let bytes = check(file, option, recordings)?.write(sheet)?;
-    fs::write(file, bytes).map_err(|source| PlotError::Write { file: file.to_owned(), option, source })
+/// The file of a picture, which was [checked](check).
+#[derive(Clone, Copy, Debug)]
+pub struct Picture<'a> {
+    output: OutputFile<'a>,
+    format: Format,
+}
+
+impl Picture<'_> {
+    /// Writes the picture.
+    ///
+    /// # Errors
+    /// The picture cannot be drawn, or the file cannot be written.
+    pub fn save(&self, sheet: &Sheet) -> Result<(), PlotError> {
+        Ok(self.output.write(&self.format.write(sheet)?)?)
+    }
 }

@@ -1,7 +1,6 @@
 //! The page of a recording: one file that a browser opens from a disk. It has what the pictures have, of all slaves and in
 //! full resolution, and the events of the run. The page itself is `tool/web/`.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use data_encoding::BASE64;
@@ -19,6 +18,7 @@ use super::{Args, First, PlotError, Room, Window, file, first};
 use crate::error::CliError;
 use crate::filter::TimeOptions;
 use crate::output;
+use crate::output_file::{Kind, OutputFile, OverwriteOption};
 use crate::stderr::say;
 use crate::web::assembly::{Page, page};
 use crate::web::channels::{Channels, Quantity};
@@ -40,9 +40,9 @@ pub fn is_asked(output: &Path) -> bool {
 
 /// Writes the page to its file, and prints its path.
 pub fn run(args: &Args, output: &Path) -> Result<(), CliError> {
-    let page = of_recording(args, || file::check_other(output, "-o", &[&args.file]), None)?;
-    let write = |source| PlotError::Write { file: output.to_owned(), option: "-o", source };
-    fs::write(output, page.html).map_err(write)?;
+    let file = OutputFile { file: output, option: "-o", kind: Kind::Page, replace: args.overwrite.replace() };
+    let page = of_recording(args, || file::check_other(&file, &[&args.file]), None)?;
+    file.write(page.html.as_bytes()).map_err(PlotError::from)?;
     Ok(output::print(format!("{}\n", output.display()))?)
 }
 
@@ -58,6 +58,7 @@ impl Args {
         Self {
             file: file.to_owned(),
             output: None,
+            overwrite: OverwriteOption::default(),
             title: None,
             axes: Vec::new(),
             commands: Vec::new(),

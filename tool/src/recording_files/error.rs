@@ -4,6 +4,8 @@ use std::io;
 use std::path::PathBuf;
 
 use crate::filter::Times;
+use crate::output_file::OutputFileError;
+use crate::plot::style::list;
 
 /// Why `ecmsk recording` fails.
 #[derive(Debug, thiserror::Error)]
@@ -47,6 +49,22 @@ pub enum RecordingVerbError {
         /// The error of the system.
         source: io::Error,
     },
+    /// The output file cannot be made, or is there and stays.
+    #[error(transparent)]
+    File(#[from] OutputFileError),
+    /// `--axes` names a slave for which the table has no columns.
+    #[error(
+        "{} has no slave {axis} in its first report in OP, but {}; name others with --axes",
+        .file.display(), or_none(.axes)
+    )]
+    NoAxis {
+        /// The recording.
+        file: PathBuf,
+        /// The slave that was asked for.
+        axis: u8,
+        /// The slaves that have columns.
+        axes: Vec<u8>,
+    },
     /// `ecmsk recording info --machine-file` for a recording that carries no machine file.
     #[error(
         "{} carries no machine file; a verb with --record writes one into its recording if it uses one, and so does `exec`",
@@ -75,4 +93,9 @@ pub enum RecordingVerbError {
         /// The times that were asked for.
         times: Times,
     },
+}
+
+/// Numbers of slaves as text.
+fn or_none(slaves: &[u8]) -> String {
+    if slaves.is_empty() { "none".to_owned() } else { list(slaves) }
 }

@@ -1,26 +1,30 @@
 //! `ecmsk recording export`: writes a recording in another format, or its reports as a table.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::ValueHint;
-use ecmsk::link::record::{RecordingCopy, make_room};
+use ecmsk::link::record::{RecordingCopy, check_room};
 use ecmsk::recording::{Address, Lacks, RecordError, RecordMeta};
 use ecmsk::sk::SlotSize;
 
+use super::super::board::BoardError;
 use super::super::error::CliError;
 use super::super::filter::{TimeOptions, Times, nanoseconds};
+use super::super::output_file::{Kind, OutputFile, Replace};
 use super::super::recording::{self, Framed, Frames, Walked};
 use super::super::stderr::say;
-use super::super::{output, slot_size};
+use super::super::{output, signals, slot_size};
 use super::RecordingVerbError;
 use super::arrow_file::ArrowFile;
 use super::csv_file::CsvFile;
 use super::mcap_file::McapFile;
-use super::table::{Format, Table};
+use super::table::{Format, Table, TableError};
 
 /// How much later than `--to` a copy looks for frames, ns: a report that was read late stands behind commands that were sent
 /// after it. \[OURS]
@@ -57,7 +61,7 @@ pub struct Args {
     times: TimeOptions,
 
     /// In a table, only the slaves with these numbers; comma list [default: all that the first report in OP has]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=40))]
     axes: Vec<u8>,
 
     /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs]
@@ -73,8 +77,8 @@ pub struct Args {
 ///
 /// # Errors
 /// [`CliError`] if the recording cannot be read, has no report in OP for a table or no frame for a copy, or is a capture of
-/// another program that is to become a recording; if the output file has another extension or cannot be written; or if standard
-/// output cannot be written to.
+/// another program that is to become a recording; if the output file has another extension or cannot be written; if it is stopped
+/// by a signal; or if standard output cannot be written to. The output file is then as it was.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let (input, output) = (&args.input, &args.output);
     if recording::is_same_file(input, output) {
@@ -88,6 +92,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         "arrow" | "feather" => Some(|file| Ok(Box::new(ArrowFile::new(file)))),
         _ => return Err(RecordingVerbError::Ending { file: output.clone() }.into()),
     };
+    args.output_file().check().map_err(RecordingVerbError::from)?;
     let device = recording::board(input, args.device)?;
     let mut frames = args.open(device)?;
     let (count, walked) = match format {
@@ -99,6 +104,10 @@ pub fn run(args: &Args) -> Result<(), CliError> {
 }
 
 impl Args {
+    fn output_file(&self) -> OutputFile<'_> {
+        OutputFile { file: &self.output, option: "", kind: Kind::Any, replace: Replace::Asked(self.overwrite) }
+    }
+
     /// Opens the recording: the part for the range of `--from` and `--to`, if either is given.
     fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read>>, RecordError> {
         let times = self.times.times();
@@ -118,13 +127,17 @@ fn until_ns(times: Times) -> i64 {
 fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walked), CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
     let times = args.times.times();
-    make_room(&args.output, args.overwrite).map_err(|error| failed(with_hint(error, args.overwrite)))?;
+    // A recording replaces recordings of ecmsk alone, as with `--record`.
+    let (output, stop) = (args.output_file(), Stop::watch()?);
+    check_room(&args.output, args.overwrite).map_err(|error| RecordingVerbError::from(output.failed(error)))?;
+    let new = output.begin().map_err(RecordingVerbError::from)?;
     let mut progress = Progress::new(&args.input);
     let mut copy: Option<(Rc<RecordMeta>, RecordingCopy)> = None;
     let mut count = 0_u64;
     let order = frames.in_time().unsorted();
     let walked = frames.try_walk(order, until_ns(times).saturating_add(LATE_NS), |framed| {
         progress.frame(framed);
+        stop.check()?;
         let Some(meta) = framed.meta.clone() else {
             return Err(CliError::from(RecordingVerbError::Capture { file: args.input.clone() }));
         };
@@ -132,7 +145,7 @@ fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walk
         if let Some((_, ended)) = copy.take_if(|(of, _)| *of != meta) {
             ended.end(&Lacks::default()).map_err(failed)?;
         }
-        let (_, writer) = copy.get_or_insert_with(|| (Rc::clone(&meta), RecordingCopy::new(&args.output, &meta)));
+        let (_, writer) = copy.get_or_insert_with(|| (Rc::clone(&meta), RecordingCopy::new(new.path(), &meta)));
         if times.contains(framed.time_ns) {
             writer.add(&framed.recorded).map_err(failed)?;
             count += 1;
@@ -150,7 +163,10 @@ fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walk
     }
     match count {
         0 => Err(RecordingVerbError::NoFrame { file: args.input.clone(), times }.into()),
-        count => Ok((format!("{count} frames"), walked)),
+        count => {
+            new.finish().map_err(RecordingVerbError::from)?;
+            Ok((format!("{count} frames"), walked))
+        }
     }
 }
 
@@ -168,38 +184,43 @@ fn inherited(mut lacks: Lacks) -> Lacks {
 fn table(args: &Args, frames: &mut Frames<Box<dyn Read>>, format: NewTable) -> Result<(String, Walked), CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
     let times = args.times.times();
-    let file = create(&args.output, args.overwrite).map_err(failed)?;
+    let (output, stop) = (args.output_file(), Stop::watch()?);
+    let mut new = output.begin().map_err(RecordingVerbError::from)?;
     let mut progress = Progress::new(&args.input);
+    let file = new.file().map_err(failed)?;
     let mut table = Table::new(format(file).map_err(failed)?, args.axes.clone(), times);
     let walked = frames.walk_while(until_ns(times), |framed| {
         progress.frame(framed);
-        table.frame(framed).map_err(failed)?;
+        stop.check()?;
+        table.frame(framed).map_err(|error| match error {
+            TableError::Write(source) => failed(source),
+            TableError::NoAxis { axis, axes } => RecordingVerbError::NoAxis { file: args.input.clone(), axis, axes },
+        })?;
         Ok::<_, CliError>(true)
     })?;
     let rows = table.finish(frames.lacks_with(&walked)).map_err(failed)?;
     if rows == 0 {
-        // Nothing is in the file; that it cannot be removed would say no more than the error.
-        let _ = fs::remove_file(&args.output);
         return Err(RecordingVerbError::NoRow { file: args.input.clone(), times }.into());
     }
+    new.finish().map_err(RecordingVerbError::from)?;
     Ok((format!("{rows} rows"), walked))
 }
 
-fn create(file: &Path, overwrite: bool) -> io::Result<File> {
-    if overwrite {
-        return File::create(file);
-    }
-    File::create_new(file).map_err(|error| with_hint(error, overwrite))
-}
+/// A signal such as Ctrl-C, after which the file beside the output file is removed.
+struct Stop(Arc<AtomicUsize>);
 
-/// If the output file exists already, makes an error text that names the option `--overwrite`. Other errors of opening the
-/// output file are returned as they are.
-fn with_hint(error: io::Error, overwrite: bool) -> io::Error {
-    match error.kind() {
-        io::ErrorKind::AlreadyExists if !overwrite => {
-            io::Error::new(error.kind(), "it is there, and --overwrite is not given")
+impl Stop {
+    fn watch() -> Result<Self, BoardError> {
+        let signal = Arc::default();
+        signals::note(&signal).map_err(BoardError::system("catch signals"))?;
+        Ok(Self(signal))
+    }
+
+    fn check(&self) -> Result<(), BoardError> {
+        match u8::try_from(self.0.load(Ordering::Relaxed)) {
+            Ok(0) | Err(_) => Ok(()),
+            Ok(signal) => Err(BoardError::Stopped { signal, next: "no file was written".to_owned() }),
         }
-        _ => error,
     }
 }
 

@@ -114,6 +114,26 @@ pub trait Format {
     fn finish(&mut self, lacks: Option<String>) -> io::Result<()>;
 }
 
+/// Why a row was not added.
+#[derive(Debug)]
+pub enum TableError {
+    /// The file cannot be written.
+    Write(io::Error),
+    /// A slave that was asked for has no columns.
+    NoAxis {
+        /// The slave.
+        axis: u8,
+        /// Those that have.
+        axes: Vec<u8>,
+    },
+}
+
+impl From<io::Error> for TableError {
+    fn from(error: io::Error) -> Self {
+        Self::Write(error)
+    }
+}
+
 /// Makes the rows from frames.
 pub struct Table {
     format: Box<dyn Format>,
@@ -152,8 +172,8 @@ impl Table {
     /// Adds the next frame; frames are sorted by time.
     ///
     /// # Errors
-    /// The file cannot be written.
-    pub fn frame(&mut self, framed: &Framed) -> io::Result<()> {
+    /// [`TableError`] if the file cannot be written, or a slave that was asked for is not there.
+    pub fn frame(&mut self, framed: &Framed) -> Result<(), TableError> {
         self.begin_ns.get_or_insert_with(|| moved(framed.recorded.at_ns, -i128::from(framed.time_ns)));
         match framed.recorded.dir {
             Dir::Write => {
@@ -190,7 +210,7 @@ impl Table {
         }
     }
 
-    fn report(&mut self, framed: &Framed) -> io::Result<()> {
+    fn report(&mut self, framed: &Framed) -> Result<(), TableError> {
         let (frame, size) = (&framed.recorded.frame, framed.size);
         self.kinds.response(frame, size);
         let board = MasterResponse::decode(&frame.slot(size, 0));
@@ -198,7 +218,7 @@ impl Table {
             return Ok(());
         }
         if self.groups.is_empty() {
-            self.groups = self.found(framed);
+            self.groups = self.found(framed)?;
             let meta = framed.meta.as_deref();
             let (link, is_virtual) = (meta.map(link_name), meta.is_some_and(is_virtual));
             self.format.begin(&Head { groups: &self.groups, link, is_virtual })?;
@@ -231,11 +251,11 @@ impl Table {
         }
         self.rows += 1;
         let at_ns = moved(self.begin_ns.unwrap_or_default(), framed.time_ns.into());
-        self.format.row(&Row { at_ns, time_ns: framed.time_ns, values: &self.values })
+        Ok(self.format.row(&Row { at_ns, time_ns: framed.time_ns, values: &self.values })?)
     }
 
     /// The groups of columns, by the first report in OP.
-    fn found(&self, framed: &Framed) -> Vec<Group> {
+    fn found(&self, framed: &Framed) -> Result<Vec<Group>, TableError> {
         let dump = ResponseDump::new(&framed.recorded.frame, framed.size);
         let guessed = |n: usize| match dump.line(n)?.meaning {
             SlotMeaning::SlaveResponse(reading) => reading.kind.kind(),
@@ -250,8 +270,12 @@ impl Table {
             };
             Some(Group { slave: n as u8, part })
         });
-        let slaves = slaves.filter(|group| self.asked.is_empty() || self.asked.contains(&group.slave));
-        [Group { slave: 0, part: Part::Board }].into_iter().chain(slaves).collect()
+        let slaves: Vec<Group> = slaves.collect();
+        if let Some(axis) = self.asked.iter().find(|axis| slaves.iter().all(|group| group.slave != **axis)) {
+            return Err(TableError::NoAxis { axis: *axis, axes: slaves.iter().map(|group| group.slave).collect() });
+        }
+        let slaves = slaves.into_iter().filter(|group| self.asked.is_empty() || self.asked.contains(&group.slave));
+        Ok([Group { slave: 0, part: Part::Board }].into_iter().chain(slaves).collect())
     }
 }
 

@@ -353,6 +353,22 @@ impl Shared {
         new
     }
 
+    /// The text of `/healthz` while the server is healthy. That frames are missing in a recording, because its disk is full, is
+    /// said there and makes the server no unhealthy one: whoever starts such servers again would stop axes for it. \[OURS]
+    fn health(&self) -> String {
+        let of_board = |(place, board): (usize, &Arc<BoardWatch>)| {
+            let missing = board.looked().stats.filter(|_| !board.recordings.is_empty())?.record_dropped;
+            let of = if self.boards.len() > 1 { format!("board {}: ", place + 1) } else { String::new() };
+            let words: Vec<&str> = board.recordings.iter().map(|(word, _)| *word).collect();
+            let what = if words == ["flight"] { "flight recorder" } else { "recording" };
+            let why =
+                format!("{of}{missing} frames are missing in its {what}: look at the room on the disk, and at the log");
+            (missing > 0).then_some(why)
+        };
+        let missing: Vec<String> = self.boards.iter().enumerate().filter_map(of_board).collect();
+        if missing.is_empty() { "ok\n".to_owned() } else { format!("ok, but {}\n", missing.join("\n")) }
+    }
+
     /// Why the server is not healthy, in words; `None`: each board answers, and no slave is lost.
     fn trouble(&self) -> Option<String> {
         let hangs = lock(&self.looking).map(|since| since.elapsed()).filter(|elapsed| *elapsed > LOOK_MAX);

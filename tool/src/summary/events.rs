@@ -89,8 +89,8 @@ impl Events {
         self.is_any
     }
 
-    /// The summary of the times.
-    pub fn summary(&self) -> Summary {
+    /// The summary of the times. `has_end`: whether the recording has all frames up to the end of the run.
+    pub fn summary(&self, has_end: bool) -> Summary {
         let [before, counts] = self.counts;
         let mut summary = self.summary.clone();
         summary.set_frame_counts(&FrameCounts {
@@ -99,8 +99,8 @@ impl Events {
             full: counts.full - before.full,
             crc: counts.crc - before.crc,
             gaps: counts.gaps - before.gaps,
-            // A program that goes on after the times has not given up.
-            unreached: counts.unreached.filter(|_| !self.goes_on),
+            // A program that goes on after the times has not given up, and what it did behind a cut is not known.
+            unreached: counts.unreached.filter(|_| !self.goes_on && has_end),
         });
         summary
     }

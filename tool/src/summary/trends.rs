@@ -3,11 +3,13 @@
 //! Files:
 //!
 //! - `trends.rs`: reads the recordings one after the other; `trends/sources.rs`: which these are, in which order
+//! - `trends/machines.rs`: the units in which each one is judged
 //! - `trends/part.rs`: what is known of a recording, an hour or a day; `trends/watch.rs`: finds it in frames
 //! - `trends/motions.rs`, `homings.rs`, `reserve.rs`: motions with the same ends, where homings found home, the FIFO
 //! - `trends/report.rs`: as text and as JSON; `trends/page.rs`: as a page for a browser
 
 mod homings;
+mod machines;
 mod motions;
 mod page;
 mod part;
@@ -19,20 +21,22 @@ mod watch;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::ValueEnum;
 use ecmsk::machine_file::MachineFile;
-use ecmsk::recording::RecordError;
+use ecmsk::recording::{CarriedFile, RecordError};
 use time::OffsetDateTime;
 
 use super::fail_on::FailOn;
-use super::{Args, SummaryError, write};
+use super::{Args, SummaryError};
 use crate::error::CliError;
 use crate::filter::Times;
 use crate::output;
 use crate::recording::{Frames, Walked};
 use crate::stderr::say;
 use crate::visible::visible;
+use machines::Machines;
 use part::Part;
 use report::Report;
 use sources::{About, Source, Sources};
@@ -108,12 +112,13 @@ impl By {
 /// Runs `ecmsk summary` on a folder, or on a recording by hours or days.
 ///
 /// # Errors
-/// [`CliError`] if the folder cannot be read or has no recording, if an output file cannot be written, or if standard output
-/// cannot be written to.
-pub fn run(args: &Args, machine: Option<&MachineFile>) -> Result<ExitCode, CliError> {
+/// [`CliError`] if the folder or the machine file cannot be read, if there is no recording, if an output file cannot be written,
+/// or if standard output cannot be written to.
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     if args.times.times() != Times::default() {
         return Err(SummaryError::TimesOfTrends.into());
     }
+    let mut machines = Machines::new(args.machine.as_deref())?;
     let about = About { size: args.slot_size, device: args.device };
     let mut sources = if args.file.is_dir() {
         let failed = |source| SummaryError::Folder { folder: args.file.clone(), source };
@@ -132,7 +137,10 @@ pub fn run(args: &Args, machine: Option<&MachineFile>) -> Result<ExitCode, CliEr
     let recordings = std::mem::take(&mut sources.recordings);
     for (number, source) in recordings.iter().enumerate() {
         match trends.read(number, source, about) {
-            Ok((whole, is_whole)) => trends.judge(source, &whole, is_whole, &reasons, machine),
+            Ok((whole, is_whole, carried)) => {
+                let machine = machines.of(carried)?;
+                trends.judge(source, &whole, is_whole, &reasons, machine.as_deref());
+            }
             Err(error) => sources.pass_over_unread(&source.file, error),
         }
     }
@@ -141,11 +149,18 @@ pub fn run(args: &Args, machine: Option<&MachineFile>) -> Result<ExitCode, CliEr
     if trends.parts.is_empty() {
         return Err(SummaryError::NoRecording { folder: args.file.clone() }.into());
     }
+    if machines.differ() {
+        say(
+            "note",
+            &"the recordings have different units, so the tables are in counts; --machine FILE shows all in its units",
+        );
+    }
+    let machine = machines.common();
     let parts: Vec<(u64, Part)> = trends.parts.into_iter().collect();
     let report = Report { folder: &args.file, by, parts: &parts, sources: &sources, machine };
     output::print(if args.json { format!("{}\n", report.json()) } else { report.text() })?;
     if let Some(file) = &args.html {
-        write(file, "--html", page::html(&report)?)?;
+        args.page(file).write(page::html(&report)?.as_bytes()).map_err(SummaryError::from)?;
     }
     args.end(&reasons, &trends.failures, trends.is_clean)
 }
@@ -170,10 +185,17 @@ struct Trends {
 }
 
 impl Trends {
-    /// Reads a recording. Returns what it shows, and whether it is whole: as far as it is written.
-    fn read(&mut self, number: usize, source: &Source, about: About) -> Result<(Whole, bool), RecordError> {
+    /// Reads a recording. Returns what it shows, whether it is whole as far as it is written, and the machine file that it
+    /// carries.
+    fn read(
+        &mut self,
+        number: usize,
+        source: &Source,
+        about: About,
+    ) -> Result<(Whole, bool, Option<Arc<CarriedFile>>), RecordError> {
         let Self { by, parts, .. } = self;
         let mut frames = Frames::open(&source.file, about.size, source.device)?;
+        let carried = frames.carried();
         let mut watch = Watch::new();
         let mut within: Vec<u64> = Vec::new();
         // The times of frames count from the opening of the board. Those of parts are times of the recording's clock.
@@ -202,7 +224,7 @@ impl Trends {
                 parts.entry(key).and_modify(|part| part.incomplete += 1);
             }
         }
-        Ok((watch.finish(), is_whole))
+        Ok((watch.finish(), is_whole, carried))
     }
 
     fn judge(

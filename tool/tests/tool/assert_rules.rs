@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use crate::common::{Ran, json_lines, run};
+use crate::common::{Ran, ecmsk, json_lines, run};
 
 /// A folder with the recording of a run in virtual time: two axes go to OP, find home and move; then axis 2 has an alarm.
 struct Recorded {
@@ -138,6 +138,26 @@ fn axes_have_names_and_units() {
         &["axes.X", "there is no machine file"],
         "--machine FILE",
     );
+}
+
+/// A recording on standard input is judged in the units of the machine file that it carries, as a file is.
+#[test]
+fn standard_input_has_the_units_that_it_carries() {
+    let recorded = Recorded::new();
+    let machine = |per: &str| format!("format = 1\n[axes]\nX = {{ slave = 1, unit = \"mm\", per = {per} }}\n");
+    let own = recorded.text("own.toml", &machine("0.001"));
+    let file = recorded.at("moved.ecmrec").display().to_string();
+    let link = "sim:?slaves=drive&clock=virtual";
+    run(["move", "X=2", "--up", "--machine", &own, "--link", link, "--record", &file]).expect_code(0);
+    // In the units of the folder's file it is 1000 times as fast.
+    recorded.text("machine.toml", &machine("1.0"));
+    let rules = recorded.text("rules.toml", "format = 1\n[axes.X]\nvelocity = \"1000 mm/s\"\n");
+    for name in [&*file, "-"] {
+        let input = std::fs::File::open(&file).expect("the recording");
+        let mut command = ecmsk(["assert", name, &rules]);
+        let ran: Ran = command.stdin(input).current_dir(recorded.folder.path()).output().expect("it starts").into();
+        assert!(ran.code == Some(0) && ran.out.starts_with("kept: axis X: velocity at most 1000 mm/s: "), "{ran:?}");
+    }
 }
 
 /// The same as JSON, and as a file for services that show tests.

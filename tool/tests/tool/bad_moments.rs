@@ -146,3 +146,30 @@ fn reasons_are_test_cases() {
     assert!(xml.contains("<failure message=\"axis 1: target step "), "{xml}");
     run(["summary", "--junit", night(), night()]).expect_failure(1, &["is the recording"], "another file with --junit");
 }
+
+/// A page, results and a picture of the night before are replaced, as a test of each night needs it. A machine file and a
+/// recording stay, and that is said before the recording is read.
+#[test]
+fn files_of_another_kind_stay() {
+    let copy = file("night copy.ecmrec");
+    std::fs::copy(night(), &copy).expect("a copy");
+    let machine = text("night machine.toml", "format = 1\n[axes]\nX = { slave = 1 }\n");
+    let svg = file("night machine.svg");
+    std::fs::write(&svg, "format = 1\n").expect("a file");
+    let (copy, svg) = (copy.display().to_string(), svg.display().to_string());
+    for (verb, option, other) in [
+        ("summary", "--html", &machine),
+        ("summary", "--junit", &machine),
+        ("summary", "--html", &copy),
+        ("summary", "--junit", &copy),
+        ("plot", "-o", &svg),
+    ] {
+        let before = std::fs::read(other).expect("a file");
+        let ran = run([verb, night(), option, other]);
+        ran.expect_failure(1, &[other, "is there already and is no ", option], "or replace it with --overwrite");
+        assert!(ran.out.is_empty() && std::fs::read(other).expect("a file") == before, "{option}");
+        run([verb, night(), option, other, "--overwrite"]).expect_quiet();
+        run([verb, night(), option, other]).expect_quiet();
+        std::fs::write(other, before).expect("a file");
+    }
+}

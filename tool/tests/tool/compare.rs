@@ -32,7 +32,7 @@ fn exit_codes_are_those_of_diff() {
     fs::write(&nothing, "no recording").expect("a file");
     run(["compare", a.path(), nothing.to_str().expect("UTF-8")]).expect_failure(
         2,
-        &["neither a pcapng"],
+        &["is no recording (.ecmrec, .pcapng)"],
         "with Wireshark",
     );
     let help = run(["--help"]).expect_quiet();

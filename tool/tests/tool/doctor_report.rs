@@ -132,6 +132,13 @@ fn what_cannot_be_had_is_said() {
     assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 1, "nothing is left beside it");
     let elsewhere = folder.path().join("no-folder").join("press.tar");
     let failed = run(["doctor", "--quick", "--report", elsewhere.to_str().expect("UTF-8")]);
-    assert!(failed.code == Some(1) && failed.err.contains("cannot write the report"), "{failed:?}");
+    assert!(failed.code == Some(1) && failed.err.contains("cannot write "), "{failed:?}");
+    // A report replaces one, and no other file.
+    let other = folder.path().join("backup.tar");
+    std::fs::write(&other, "a backup").expect("a file");
+    let other = other.to_str().expect("UTF-8");
+    let failed = run(["doctor", "--quick", "--report", other]);
+    failed.expect_failure(1, &["backup.tar is there already and is no report"], "replace it with --overwrite");
+    assert_eq!(std::fs::read_to_string(other).expect("a file"), "a backup");
     run(["doctor", "--report", "machine.toml"]).expect_misuse(&["a name that ends with .tar"]);
 }

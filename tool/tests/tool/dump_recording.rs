@@ -220,9 +220,9 @@ fn a_file_that_is_no_recording_is_an_error() {
     dump(&file, &[]).expect_failure(1, &["file: No such file"], "check the path");
     dump(folder.path(), &[]).expect_failure(1, &["directory"], "check the path");
     fs::write(&file, "").expect("a file");
-    dump(&file, &[]).expect_failure(1, &["neither a pcapng nor a pcap file"], "record=");
+    dump(&file, &[]).expect_failure(1, &["is no recording (.ecmrec, .pcapng) and no capture"], "record=");
     fs::write(&file, "some text that is no capture, and longer than a header").expect("a file");
-    dump(&file, &[]).expect_failure(1, &["neither a pcapng nor a pcap file"], "record=");
+    dump(&file, &[]).expect_failure(1, &["is no recording (.ecmrec, .pcapng) and no capture"], "record=");
 }
 
 /// A recording may come from standard input.

@@ -188,7 +188,21 @@ fn the_results_of_steps_are_written() {
     assert_eq!((code, done.len(), &*done[0].0), (Some(1), 1, "the whole run"));
     assert!(done[0].2.as_ref().is_some_and(|why| why.contains("`stat` is unknown")), "{done:?}");
     let ran = run(["run", "--link", board, "--junit", "/no/such/folder/x.xml", steps.to_str().unwrap()]);
-    assert!(ran.err.contains("cannot write the results to /no/such/folder/x.xml"), "{}", ran.err);
+    assert!(ran.err.contains("cannot write /no/such/folder/x.xml"), "{}", ran.err);
+}
+
+/// Results are not written over a file of another kind, which is said before an axis moves.
+#[test]
+fn results_replace_nothing_else() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [machine, steps, record] = ["m.toml", "steps.ecm", "run.ecmrec"].map(|name| folder.path().join(name));
+    std::fs::write(&machine, "format = 1\n").expect("a file");
+    std::fs::write(&steps, "state op\nservo on all\nmove 1=1000\n").expect("a file");
+    let [junit, steps, file] = [&machine, &steps, &record].map(|path| path.to_str().expect("UTF-8"));
+    let link = "sim:?slaves=drive&clock=virtual";
+    let ran = run(["run", "--link", link, "--record", file, "--junit", junit, steps]);
+    ran.expect_failure(1, &["m.toml is there already and is no JUnit file"], "another file with --junit, or remove it");
+    assert!(!record.exists() && std::fs::read_to_string(&machine).expect("a file") == "format = 1\n");
 }
 
 /// A board that `serve tcp` has gets faults by its name, between the steps of a client.

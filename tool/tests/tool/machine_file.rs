@@ -138,7 +138,10 @@ fn limits_refuse_before_anything_moves() {
         (&["move", "turn=90.01"], "beyond its limit, max = 90 deg; "),
         (&["move", "2=32769"], "beyond its limit, min = -90 deg; "),
         (&["move", "X=300", "--relative"], "axis X would be at 300 mm, beyond its limit, max = 250 mm"),
-        (&["move", "X=1", "--velocity", "100.1"], "--velocity is beyond the limit of axis X, max_velocity = 100 mm; "),
+        (
+            &["move", "X=1", "--velocity", "100.1"],
+            "--velocity is beyond the limit of axis X, max_velocity = 100 mm/s; ",
+        ),
         (&["move", "X=1", "2=5", "--velocity", "1"], "a speed would have two units; name all axes alike"),
         (&["home", "X", "--offset", "251"], "home: axis X would be at 251 mm, beyond its limit, max = 250 mm"),
         (&["move", "Z=1"], "move: machine.toml has no axis `Z`; it has X, turn"),

@@ -178,8 +178,8 @@ fn bad_input() {
     run(["migrate"]).expect_misuse(&["<RECORDING>"]);
     let text = files.path("text.pcapng");
     fs::write(&text, "no recording").expect("a file");
-    migrate(&text, &[]).expect_failure(2, &["neither a pcapng"], "with Wireshark");
-    migrate(&text, &["--json"]).expect_failure(2, &["neither a pcapng"], "with Wireshark");
+    migrate(&text, &[]).expect_failure(2, &["is no recording (.ecmrec, .pcapng)"], "with Wireshark");
+    migrate(&text, &["--json"]).expect_failure(2, &["is no recording (.ecmrec, .pcapng)"], "with Wireshark");
     let empty = files.path("empty.pcapng");
     fs::write(&empty, "").expect("a file");
     assert_eq!(migrate(&empty, &[]).code, Some(2));

@@ -63,13 +63,21 @@ fn is_even(file: &Path, code: i32) {
 }
 
 /// What was in force before a damaged block says nothing behind it: no following error, no step of the target comes of it,
-/// and a later gap is one as ever. `assert` does not call a rule broken.
+/// and a later gap is one as ever, also in trends, in which what is missing is not recorded. `assert` does not call a rule
+/// broken.
 #[test]
 fn a_damaged_block_gives_no_false_values() {
     let (_folder, file) = recorded(0, 2000);
+    let recorded_s = || {
+        let part = run(["summary", "--json", "--by", "recording", utf8(&file)]).json()["parts"][0].take();
+        assert!(part["gaps"] == 1 && part["lost_commands"] == 0, "{part}");
+        part["recorded_s"].as_f64().expect("seconds")
+    };
     is_even(&file, 1);
+    let whole_s = recorded_s();
     damage(&file, 3, 100);
     is_even(&file, 2);
+    assert!((0.4..0.6).contains(&(whole_s - recorded_s())), "{whole_s}");
     let limits = "format = 1\n[axes.1]\nfollowing_error = 1000\ntarget_step = 100\nvelocity = 20000\n";
     let rules = file.with_file_name("rules.toml");
     fs::write(&rules, limits).expect("a file");

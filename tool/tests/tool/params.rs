@@ -50,7 +50,7 @@ fn what_differs_is_put_back() {
     let changed = text("params_changed_2", &changed);
     let ran = run(["params", "diff", &changed, "1", "--link", NETWORK]);
     assert!(
-        ran.code == Some(1) && ran.out.starts_with("0x6099:1    1234 | ") && ran.out.lines().count() == 1,
+        ran.code == Some(1) && ran.out.starts_with("0x6099:1    file 1234 | drive ") && ran.out.lines().count() == 1,
         "{ran:?}"
     );
     let ran = run(["params", "diff", &path, &changed, "--json"]);
@@ -131,7 +131,10 @@ fn a_backup_makes_a_simulated_drive() {
     let ran = run(["params", "diff", &path, "1", "--link", &again]);
     assert_eq!((ran.code, ran.out.as_str()), (Some(0), ""), "{ran:?}");
     let ran = run(["params", "diff", &path, "1", "--link", "sim:?slaves=drive"]);
-    assert!(ran.code == Some(1) && ran.out.lines().count() == 3 && ran.out.contains("0x2000:0    7 | ("), "{ran:?}");
+    assert!(
+        ran.code == Some(1) && ran.out.lines().count() == 3 && ran.out.contains("0x2000:0    file 7 | drive ("),
+        "{ran:?}"
+    );
 }
 
 /// What a drive refuses is named with its reason, and the rest is written.

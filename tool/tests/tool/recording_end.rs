@@ -65,6 +65,21 @@ fn every_verb_says_that_a_recording_was_not_ended() {
     assert!(ran.code == Some(1) && ran.err.starts_with("note: B: ") && ran.out.contains("B ends early"), "{ran:?}");
 }
 
+/// A recording that ends on the way to OP, because the disk was full or the program was killed, does not show that the
+/// program gave up.
+#[test]
+fn a_cut_recording_does_not_show_that_the_program_gave_up() {
+    let whole = Program::default().record();
+    let dumped = run(["dump", whole.path(), "--slots", "ecm"]).expect_quiet();
+    let frames: Vec<&str> = dumped.split("\nframe ").skip(1).collect();
+    let asks = frames.iter().position(|frame| frame.contains("SET_STATE OP")).expect("it asks for OP");
+    let reached = frames.iter().position(|frame| frame.contains("CYCLIC state OP")).expect("OP");
+    assert!(reached > asks + 3, "{asks} {reached}");
+    let ran = run(["summary", cut_after(&whole, asks + 3).to_str().expect("UTF-8")]);
+    assert!(ran.code == Some(0) && ran.err.contains("was not ended"), "{ran:?}");
+    assert!(!ran.out.contains("gave up"), "{}", ran.out);
+}
+
 /// A file that was cut after its first command does not show that the model answers as the board did.
 #[test]
 fn a_recording_cut_after_its_first_command_is_not_replayed_as_equal() {

@@ -132,7 +132,13 @@ fn a_wrong_export_is_refused() {
     let there = whole.file.with_file_name("there.csv");
     fs::write(&there, "a letter").expect("a file");
     let export = |output: &Path| run(["recording", "export", whole.path(), text(output)]);
-    export(&there).expect_failure(1, &["there.csv", "--overwrite"], "name a file on a disk with room");
+    export(&there).expect_failure(1, &["there.csv is there already"], "replace it with --overwrite");
+    let nothing = ["recording", "export", whole.path(), text(&there), "--overwrite"];
+    for (more, words) in [(&["--from", "9999"][..], "no report in OP"), (&["--axes", "1,9"], "no slave 9")] {
+        let ran = run([&nothing[..], more].concat());
+        assert!(ran.code == Some(1) && ran.err.contains(words), "{ran:?}");
+    }
+    run([&nothing[..], &["--axes", "0"]].concat()).expect_misuse(&["--axes", "1..=40"]);
     assert_eq!(fs::read_to_string(&there).expect("a file"), "a letter");
     export(&whole.file.with_extension("xls")).expect_failure(
         1,
@@ -143,6 +149,32 @@ fn a_wrong_export_is_refused() {
     let capture = support::root().join("tests/recordings/usbmon_12.pcap");
     let ran = run(["recording", "export", text(&capture), text(&whole.file.with_extension("ecmrec"))]);
     ran.expect_failure(1, &["usbmon_12.pcap", "a capture of another program"], "exported as a table, such as .csv");
+}
+
+/// An export that a full disk ends, or that finds nothing, leaves the file that was there, and nothing beside it.
+#[cfg(unix)]
+#[test]
+fn a_failed_export_leaves_the_old_file() {
+    let whole = Program::default().record();
+    let folder = tempfile::tempdir().expect("a folder");
+    for ending in ["csv", "mcap", "arrow", "ecmrec", "pcapng"] {
+        let file = folder.path().join(format!("old.{ending}"));
+        let export = |before: &str, more: &str| {
+            let tool = env!("CARGO_BIN_EXE_ecmsk");
+            let words = format!("{before} '{tool}' recording export '{}' '{}' {more}", whole.path(), text(&file));
+            std::process::Command::new("sh").args(["-c", &words]).output().expect("sh starts").status.success()
+        };
+        assert!(export("", ""));
+        let old = fs::read(&file).expect("a table");
+        // The shell limits files to 1 KiB, as if the disk were full after that.
+        for (before, more) in [("", "--from 9999"), ("trap '' XFSZ; ulimit -f 2;", "")] {
+            assert!(!export(before, &format!("--overwrite {more}")), "{ending}");
+            assert!(fs::read(&file).expect("a table") == old, "{ending}");
+            assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1, "{ending}");
+        }
+        assert!(export("", "--overwrite"));
+        fs::remove_file(&file).expect("it is there");
+    }
 }
 
 /// `--record FILE.ecmrec` of a verb: the file is whole, and a second run asks for `--overwrite`.

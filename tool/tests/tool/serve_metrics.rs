@@ -201,6 +201,27 @@ fn a_lost_slave_is_no_health() {
     board.serving.end();
 }
 
+/// Frames that are missing in a recording, here because its reader is gone, are said by `/healthz`, and are no reason to start the
+/// server again.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_recording_that_has_stopped_is_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pipe = folder.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("it starts").success());
+    let reader = std::fs::File::options().read(true).write(true).open(&pipe).expect("a pipe");
+    let link = format!("sim:?slaves=drive&record={}", pipe.display());
+    let metrics = Metrics::start("tcp", &["--link", &link]);
+    assert_eq!(metrics.health(), ("200".to_owned(), "ok\n".to_owned()));
+    drop(reader);
+    run(["state", "preop", "--link", &metrics.link()]);
+    until("frames are missing", || {
+        let (status, text) = metrics.health();
+        assert_eq!(status, "200", "{text}");
+        (text.starts_with("ok, but ") && text.contains(" frames are missing in its recording: ")).then_some(())
+    });
+}
+
 /// A server on the loopback address answers to names of its machine alone. It only shows, and only these two things.
 #[test]
 fn who_may_ask_and_what() {

@@ -60,7 +60,7 @@ fn a_drive_of_an_esi_file_behind_a_served_board_is_put_back() {
     let ran = run(["sdo", "write", "2", "0x2200:2", "77", "--type", "u16", "--link", &link]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     let diff = || run(["params", "diff", &kept, "2", "--link", &link]);
-    assert!(diff().code == Some(1) && diff().out.starts_with("0x2200:2    200 | 77  Gains"), "{:?}", diff());
+    assert!(diff().code == Some(1) && diff().out.starts_with("0x2200:2    file 200 | drive 77  Gains"), "{:?}", diff());
     let ran = run(["params", "restore", &kept, "2", "--link", &link, "--yes"]);
     assert!(ran.code == Some(0) && ran.out.contains("77 -> 200"), "{ran:?}");
     assert_eq!(diff().code, Some(0));

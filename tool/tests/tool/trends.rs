@@ -2,18 +2,19 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use ecmsk::ecm::{Config, Ecm};
 use ecmsk::link::options::Clock;
 use ecmsk::link::record::RecordingCopy;
-use ecmsk::recording::{Lacks, RecordMeta, Recorded, Recording};
+use ecmsk::recording::{CarriedFile, Lacks, RecordMeta, Recorded, Recording};
 use ecmsk::sk::{MasterState, SlaveCommand, SlotSize};
 use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::common::motion::{ATTAINED, CSP, DriveSlot, ENABLED, FAULTED, FakeBoard, GO_HOME, UNDER_WAY};
 use crate::common::recordings::Script;
-use crate::common::run;
+use crate::common::{Ran, ecmsk, run};
 
 const SECOND_NS: u64 = 1_000_000_000;
 const DAY_NS: u64 = 86_400 * SECOND_NS;
@@ -78,11 +79,18 @@ fn day(day: Day) -> Script {
 
 /// Keeps frames as a recording of the real clock that begins at this time.
 fn keep(script: &Script, file: &Path, begins: &[u64]) {
+    keep_with(script, file, begins, None);
+}
+
+/// The same; the recording carries a machine file.
+fn keep_with(script: &Script, file: &Path, begins: &[u64], machine: Option<&str>) {
     let made = file.with_extension("made");
     script.record(&made, "sim:", Some(SlotSize::Bytes12));
     let mut recording = Recording::open(&made).expect("a recording");
     let frames: Vec<Recorded> = recording.by_ref().map(|frame| frame.expect("whole")).collect();
-    let meta = RecordMeta { clock: Clock::Real, ..recording.meta().expect("its metadata").clone() };
+    let machine = machine.map(|text| Arc::new(CarriedFile::new(Path::new("machine.toml"), text)));
+    let opened_ns = begins.first().copied();
+    let meta = RecordMeta { clock: Clock::Real, machine, opened_ns, ..recording.meta().expect("its metadata").clone() };
     let mut copy = RecordingCopy::new(file, &meta);
     for begin_ns in begins {
         for frame in &frames {
@@ -204,6 +212,41 @@ fn a_bad_day_fails() {
     assert_eq!(run(["summary", "--exit-code", "--fail-on", "any", text(folder.path())]).code, Some(0));
 }
 
+/// Each recording is judged in the units of the machine file that it carries, whatever file is in the working folder. Tables of
+/// recordings with different units are in counts.
+#[test]
+fn each_recording_has_the_units_that_it_carries() {
+    let machine = |per: &str| format!("format = 1\n[axes]\nX = {{ slave = 1, unit = \"mm\", per = {per} }}\n");
+    let (folder, place) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+    let made = day(Day { wear: 5, ..Day::default() });
+    let [a, b] = ["a.ecmrec", "b.ecmrec"].map(|name| folder.path().join(name));
+    keep_with(&made, &a, &[MONDAY_NS], Some(&machine("0.001")));
+    keep_with(&made, &b, &[MONDAY_NS + DAY_NS], Some(&machine("0.01")));
+    fs::write(place.path().join("machine.toml"), machine("1.0")).expect("a file");
+    let summary = |words: &[&str]| -> Ran {
+        let mut command = ecmsk([&["summary"], words].concat());
+        command.current_dir(place.path()).output().expect("the tool starts").into()
+    };
+    let error = of_axis(&json(&[text(folder.path())]), &["following_error"])[0].as_f64().expect("counts");
+    assert!(error > 1.0, "{error}");
+    // It is above the limit in the second one alone.
+    let limit = format!("following-error>{}mm", error * 0.005);
+    for words in [&["--fail-on", &*limit, text(folder.path())][..], &["--fail-on", &*limit, "--by", "day", text(&b)]] {
+        let ran = summary(words);
+        assert_eq!(ran.code, Some(1), "{ran:?}");
+        let failed: Vec<&str> = ran.err.lines().filter(|line| line.starts_with("failed: ")).collect();
+        assert!(failed.len() == 1 && failed[0].contains("b.ecmrec: axis X: following error"), "{ran:?}");
+    }
+    assert_eq!(summary(&["--fail-on", &limit, "--by", "day", text(&a)]).code, Some(0));
+    let both = summary(&[text(folder.path())]);
+    assert!(both.err.contains("note: the recordings have different units") && !both.out.contains(" mm"), "{both:?}");
+    let given = summary(&["--machine", "machine.toml", text(folder.path())]);
+    assert!(!given.err.contains("different units") && given.out.contains(&format!("  {error} mm")), "{given:?}");
+    fs::remove_file(a).expect("it was there");
+    let one = summary(&[text(folder.path())]);
+    assert!(one.out.contains(&format!("  {:.2} mm", error * 0.01)) && one.out.contains("axis X"), "{one:?}");
+}
+
 /// A recording over several hours has a line for each; many recordings are put together by days.
 #[test]
 fn parts_are_hours_and_days() {
@@ -284,6 +327,21 @@ fn what_is_no_recording_is_passed_over() {
     made.record(&file, "sim:?clock=virtual", Some(SlotSize::Bytes12));
     run(["summary", "--by", "day", text(&file)]).expect_failure(1, &["virtual clock"], "leave --by out");
     assert!(run(["summary", text(empty.path())]).expect_quiet().starts_with("recording"));
+}
+
+/// A recording of the real clock that is cut within its first block says what is damaged in seconds since the board was opened,
+/// as ever.
+#[test]
+fn times_of_damage_count_from_the_beginning() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("cut.ecmrec");
+    keep(&day(Day::default()), &file, &[MONDAY_NS]);
+    let mut bytes = fs::read(&file).expect("a file");
+    let places: Vec<usize> = (0..bytes.len() - 8).filter(|at| bytes[*at..].starts_with(b"\x89ECMREC\n")).collect();
+    bytes.truncate(places[1] + 100);
+    fs::write(&file, bytes).expect("a file");
+    let ran = run(["summary", text(&file)]);
+    assert!(ran.err.contains("damaged, and not read: from 0.0"), "{ran:?}");
 }
 
 /// A recording that is being written is whole as far as it is written.

@@ -24,7 +24,7 @@ pub fn serve(mut stream: TcpStream, request: &Request, shared: &Shared) -> io::R
         Err(refusal) => http::refuse(&mut stream, refusal)?,
         Ok(Wish::Metrics) => http::send_text(&mut stream, "200 OK", CONTENT_TYPE, &shared.metrics())?,
         Ok(Wish::Health) => match shared.trouble() {
-            None => http::send_text(&mut stream, "200 OK", PLAIN, "ok\n")?,
+            None => http::send_text(&mut stream, "200 OK", PLAIN, &shared.health())?,
             Some(why) => http::send_text(&mut stream, "503 Service Unavailable", PLAIN, &format!("{why}\n"))?,
         },
     }

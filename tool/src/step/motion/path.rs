@@ -57,7 +57,7 @@ impl AskedSpeeds {
     pub fn of_axis(self, what: &str, slave: u8, scale: Scale, units: Units<'_>) -> Result<Speeds, BoardError> {
         let counts = scale.counts_per_unit.abs();
         let axis = units.axis(slave);
-        let limit = |asked: Option<f64>, max: Option<f64>, word: &str| {
+        let limit = |asked: Option<f64>, max: Option<f64>, word: &str, per: &str| {
             let asked = asked.map(|units| units * counts);
             let Some((axis, max)) = axis.zip(max) else { return Ok((asked, None)) };
             let max_counts = max * axis.scale.counts_per_unit.abs();
@@ -66,12 +66,14 @@ impl AskedSpeeds {
             if asked.is_none_or(|asked| asked <= max_counts * (1.0 + f64::EPSILON)) {
                 return Ok((asked, Some(max_counts)));
             }
-            let why = format!("--{word} is beyond the limit of axis {}, max_{word} = {max} {}", axis.name, axis.unit);
+            let why =
+                format!("--{word} is beyond the limit of axis {}, max_{word} = {max} {}{per}", axis.name, axis.unit);
             let next = "name a lower one, or correct the limit in the machine file".into();
             Err(BoardError::Refused { what: what.into(), why, next })
         };
-        let velocity = limit(self.velocity, axis.and_then(|axis| axis.max_velocity), "velocity")?;
-        let acceleration = limit(self.acceleration, axis.and_then(|axis| axis.max_acceleration), "acceleration")?;
+        let velocity = limit(self.velocity, axis.and_then(|axis| axis.max_velocity), "velocity", "/s")?;
+        let acceleration =
+            limit(self.acceleration, axis.and_then(|axis| axis.max_acceleration), "acceleration", "/s^2")?;
         Ok(Speeds::of(velocity, acceleration, self.jerk.map(|jerk| jerk.scaled(counts))))
     }
 }

@@ -25,6 +25,7 @@ pub struct Watch {
     reserve: Reserve,
     summary: Summary,
     last_ns: Option<i64>,
+    damage_before: u64,
 }
 
 /// What a recording shows as a whole.
@@ -47,15 +48,18 @@ impl Watch {
             reserve: Reserve::new(),
             summary: Summary::default(),
             last_ns: None,
+            damage_before: 0,
         }
     }
 
     /// Adds the next frame. `at_ns` is its time since the first frame of the part.
     pub fn frame(&mut self, framed: &Framed, at_ns: i64, part: &mut Part) {
         let (time_ns, frame, size) = (framed.time_ns, &framed.recorded.frame, framed.size);
+        self.damage(framed.recorded.damage_before);
         let passed = self.last_ns.replace(time_ns).map_or(0, |last_ns| time_ns.saturating_sub(last_ns));
         part.recorded_ns += u64::try_from(passed).unwrap_or_default();
         let watch = self.frames.get_or_insert_with(|| FrameWatch::new(size));
+        watch.damage(framed.recorded.damage_before);
         match framed.recorded.dir {
             Dir::Write => {
                 watch.command(time_ns, frame);
@@ -87,6 +91,17 @@ impl Watch {
             }
         }
         self.count(part);
+    }
+
+    /// Forgets what was under way before a damaged part of the recording: nobody knows how it went on.
+    fn damage(&mut self, damage_before: u64) {
+        if damage_before > self.damage_before {
+            self.damage_before = damage_before;
+            self.last_ns = None;
+            self.motions.fill(MotionFinder::default());
+            self.homings.iter_mut().for_each(HomingFinder::interrupt);
+            self.reserve = Reserve::new();
+        }
     }
 
     fn report(&mut self, framed: &Framed, at_ns: i64, part: &mut Part) {

@@ -6,6 +6,7 @@
 //! | `clock.rs` | the virtual clock, and the clocks of the program that are derived from it |
 //! | `threads.rs`, `advance.rs` | the threads of the program: which run, which wait and for what; when time goes on |
 //! | `task.rs` | whether a thread is blocked in the kernel, from `/proc` |
+//! | `signals.rs` | when signal handlers may run |
 //! | `mode.rs` | whose call it is: the program's, the board's library's, or this library's own |
 //! | `boards.rs`, `table.rs` | the connection to NEXTWUSBLib, whose boards keep the time; `table.rs` is compiled there, too |
 //! | `counts.rs` | what `ecmsk exec` reports at the end |
@@ -22,6 +23,7 @@ mod clock;
 mod counts;
 mod exports;
 mod mode;
+mod signals;
 mod system;
 mod table;
 mod task;

@@ -2,12 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::ffi::{c_int, c_void};
+use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicPtr, AtomicU32, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use crate::clock::{self, NEVER};
 use crate::mode::{self, Own};
+use crate::signals::Blocked;
 use crate::{counts, system};
 
 /// How long a thread that waits sleeps on the real clock before it looks whether time goes on: for the first time, and at
@@ -26,7 +28,8 @@ pub struct Thread {
     word: AtomicU32,
     /// How many calls of NEXTWUSBLib the thread is in. In them it counts as running.
     pub inside: AtomicU32,
-    /// Whether it has come back from its call of [`outside`]. It may still wait for the lock of the table to say so.
+    /// Whether it has come back from its call of [`outside`], or from the kernel in a wait. It may still wait for the lock of
+    /// the table.
     pub is_back: AtomicBool,
 }
 
@@ -130,8 +133,31 @@ pub struct Threads {
 /// The present table. A child of fork gets a new one, because another thread may have held the lock of the old one.
 static THREADS: AtomicPtr<Mutex<Threads>> = AtomicPtr::new(std::ptr::null_mut());
 
+/// The locked table. No signal handler runs in the thread until it is dropped: handlers may call NEXTWUSBLib, whose boards are
+/// locked while their time passes, and functions that lock the table.
+pub struct Locked {
+    // Dropped in this order: handlers that are due run when the table is free.
+    threads: MutexGuard<'static, Threads>,
+    signals: Blocked,
+}
+
+impl Deref for Locked {
+    type Target = Threads;
+
+    fn deref(&self) -> &Threads {
+        &self.threads
+    }
+}
+
+impl DerefMut for Locked {
+    fn deref_mut(&mut self) -> &mut Threads {
+        &mut self.threads
+    }
+}
+
 /// The table. To be locked only while the calling thread is in [`Own`].
-pub fn lock() -> MutexGuard<'static, Threads> {
+pub fn lock() -> Locked {
+    let signals = Blocked::begin();
     let mut table = THREADS.load(Ordering::Acquire);
     if table.is_null() {
         let new = Box::into_raw(Box::default());
@@ -142,7 +168,8 @@ pub fn lock() -> MutexGuard<'static, Threads> {
         };
     }
     // SAFETY: tables are never freed.
-    unsafe { &*table }.lock().unwrap_or_else(PoisonError::into_inner)
+    let threads = unsafe { &*table }.lock().unwrap_or_else(PoisonError::into_inner);
+    Locked { threads, signals }
 }
 
 /// In a child of fork: it has one thread.
@@ -237,12 +264,15 @@ impl Threads {
         self.entries.iter_mut().find(|entry| std::ptr::eq(&*entry.thread, thread))
     }
 
-    fn set(&mut self, thread: &Thread, state: State) {
+    /// Sets what a thread is doing. Returns what it was doing; `None`: the table does not have it since a fork.
+    fn set(&mut self, thread: &Thread, state: State) -> Option<State> {
         thread.is_back.store(false, Ordering::Relaxed);
-        if let Some(entry) = self.entry(thread) {
-            (entry.state, entry.blocked, entry.used_ns) = (state, None, None);
-        }
+        let before = self.entry(thread).map(|entry| {
+            (entry.blocked, entry.used_ns) = (None, None);
+            std::mem::replace(&mut entry.state, state)
+        });
         self.note_earliest();
+        before
     }
 
     /// The earliest deadline of all waits; [`NEVER`]: none has one.
@@ -310,7 +340,8 @@ pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: im
     let mut threads = lock();
     threads.tickets += 1;
     let ticket = threads.tickets;
-    threads.set(thread, State::Waiting { deadline, what, ticket });
+    // Another wait, or a call outside, if this is one of a signal handler in it.
+    let around = threads.set(thread, State::Waiting { deadline, what, ticket });
     begun();
     let mut pause = FIRST_PAUSE;
     let outcome = loop {
@@ -332,15 +363,18 @@ pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: im
             pause = FIRST_PAUSE;
         }
         let seen = thread.word.load(Ordering::Acquire);
+        let is_handler_due = threads.signals.is_handler_due();
         drop(threads);
-        let is_interrupted = system::wait_on(&thread.word, seen, pause);
+        let is_interrupted = is_handler_due || system::wait_on(&thread.word, seen, pause);
+        thread.is_back.store(true, Ordering::Release);
         pause = (pause * 2).min(PAUSE_MAX);
         threads = lock();
+        thread.is_back.store(false, Ordering::Relaxed);
         if is_interrupted && threads.outcome(thread).is_none() {
             break Outcome::Interrupted;
         }
     };
-    threads.set(thread, State::Running);
+    threads.set(thread, around.unwrap_or(State::Running));
     outcome
 }
 

@@ -171,6 +171,15 @@ mod needs_cxx {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
     }
 
+    /// Handlers of signals use the board wherever they interrupt a wait, and end it. One that is blocked keeps no other thread
+    /// from sleeping.
+    #[test]
+    fn handlers_interrupt_waits_anywhere() {
+        let ran = exec(&["--quiet", "--clock", "virtual", "--link", LINK], &program("handlers.c"), &[]);
+        let expected = "frames in sleeps\nframes in ppoll\nsleeps end\nclosed\nbeside a handler\nok\n";
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
+    }
+
     /// A static program, into which nothing can be preloaded, is named.
     #[test]
     fn a_static_program_is_named() {

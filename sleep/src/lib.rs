@@ -40,7 +40,7 @@ extern "C" fn at_start() {
     counts::open();
     // Makes the table of threads: a signal handler may be the first that uses it, and must not allocate.
     drop(threads::lock());
-    // SAFETY: the function replaces a pointer and allocates, which a child of fork may do with the GNU C library. Without
+    // SAFETY: the functions replace pointers and allocate, which a child of fork may do with the GNU C library. Without
     // memory for the registration a child of fork waits for threads that it does not have, at the pace of the real clock.
-    unsafe { libc::pthread_atfork(None, None, Some(threads::begin_anew)) };
+    unsafe { libc::pthread_atfork(Some(threads::before_fork), None, Some(threads::begin_anew)) };
 }

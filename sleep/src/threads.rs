@@ -116,6 +116,10 @@ impl Entry {
     }
 }
 
+/// Condition variables that measure another clock than CLOCK_REALTIME; `None`: shared with other processes, so that their waits
+/// stay real.
+type ConditionClocks = BTreeMap<usize, Option<c_int>>;
+
 /// The threads of the program.
 #[derive(Default)]
 pub struct Threads {
@@ -123,9 +127,7 @@ pub struct Threads {
     tickets: u64,
     /// The virtual and the real time since when time stands still because a thread runs, in nanoseconds.
     pub stands_still_from: Option<(u64, u64)>,
-    /// Condition variables that measure another clock than CLOCK_REALTIME; `None`: shared with other processes, so that
-    /// their waits stay real.
-    pub condition_clocks: BTreeMap<usize, Option<c_int>>,
+    pub condition_clocks: ConditionClocks,
     /// Room for files of `/proc`.
     pub buffer: Vec<u8>,
 }
@@ -172,10 +174,32 @@ pub fn lock() -> Locked {
     Locked { threads, signals }
 }
 
+/// What a child of fork needs of the table: the condition variables that it has. Null: it has none.
+static FOR_CHILD: AtomicPtr<ConditionClocks> = AtomicPtr::new(std::ptr::null_mut());
+
+/// Before fork. The table is not kept locked until the child begins: other handlers of pthread_atfork may end threads.
+pub extern "C" fn before_fork() {
+    let _own = Own::begin();
+    let clocks = lock().condition_clocks.clone();
+    keep_for_child(if clocks.is_empty() { std::ptr::null_mut() } else { Box::into_raw(Box::new(clocks)) });
+}
+
+/// Puts these in the place of [`FOR_CHILD`], and returns what was there.
+fn keep_for_child(clocks: *mut ConditionClocks) -> ConditionClocks {
+    let before = FOR_CHILD.swap(clocks, Ordering::AcqRel);
+    if before.is_null() {
+        return ConditionClocks::new();
+    }
+    // SAFETY: made in `before_fork`, and the swap has given it to this call alone.
+    *unsafe { Box::from_raw(before) }
+}
+
 /// In a child of fork: it has one thread.
 pub extern "C" fn begin_anew() {
     let _own = Own::begin();
-    THREADS.store(Box::into_raw(Box::default()), Ordering::Release);
+    let condition_clocks = keep_for_child(std::ptr::null_mut());
+    let table = Threads { condition_clocks, ..Threads::default() };
+    THREADS.store(Box::into_raw(Box::new(Mutex::new(table))), Ordering::Release);
     clock::set_earliest(NEVER);
     // The record of the parent's thread stays allocated.
     mode::set_thread(std::ptr::null());

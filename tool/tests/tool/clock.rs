@@ -180,6 +180,13 @@ mod needs_cxx {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
     }
 
+    /// Condition variables from before a fork have their clock in the child, and those that processes share wake it.
+    #[test]
+    fn condition_variables_outlive_a_fork() {
+        let ran = exec(&["--quiet", "--clock", "virtual", "--link", LINK], &program("forked_waits.c"), &[]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), "500 ms\n500 ms\nwoken\nok\n"), "{}", ran.err);
+    }
+
     /// A static program, into which nothing can be preloaded, is named.
     #[test]
     fn a_static_program_is_named() {

@@ -187,6 +187,13 @@ mod needs_cxx {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), "500 ms\n500 ms\nwoken\nok\n"), "{}", ran.err);
     }
 
+    /// Groups of the user make what the system says of a thread long. It is read to its end.
+    #[test]
+    fn a_user_may_be_in_many_groups() {
+        let ran = exec(&["--quiet", "--clock", "virtual", "--link", LINK], &program("groups.c"), &[]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), "ok\n"), "{}", ran.err);
+    }
+
     /// A static program, into which nothing can be preloaded, is named.
     #[test]
     fn a_static_program_is_named() {

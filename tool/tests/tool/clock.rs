@@ -194,7 +194,7 @@ mod needs_cxx {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), "ok\n"), "{}", ran.err);
     }
 
-    /// A static program, into which nothing can be preloaded, is named.
+    /// A static program, into which nothing can be preloaded, is named. Below a shell, the tool says that no wait was passed on.
     #[test]
     fn a_static_program_is_named() {
         let source = support::out_dir().join("static.c");
@@ -206,5 +206,9 @@ mod needs_cxx {
         let expected = format!("warning: {} is statically linked: its waits take real time", program.display());
         assert!(ran.err.lines().any(|line| line == expected), "{}", ran.err);
         assert_eq!(ran.code, Some(0));
+        let below = ["-c", "\"$0\"; exit 0", program.to_str().expect("UTF-8")];
+        let ran = exec(&["--clock", "virtual", "--link", LINK], Path::new("/bin/sh"), &below);
+        let expected = "note: /bin/sh: no wait was put on the virtual clock; if it has waited, that took real time";
+        assert!(ran.err.lines().any(|line| line == expected), "{}", ran.err);
     }
 }

@@ -55,7 +55,13 @@ impl Preloaded {
         let [loads, waits, time_ns] = [(); COUNTS].map(|()| numbers.next().unwrap_or(0));
         if loads == 0 {
             say("warning", &format_args!("{} {}: its waits take real time", program.display(), not_loaded(program)));
-        } else if is_verbose {
+            return;
+        }
+        if waits == 0 {
+            let program = program.display();
+            say("note", &format_args!("{program}: no wait was put on the virtual clock; if it has waited, that took real time"));
+        }
+        if is_verbose {
             let (seconds, micros) = (time_ns / 1_000_000_000, time_ns / 1_000 % 1_000_000);
             say("clock", &format_args!("{waits} waits, {seconds}.{micros:06} s of virtual time"));
         }

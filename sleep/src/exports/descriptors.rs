@@ -10,7 +10,7 @@ use super::{fail, is_passed_on, test_cancel};
 use crate::clock;
 use crate::mode::{self, Own};
 use crate::signals;
-use crate::system::{nanoseconds, real};
+use crate::system::{self, nanoseconds, real};
 use crate::threads::{Outcome, What, begin_call, outside, wait};
 
 /// Waits for descriptors. `limit` is in nanoseconds: `None` if there is none, `Some(None)` if it is no time. `mask` are the
@@ -206,7 +206,7 @@ unsafe fn select_limited(
     )
 }
 
-/// select(2). The time that is left is not written back: POSIX leaves that open, and the whole limit has passed.
+/// select(2). As the kernel does, it replaces the limit with the time that is left.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn select(
     count: c_int,
@@ -231,8 +231,17 @@ unsafe extern "C-unwind" fn select(
         Some(seconds.saturating_mul(1_000_000_000).saturating_add(micros.saturating_mul(1_000)))
     });
     let attempt = |_| call(&mut timeval { tv_sec: 0, tv_usec: 0 });
+    let began = clock::now();
     // SAFETY: the caller gives NULL or sets.
-    unsafe { select_limited(count, [reads, writes, exceptions], ns, std::ptr::null(), || call(limit), attempt) }
+    let result =
+        unsafe { select_limited(count, [reads, writes, exceptions], ns, std::ptr::null(), || call(limit), attempt) };
+    if let Some(Some(ns)) = ns {
+        let left = if result == 0 { 0 } else { ns.saturating_sub(clock::now().saturating_sub(began)) };
+        let left = system::timespec(left);
+        // SAFETY: the caller has given a time.
+        unsafe { limit.write(timeval { tv_sec: left.tv_sec, tv_usec: left.tv_nsec / 1000 }) };
+    }
+    result
 }
 
 /// pselect(2).

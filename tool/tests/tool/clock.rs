@@ -146,7 +146,7 @@ mod needs_cxx {
             epoll_pwait: 12 ms\npthread_cond_timedwait: 13 ms\non another clock: 14 ms\npthread_cond_clockwait: 15 ms\n\
             cnd_timedwait: 16 ms\nsem_timedwait: 17 ms\nsem_clockwait: 18 ms\n\
             pthread_mutex_timedlock: 20 ms\nand a lock that comes: 9 ms\npoll for a thread: 30 ms\n\
-            read: 30 ms\na loop: 30 ms\npthread_cancel: 20 ms\nok\n";
+            read: 30 ms\na loop: 30 ms\nthrd_create: 10000 ms\ntimes: 10000 ms\npthread_cancel: 20 ms\nok\n";
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
     }
 

@@ -194,6 +194,15 @@ mod needs_cxx {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), "ok\n"), "{}", ran.err);
     }
 
+    /// A program that the program starts sleeps on its own clock.
+    #[test]
+    fn started_programs_have_their_own_clocks() {
+        let ran = exec(&["-v", "--clock", "virtual", "--link", LINK], &program("started.c"), &[]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), "0 s\n"), "{}", ran.err);
+        let (_, passed_us) = counts(&ran.err);
+        assert!(passed_us >= 3_600_000_000, "{}", ran.err);
+    }
+
     /// A static program, into which nothing can be preloaded, is named. Below a shell, the tool says that no wait was passed on.
     #[test]
     fn a_static_program_is_named() {

@@ -70,11 +70,14 @@ impl Threads {
     fn standstill(&mut self) -> Standstill {
         let mut buffer = std::mem::take(&mut self.buffer);
         let (mut is_gone, mut held_up) = (false, None::<u64>);
+        let real = || system::real_ns(libc::CLOCK_MONOTONIC);
+        let is_short = self.stands_still_from.is_none_or(|(_, since)| real().saturating_sub(since) < BLOCKED_NS);
         for entry in &mut self.entries {
             let number = entry.thread.number.load(Ordering::Relaxed);
             let task = match entry.state {
                 State::Waiting { .. } => continue,
-                State::Ended(_) => Task::Runs,
+                // It goes on as soon as it gets the processor, unless a signal handler in its wait is blocked.
+                State::Ended(_) if is_short && entry.blocked.is_none() => Task::Runs,
                 _ if number == 0 || entry.thread.inside.load(Ordering::Relaxed) > 0 => Task::Runs,
                 State::Ending => match task::look(number, &mut buffer) {
                     Task::Gone => Task::Gone,
@@ -95,7 +98,7 @@ impl Threads {
                 }
                 Task::Blocked { .. } if matches!(entry.state, State::Outside) => continue,
                 Task::Blocked { switches } => {
-                    let real = system::real_ns(libc::CLOCK_MONOTONIC);
+                    let real = real();
                     let since = entry.blocked.filter(|(known, _)| *known == switches).map_or(real, |(_, since)| since);
                     entry.blocked = Some((switches, since));
                     if real.saturating_sub(since) >= BLOCKED_NS {

@@ -6,6 +6,7 @@
 //! | `clock.rs` | the virtual clock, and the clocks of the program that are derived from it |
 //! | `threads.rs`, `advance.rs` | the threads of the program: which run, which wait and for what; when time goes on |
 //! | `task.rs` | whether a thread is blocked in the kernel, from `/proc` |
+//! | `signals.rs` | when signal handlers may run |
 //! | `mode.rs` | whose call it is: the program's, the board's library's, or this library's own |
 //! | `boards.rs`, `table.rs` | the connection to NEXTWUSBLib, whose boards keep the time; `table.rs` is compiled there, too |
 //! | `counts.rs` | what `ecmsk exec` reports at the end |
@@ -22,6 +23,7 @@ mod clock;
 mod counts;
 mod exports;
 mod mode;
+mod signals;
 mod system;
 mod table;
 mod task;
@@ -38,7 +40,7 @@ extern "C" fn at_start() {
     counts::open();
     // Makes the table of threads: a signal handler may be the first that uses it, and must not allocate.
     drop(threads::lock());
-    // SAFETY: the function replaces a pointer and allocates, which a child of fork may do with the GNU C library. Without
+    // SAFETY: the functions replace pointers and allocate, which a child of fork may do with the GNU C library. Without
     // memory for the registration a child of fork waits for threads that it does not have, at the pace of the real clock.
-    unsafe { libc::pthread_atfork(None, None, Some(threads::begin_anew)) };
+    unsafe { libc::pthread_atfork(Some(threads::before_fork), None, Some(threads::begin_anew)) };
 }

@@ -14,7 +14,7 @@ pub enum Mode {
     /// Of NEXTWUSBLib, of a thread that it has made, or of a thread that is ending: clocks and waits are real.
     Real,
     /// Made inside this library, by a signal handler that interrupts it, or by the program's own malloc: waits are real, and
-    /// clocks are read without a lock.
+    /// clocks are read without a lock; those of NEXTWUSBLib are real.
     Own,
 }
 
@@ -39,6 +39,11 @@ pub fn current() -> Mode {
         (0, ..) => Mode::Real,
         _ => Mode::Own,
     })
+}
+
+/// Whether this thread is in a call of NEXTWUSBLib.
+pub fn is_in_library() -> bool {
+    LOCAL.with(|local| local.library.get() > 0)
 }
 
 /// Marks this thread as none of the program, or no longer one.

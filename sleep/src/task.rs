@@ -25,12 +25,22 @@ pub fn look(number: i32, buffer: &mut Vec<u8>) -> Task {
     if file < 0 {
         return if crate::mode::errno() == libc::ENOENT { Task::Gone } else { Task::Runs };
     }
-    buffer.resize(4096, 0);
-    // SAFETY: the buffer has that many bytes, and the file was opened above.
-    let length = unsafe { libc::read(file, buffer.as_mut_ptr().cast(), buffer.len()) };
+    let mut length = 0;
+    loop {
+        if buffer.len() == length {
+            buffer.resize(length + 4096, 0);
+        }
+        let room = &mut buffer[length..];
+        // SAFETY: the room has that many bytes, and the file was opened above.
+        let got = unsafe { libc::read(file, room.as_mut_ptr().cast(), room.len()) };
+        match usize::try_from(got) {
+            // The end of the file; what an error has left unread is not said.
+            Ok(0) | Err(_) => break,
+            Ok(got) => length += got,
+        }
+    }
     // SAFETY: opened above.
     unsafe { libc::close(file) };
-    let length = usize::try_from(length).unwrap_or(0);
     parse(&String::from_utf8_lossy(&buffer[..length]))
 }
 

@@ -2,12 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::ffi::{c_int, c_void};
+use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicPtr, AtomicU32, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use crate::clock::{self, NEVER};
 use crate::mode::{self, Own};
+use crate::signals::Blocked;
 use crate::{counts, system};
 
 /// How long a thread that waits sleeps on the real clock before it looks whether time goes on: for the first time, and at
@@ -26,7 +28,8 @@ pub struct Thread {
     word: AtomicU32,
     /// How many calls of NEXTWUSBLib the thread is in. In them it counts as running.
     pub inside: AtomicU32,
-    /// Whether it has come back from its call of [`outside`]. It may still wait for the lock of the table to say so.
+    /// Whether it has come back from its call of [`outside`], or from the kernel in a wait. It may still wait for the lock of
+    /// the table.
     pub is_back: AtomicBool,
 }
 
@@ -113,6 +116,10 @@ impl Entry {
     }
 }
 
+/// Condition variables that measure another clock than CLOCK_REALTIME; `None`: shared with other processes, so that their waits
+/// stay real.
+type ConditionClocks = BTreeMap<usize, Option<c_int>>;
+
 /// The threads of the program.
 #[derive(Default)]
 pub struct Threads {
@@ -120,9 +127,7 @@ pub struct Threads {
     tickets: u64,
     /// The virtual and the real time since when time stands still because a thread runs, in nanoseconds.
     pub stands_still_from: Option<(u64, u64)>,
-    /// Condition variables that measure another clock than CLOCK_REALTIME; `None`: shared with other processes, so that
-    /// their waits stay real.
-    pub condition_clocks: BTreeMap<usize, Option<c_int>>,
+    pub condition_clocks: ConditionClocks,
     /// Room for files of `/proc`.
     pub buffer: Vec<u8>,
 }
@@ -130,8 +135,31 @@ pub struct Threads {
 /// The present table. A child of fork gets a new one, because another thread may have held the lock of the old one.
 static THREADS: AtomicPtr<Mutex<Threads>> = AtomicPtr::new(std::ptr::null_mut());
 
+/// The locked table. No signal handler runs in the thread until it is dropped: handlers may call NEXTWUSBLib, whose boards are
+/// locked while their time passes, and functions that lock the table.
+pub struct Locked {
+    // Dropped in this order: handlers that are due run when the table is free.
+    threads: MutexGuard<'static, Threads>,
+    signals: Blocked,
+}
+
+impl Deref for Locked {
+    type Target = Threads;
+
+    fn deref(&self) -> &Threads {
+        &self.threads
+    }
+}
+
+impl DerefMut for Locked {
+    fn deref_mut(&mut self) -> &mut Threads {
+        &mut self.threads
+    }
+}
+
 /// The table. To be locked only while the calling thread is in [`Own`].
-pub fn lock() -> MutexGuard<'static, Threads> {
+pub fn lock() -> Locked {
+    let signals = Blocked::begin();
     let mut table = THREADS.load(Ordering::Acquire);
     if table.is_null() {
         let new = Box::into_raw(Box::default());
@@ -142,13 +170,36 @@ pub fn lock() -> MutexGuard<'static, Threads> {
         };
     }
     // SAFETY: tables are never freed.
-    unsafe { &*table }.lock().unwrap_or_else(PoisonError::into_inner)
+    let threads = unsafe { &*table }.lock().unwrap_or_else(PoisonError::into_inner);
+    Locked { threads, signals }
+}
+
+/// What a child of fork needs of the table: the condition variables that it has. Null: it has none.
+static FOR_CHILD: AtomicPtr<ConditionClocks> = AtomicPtr::new(std::ptr::null_mut());
+
+/// Before fork. The table is not kept locked until the child begins: other handlers of pthread_atfork may end threads.
+pub extern "C" fn before_fork() {
+    let _own = Own::begin();
+    let clocks = lock().condition_clocks.clone();
+    keep_for_child(if clocks.is_empty() { std::ptr::null_mut() } else { Box::into_raw(Box::new(clocks)) });
+}
+
+/// Puts these in the place of [`FOR_CHILD`], and returns what was there.
+fn keep_for_child(clocks: *mut ConditionClocks) -> ConditionClocks {
+    let before = FOR_CHILD.swap(clocks, Ordering::AcqRel);
+    if before.is_null() {
+        return ConditionClocks::new();
+    }
+    // SAFETY: made in `before_fork`, and the swap has given it to this call alone.
+    *unsafe { Box::from_raw(before) }
 }
 
 /// In a child of fork: it has one thread.
 pub extern "C" fn begin_anew() {
     let _own = Own::begin();
-    THREADS.store(Box::into_raw(Box::default()), Ordering::Release);
+    let condition_clocks = keep_for_child(std::ptr::null_mut());
+    let table = Threads { condition_clocks, ..Threads::default() };
+    THREADS.store(Box::into_raw(Box::new(Mutex::new(table))), Ordering::Release);
     clock::set_earliest(NEVER);
     // The record of the parent's thread stays allocated.
     mode::set_thread(std::ptr::null());
@@ -237,12 +288,15 @@ impl Threads {
         self.entries.iter_mut().find(|entry| std::ptr::eq(&*entry.thread, thread))
     }
 
-    fn set(&mut self, thread: &Thread, state: State) {
+    /// Sets what a thread is doing. Returns what it was doing; `None`: the table does not have it since a fork.
+    fn set(&mut self, thread: &Thread, state: State) -> Option<State> {
         thread.is_back.store(false, Ordering::Relaxed);
-        if let Some(entry) = self.entry(thread) {
-            (entry.state, entry.blocked, entry.used_ns) = (state, None, None);
-        }
+        let before = self.entry(thread).map(|entry| {
+            (entry.blocked, entry.used_ns) = (None, None);
+            std::mem::replace(&mut entry.state, state)
+        });
         self.note_earliest();
+        before
     }
 
     /// The earliest deadline of all waits; [`NEVER`]: none has one.
@@ -310,7 +364,8 @@ pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: im
     let mut threads = lock();
     threads.tickets += 1;
     let ticket = threads.tickets;
-    threads.set(thread, State::Waiting { deadline, what, ticket });
+    // Another wait, or a call outside, if this is one of a signal handler in it.
+    let around = threads.set(thread, State::Waiting { deadline, what, ticket });
     begun();
     let mut pause = FIRST_PAUSE;
     let outcome = loop {
@@ -332,15 +387,18 @@ pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: im
             pause = FIRST_PAUSE;
         }
         let seen = thread.word.load(Ordering::Acquire);
+        let is_handler_due = threads.signals.is_handler_due();
         drop(threads);
-        let is_interrupted = system::wait_on(&thread.word, seen, pause);
+        let is_interrupted = is_handler_due || system::wait_on(&thread.word, seen, pause);
+        thread.is_back.store(true, Ordering::Release);
         pause = (pause * 2).min(PAUSE_MAX);
         threads = lock();
+        thread.is_back.store(false, Ordering::Relaxed);
         if is_interrupted && threads.outcome(thread).is_none() {
             break Outcome::Interrupted;
         }
     };
-    threads.set(thread, State::Running);
+    threads.set(thread, around.unwrap_or(State::Running));
     outcome
 }
 

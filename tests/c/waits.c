@@ -10,6 +10,7 @@
 #include <sys/epoll.h>
 #include <sys/select.h>
 #include <sys/time.h>
+#include <sys/times.h>
 #include <threads.h>
 #include <time.h>
 #include <unistd.h>
@@ -93,6 +94,18 @@ static void *wait_for_ever(void *condition)
     return NULL;
 }
 
+static volatile int is_computed;
+
+/* Uses the processor for 10 ms. */
+static int compute(void *seven)
+{
+    long long began_ns = now_ns(CLOCK_THREAD_CPUTIME_ID);
+    while (now_ns(CLOCK_THREAD_CPUTIME_ID) - began_ns < 10000000) {
+    }
+    is_computed = 1;
+    return *(int *)seven;
+}
+
 int main(void)
 {
     struct timespec time = {0, 5000000};
@@ -111,6 +124,10 @@ int main(void)
     void *result;
     int epoll;
     time_t second;
+    struct tms processor;
+    clock_t tick;
+    thrd_t c11_thread;
+    int seven = 7, got = 0;
 
     CHECK(pipe(pipe_ends) == 0);
     CHECK(sem_init(&semaphore, 0, 0) == 0);
@@ -144,7 +161,7 @@ int main(void)
     took("poll");
     CHECK(ppoll(&descriptor, 1, &time, NULL) == 0);
     took("ppoll");
-    CHECK(select(0, NULL, NULL, NULL, &limit) == 0);
+    CHECK(select(0, NULL, NULL, NULL, &limit) == 0 && limit.tv_sec == 0 && limit.tv_usec == 0);
     took("select");
     FD_ZERO(&reads);
     FD_SET(pipe_ends[0], &reads);
@@ -205,6 +222,16 @@ int main(void)
     }
     CHECK(pthread_join(thread, NULL) == 0);
     took("a loop");
+    /* A thread of C11 computes: no deadline comes before it has ended. */
+    CHECK(thrd_create(&c11_thread, compute, &seven) == thrd_success);
+    CHECK(sleep(10) == 0 && is_computed);
+    CHECK(thrd_join(c11_thread, &got) == thrd_success && got == 7);
+    took("thrd_create");
+    tick = times(&processor);
+    CHECK(sleep(10) == 0);
+    tick = times(&processor) - tick;
+    CHECK(tick >= 10 * sysconf(_SC_CLK_TCK) && tick <= 10 * sysconf(_SC_CLK_TCK) + 1);
+    took("times");
     /* A thread that waits for ever can be cancelled. */
     CHECK(pthread_create(&thread, NULL, wait_for_ever, &never) == 0);
     CHECK(usleep(20000) == 0);

@@ -2,7 +2,7 @@
 
 use std::ffi::{c_int, c_void};
 
-use libc::{clockid_t, time_t, timespec, timeval};
+use libc::{clock_t, clockid_t, time_t, timespec, timeval, tms};
 
 use crate::clock;
 use crate::mode::{self, Mode, Own};
@@ -11,7 +11,7 @@ use crate::system::{real, timespec};
 /// What the clock of the program shows, in nanoseconds. `None`: the clock stays real.
 fn shown(clock: clockid_t) -> Option<u64> {
     let mode = mode::current();
-    if mode == Mode::Real {
+    if mode == Mode::Real || mode::is_in_library() {
         return None;
     }
     let _own = Own::begin();
@@ -71,5 +71,19 @@ unsafe extern "C-unwind" fn timespec_get(to: *mut timespec, base: c_int) -> c_in
             base
         }
         _ => real!(timespec_get(to: *mut timespec, base: c_int) -> c_int),
+    }
+}
+
+/// times(2). The times of the processor are real.
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn times(to: *mut tms) -> clock_t {
+    let real = real!(times(to: *mut tms) -> clock_t);
+    // SAFETY: the function reads a constant of the system.
+    let ticks = u64::try_from(unsafe { libc::sysconf(libc::_SC_CLK_TCK) }).unwrap_or(0);
+    let tick_ns = 1_000_000_000_u64.checked_div(ticks).unwrap_or(0);
+    match shown(libc::CLOCK_MONOTONIC).and_then(|shown| shown.checked_div(tick_ns)) {
+        // -1 is an error.
+        Some(shown) if real != -1 => shown as clock_t,
+        _ => real,
     }
 }

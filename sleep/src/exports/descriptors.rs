@@ -9,25 +9,28 @@ use libc::{epoll_event, fd_set, nfds_t, pollfd, sigset_t, timespec, timeval};
 use super::{fail, is_passed_on, test_cancel};
 use crate::clock;
 use crate::mode::{self, Own};
-use crate::system::{nanoseconds, real};
+use crate::signals;
+use crate::system::{self, nanoseconds, real};
 use crate::threads::{Outcome, What, begin_call, outside, wait};
 
-/// Waits for descriptors. `limit` is in nanoseconds: `None` if there is none, `Some(None)` if it is no time. `forever` is the C
-/// library's function as the program calls it, `attempt` that without a wait.
+/// Waits for descriptors. `limit` is in nanoseconds: `None` if there is none, `Some(None)` if it is no time. `mask` are the
+/// signals that are blocked meanwhile; NULL: those of the thread. `forever` is the C library's function as the program calls it,
+/// `attempt` that without a wait, with a mask or NULL.
 ///
 /// Only for the program, which may be cancelled here.
 fn limited(
     limit: Option<Option<u64>>,
+    mask: *const sigset_t,
     forever: impl FnOnce() -> c_int,
     descriptors: impl FnOnce() -> Arc<[pollfd]>,
-    attempt: impl FnMut() -> c_int,
+    attempt: impl FnMut(*const sigset_t) -> c_int,
 ) -> c_int {
     test_cancel();
     let Some(limit) = limit else { return outside(forever) };
     let Some(limit_ns) = limit else { return fail(libc::EINVAL) };
     let (result, errno) = {
         let _own = Own::begin();
-        attempts(descriptors(), limit_ns, attempt)
+        attempts(descriptors(), limit_ns, mask, attempt)
     };
     mode::set_errno(errno);
     test_cancel();
@@ -35,8 +38,13 @@ fn limited(
 }
 
 /// What [`limited`] does in [`Own`]. Returns the result and errno.
-fn attempts(descriptors: Arc<[pollfd]>, limit_ns: u64, mut attempt: impl FnMut() -> c_int) -> (c_int, c_int) {
-    let (mut result, mut errno) = (attempt(), mode::errno());
+fn attempts(
+    descriptors: Arc<[pollfd]>,
+    limit_ns: u64,
+    mask: *const sigset_t,
+    mut attempt: impl FnMut(*const sigset_t) -> c_int,
+) -> (c_int, c_int) {
+    let (mut result, mut errno) = (attempt(mask), mode::errno());
     if result != 0 || limit_ns == 0 {
         return (result, errno);
     }
@@ -45,14 +53,15 @@ fn attempts(descriptors: Arc<[pollfd]>, limit_ns: u64, mut attempt: impl FnMut()
     begin_call();
     loop {
         let outcome = wait(what.clone(), deadline, || {
-            (result, errno) = (attempt(), mode::errno());
-            result != 0
+            // Not with the mask, which may let in signals: no handler may run here, where the table is locked.
+            (result, errno) = (attempt(std::ptr::null()), mode::errno());
+            result != 0 || signals::is_handler_due(mask)
         });
         if result == 0 && outcome == Outcome::Interrupted {
             return (-1, libc::EINTR);
         }
         if result == 0 {
-            (result, errno) = (attempt(), mode::errno());
+            (result, errno) = (attempt(mask), mode::errno());
         }
         if result != 0 || outcome == Outcome::Reached {
             return (result, errno);
@@ -86,7 +95,7 @@ unsafe extern "C-unwind" fn poll(descriptors: *mut pollfd, count: nfds_t, limit_
     }
     // SAFETY: the caller gives so many descriptors.
     let listed = || unsafe { listed(descriptors, count) };
-    limited(milliseconds(limit_ms), || call(limit_ms), listed, || call(0))
+    limited(milliseconds(limit_ms), std::ptr::null(), || call(limit_ms), listed, |_| call(0))
 }
 
 /// poll(2), as programs call it that are compiled with checks (_FORTIFY_SOURCE).
@@ -107,19 +116,19 @@ unsafe extern "C-unwind" fn ppoll(
     limit: *const timespec,
     mask: *const sigset_t,
 ) -> c_int {
-    let call = |limit: *const timespec| {
+    let call = |limit: *const timespec, mask: *const sigset_t| {
         real!(
             ppoll(descriptors: *mut pollfd, count: nfds_t, limit: *const timespec, mask: *const sigset_t) -> c_int
         )
     };
     if is_passed_on() {
-        return call(limit);
+        return call(limit, mask);
     }
     // SAFETY: the caller gives NULL or a time.
     let ns = unsafe { limit.as_ref() }.map(nanoseconds);
     // SAFETY: the caller gives so many descriptors.
     let listed = || unsafe { listed(descriptors, count) };
-    limited(ns, || call(limit), listed, || call(&NO_TIME))
+    limited(ns, mask, || call(limit, mask), listed, |mask| call(&NO_TIME, mask))
 }
 
 /// ppoll(2), as programs call it that are compiled with checks.
@@ -164,8 +173,9 @@ unsafe fn select_limited(
     count: c_int,
     sets: [*mut fd_set; 3],
     limit: Option<Option<u64>>,
+    mask: *const sigset_t,
     forever: impl FnOnce() -> c_int,
-    mut attempt: impl FnMut() -> c_int,
+    mut attempt: impl FnMut(*const sigset_t) -> c_int,
 ) -> c_int {
     let known = count.clamp(0, libc::FD_SETSIZE as c_int);
     let length = (known as usize).div_ceil(usize::BITS as usize) * size_of::<usize>();
@@ -180,9 +190,10 @@ unsafe fn select_limited(
     });
     limited(
         limit,
+        mask,
         forever,
         || selected(known, &wanted),
-        || {
+        |mask| {
             // Each attempt overwrites the sets.
             for (set, wanted) in sets.into_iter().zip(&wanted) {
                 if !set.is_null() {
@@ -190,12 +201,12 @@ unsafe fn select_limited(
                     unsafe { set.cast::<u8>().copy_from_nonoverlapping((&raw const *wanted).cast(), length) };
                 }
             }
-            attempt()
+            attempt(mask)
         },
     )
 }
 
-/// select(2). The time that is left is not written back: POSIX leaves that open, and the whole limit has passed.
+/// select(2). As the kernel does, it replaces the limit with the time that is left.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn select(
     count: c_int,
@@ -219,9 +230,18 @@ unsafe extern "C-unwind" fn select(
         let (seconds, micros) = (u64::try_from(given.tv_sec).ok()?, u64::try_from(given.tv_usec).ok()?);
         Some(seconds.saturating_mul(1_000_000_000).saturating_add(micros.saturating_mul(1_000)))
     });
-    let attempt = || call(&mut timeval { tv_sec: 0, tv_usec: 0 });
+    let attempt = |_| call(&mut timeval { tv_sec: 0, tv_usec: 0 });
+    let began = clock::now();
     // SAFETY: the caller gives NULL or sets.
-    unsafe { select_limited(count, [reads, writes, exceptions], ns, || call(limit), attempt) }
+    let result =
+        unsafe { select_limited(count, [reads, writes, exceptions], ns, std::ptr::null(), || call(limit), attempt) };
+    if let Some(Some(ns)) = ns {
+        let left = if result == 0 { 0 } else { ns.saturating_sub(clock::now().saturating_sub(began)) };
+        let left = system::timespec(left);
+        // SAFETY: the caller has given a time.
+        unsafe { limit.write(timeval { tv_sec: left.tv_sec, tv_usec: left.tv_nsec / 1000 }) };
+    }
+    result
 }
 
 /// pselect(2).
@@ -234,7 +254,7 @@ unsafe extern "C-unwind" fn pselect(
     limit: *const timespec,
     mask: *const sigset_t,
 ) -> c_int {
-    let call = |limit: *const timespec| {
+    let call = |limit: *const timespec, mask: *const sigset_t| {
         real!(
             pselect(
                 count: c_int,
@@ -247,25 +267,35 @@ unsafe extern "C-unwind" fn pselect(
         )
     };
     if is_passed_on() {
-        return call(limit);
+        return call(limit, mask);
     }
     // SAFETY: the caller gives NULL or a time.
     let ns = unsafe { limit.as_ref() }.map(nanoseconds);
+    let (forever, attempt) = (|| call(limit, mask), |mask| call(&NO_TIME, mask));
     // SAFETY: the caller gives NULL or sets.
-    unsafe { select_limited(count, [reads, writes, exceptions], ns, || call(limit), || call(&NO_TIME)) }
+    unsafe { select_limited(count, [reads, writes, exceptions], ns, mask, forever, attempt) }
 }
 
 /// Waits on an epoll descriptor, which is ready to be read when it has events.
-fn epoll_limited(epoll: c_int, limit_ms: c_int, call: impl Fn(c_int) -> c_int) -> c_int {
+fn epoll_limited(
+    epoll: c_int,
+    limit_ms: c_int,
+    mask: *const sigset_t,
+    call: impl Fn(c_int, *const sigset_t) -> c_int,
+) -> c_int {
     let descriptor = || Arc::from([pollfd { fd: epoll, events: libc::POLLIN, revents: 0 }]);
-    limited(milliseconds(limit_ms), || call(limit_ms), descriptor, || call(0))
+    limited(milliseconds(limit_ms), mask, || call(limit_ms, mask), descriptor, |mask| call(0, mask))
 }
 
 /// epoll_wait(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn epoll_wait(epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int) -> c_int {
     let call = |limit_ms: c_int| real!(epoll_wait(epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int) -> c_int);
-    if is_passed_on() { call(limit_ms) } else { epoll_limited(epoll, limit_ms, call) }
+    if is_passed_on() {
+        call(limit_ms)
+    } else {
+        epoll_limited(epoll, limit_ms, std::ptr::null(), |limit_ms, _| call(limit_ms))
+    }
 }
 
 /// epoll_pwait(2).
@@ -277,12 +307,12 @@ unsafe extern "C-unwind" fn epoll_pwait(
     limit_ms: c_int,
     mask: *const sigset_t,
 ) -> c_int {
-    let call = |limit_ms: c_int| {
+    let call = |limit_ms: c_int, mask: *const sigset_t| {
         real!(
             epoll_pwait(
                 epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int, mask: *const sigset_t
             ) -> c_int
         )
     };
-    if is_passed_on() { call(limit_ms) } else { epoll_limited(epoll, limit_ms, call) }
+    if is_passed_on() { call(limit_ms, mask) } else { epoll_limited(epoll, limit_ms, mask, call) }
 }

@@ -5,8 +5,8 @@
 //! these calls such a function for the program, and where it calls [`test_cancel`].
 //!
 //! Not here, and so on the real clock: timers that send signals (alarm, setitimer, timer_create), how long descriptors of
-//! timerfd_create run, limits of calls that receive (SO_RCVTIMEO, sigtimedwait, mq_timedreceive), epoll_pwait2,
-//! pthread_timedjoin_np and pthread_clockjoin_np.
+//! timerfd_create run, limits of calls that receive (SO_RCVTIMEO, mq_timedreceive), sigtimedwait, semtimedop, epoll_pwait2,
+//! pthread_timedjoin_np and pthread_clockjoin_np, and what sysinfo, clock and `/proc/uptime` say.
 
 mod clocks;
 mod conditions;

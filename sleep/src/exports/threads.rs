@@ -5,12 +5,21 @@ use std::sync::Arc;
 
 use libc::{pthread_attr_t, pthread_t};
 
+use super::conditions::of_c11;
 use super::is_passed_on;
 use crate::mode::{self, Mode, Own};
 use crate::system::real;
 use crate::threads::{self, Thread, outside};
 
-type Work = unsafe extern "C-unwind" fn(*mut c_void) -> *mut c_void;
+type PosixWork = unsafe extern "C-unwind" fn(*mut c_void) -> *mut c_void;
+type C11Work = unsafe extern "C-unwind" fn(*mut c_void) -> c_int;
+
+/// The first function of the program in a new thread.
+#[derive(Clone, Copy)]
+enum Work {
+    Posix(PosixWork),
+    C11(C11Work),
+}
 
 /// What a new thread begins with.
 struct Start {
@@ -25,7 +34,7 @@ struct Start {
 unsafe extern "C-unwind" fn begin(start: *mut c_void) -> *mut c_void {
     let (work, argument) = {
         let _own = Own::begin();
-        // SAFETY: made by pthread_create below for this thread alone.
+        // SAFETY: made by `create` below for this thread alone.
         let start = unsafe { Box::from_raw(start.cast::<Start>()) };
         match &start.thread {
             Some(thread) => threads::begin(thread),
@@ -33,13 +42,22 @@ unsafe extern "C-unwind" fn begin(start: *mut c_void) -> *mut c_void {
         }
         (start.work, start.argument)
     };
-    // SAFETY: the function and its argument come from the caller of pthread_create.
-    unsafe { work(argument) }
+    // SAFETY: the function and its argument come from the caller of pthread_create or thrd_create.
+    unsafe {
+        match work {
+            Work::Posix(work) => work(argument),
+            // thrd_join takes the integer out of the pointer.
+            Work::C11(work) => work(argument) as isize as *mut c_void,
+        }
+    }
 }
 
-/// pthread_create(3). A thread that a thread of the program makes is one of the program and runs from here on.
-#[unsafe(no_mangle)]
-unsafe extern "C-unwind" fn pthread_create(
+/// Makes a thread; an error number, or 0. A thread that a thread of the program makes is one of the program and runs from here
+/// on.
+///
+/// # Safety
+/// As pthread_create(3).
+unsafe fn create(
     handle: *mut pthread_t,
     attributes: *const pthread_attr_t,
     work: Work,
@@ -52,11 +70,11 @@ unsafe extern "C-unwind" fn pthread_create(
         threads::add()
     });
     let record = thread.clone();
-    let begin: Work = begin;
+    let begin: PosixWork = begin;
     let start = Box::into_raw(Box::new(Start { work, argument, thread })).cast::<c_void>();
     let error = real!(
         pthread_create(
-            handle: *mut pthread_t, attributes: *const pthread_attr_t, begin: Work, start: *mut c_void
+            handle: *mut pthread_t, attributes: *const pthread_attr_t, begin: PosixWork, start: *mut c_void
         ) -> c_int
     );
     if error != 0 {
@@ -69,11 +87,43 @@ unsafe extern "C-unwind" fn pthread_create(
     error
 }
 
+/// pthread_create(3).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn pthread_create(
+    handle: *mut pthread_t,
+    attributes: *const pthread_attr_t,
+    work: PosixWork,
+    argument: *mut c_void,
+) -> c_int {
+    // SAFETY: the caller's arguments.
+    unsafe { create(handle, attributes, Work::Posix(work), argument) }
+}
+
+/// thrd_create(3), of C11, whose threads are those of POSIX. The C library's own makes them without pthread_create.
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn thrd_create(handle: *mut pthread_t, work: C11Work, argument: *mut c_void) -> c_int {
+    // SAFETY: the caller's arguments.
+    of_c11(unsafe { create(handle, std::ptr::null(), Work::C11(work), argument) })
+}
+
 /// pthread_join(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_join(thread: pthread_t, result: *mut *mut c_void) -> c_int {
     let call = || real!(pthread_join(thread: pthread_t, result: *mut *mut c_void) -> c_int);
     if is_passed_on() { call() } else { outside(call) }
+}
+
+/// thrd_join(3).
+#[unsafe(no_mangle)]
+unsafe extern "C-unwind" fn thrd_join(thread: pthread_t, result: *mut c_int) -> c_int {
+    let mut value = std::ptr::null_mut();
+    // SAFETY: the caller's thread, and room for its value.
+    let error = unsafe { pthread_join(thread, &raw mut value) };
+    if error == 0 && !result.is_null() {
+        // SAFETY: the caller gives NULL or room for a number.
+        unsafe { result.write(value as isize as c_int) };
+    }
+    of_c11(error)
 }
 
 /// pthread_cancel(3).

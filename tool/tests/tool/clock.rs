@@ -146,7 +146,7 @@ mod needs_cxx {
             epoll_pwait: 12 ms\npthread_cond_timedwait: 13 ms\non another clock: 14 ms\npthread_cond_clockwait: 15 ms\n\
             cnd_timedwait: 16 ms\nsem_timedwait: 17 ms\nsem_clockwait: 18 ms\n\
             pthread_mutex_timedlock: 20 ms\nand a lock that comes: 9 ms\npoll for a thread: 30 ms\n\
-            read: 30 ms\na loop: 30 ms\npthread_cancel: 20 ms\nok\n";
+            read: 30 ms\na loop: 30 ms\nthrd_create: 10000 ms\ntimes: 10000 ms\npthread_cancel: 20 ms\nok\n";
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
     }
 
@@ -171,7 +171,62 @@ mod needs_cxx {
         assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
     }
 
-    /// A static program, into which nothing can be preloaded, is named.
+    /// Handlers of signals use the board wherever they interrupt a wait, and end it. One that is blocked keeps no other thread
+    /// from sleeping.
+    #[test]
+    fn handlers_interrupt_waits_anywhere() {
+        let ran = exec(&["--quiet", "--clock", "virtual", "--link", LINK], &program("handlers.c"), &[]);
+        let expected = "frames in sleeps\nframes in ppoll\nsleeps end\nclosed\nbeside a handler\nok\n";
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), expected), "{}", ran.err);
+    }
+
+    /// Condition variables from before a fork have their clock in the child, and those that processes share wake it.
+    #[test]
+    fn condition_variables_outlive_a_fork() {
+        let ran = exec(&["--quiet", "--clock", "virtual", "--link", LINK], &program("forked_waits.c"), &[]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), "500 ms\n500 ms\nwoken\nok\n"), "{}", ran.err);
+    }
+
+    /// Groups of the user make what the system says of a thread long. It is read to its end.
+    #[test]
+    fn a_user_may_be_in_many_groups() {
+        let ran = exec(&["--quiet", "--clock", "virtual", "--link", LINK], &program("groups.c"), &[]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), "ok\n"), "{}", ran.err);
+    }
+
+    /// A program that the program starts sleeps on its own clock.
+    #[test]
+    fn started_programs_have_their_own_clocks() {
+        let ran = exec(&["-v", "--clock", "virtual", "--link", LINK], &program("started.c"), &[]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(0), "0 s\n"), "{}", ran.err);
+        let (_, passed_us) = counts(&ran.err);
+        assert!(passed_us >= 3_600_000_000, "{}", ran.err);
+    }
+
+    /// The tool says if a board does not pass time with the program's waits: one that another link names, which is on the real
+    /// clock, and one of the native API, such as the tool's own.
+    #[test]
+    fn boards_that_do_not_follow_are_named() {
+        let source = support::out_dir().join("own_link.c");
+        let text = "#include \"ecmsk.h\"\n#include <unistd.h>\nint main(void) { ecmsk_board *board; usleep(1000);\n\
+            return ecmsk_open(\"sim:?slaves=io\", &board) != ECMSK_OK || ecmsk_close(board) != ECMSK_OK; }\n";
+        fs::write(&source, text).expect("a source");
+        let program = support::compile(&source, Language::C("c11")).exe;
+        let ran = exec(&["--clock", "virtual", "--link", LINK], &program, &[]);
+        let expected = format!("warning: {} has opened boards (1) that are not on virtual time", program.display());
+        assert!(ran.err.lines().any(|line| line.starts_with(&expected)), "{}", ran.err);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+
+        let script = ["-c", "sleep 1; \"$0\" move 1=100 --up --machine none", env!("CARGO_BIN_EXE_ecmsk")];
+        let ran = exec(&["--clock", "virtual", "--link", LINK], Path::new("/bin/sh"), &script);
+        let expected = "warning: /bin/sh: NEXTWUSBLib has opened no board; a board that the Rust crate or";
+        assert!(ran.err.lines().any(|line| line.starts_with(expected)), "{}", ran.err);
+
+        let followed = exec(&["--clock", "virtual", "--link", LINK], &self::program("sleeping_reset.c"), &[]);
+        assert!(!followed.err.contains("warning"), "{}", followed.err);
+    }
+
+    /// A static program, into which nothing can be preloaded, is named. Below a shell, the tool says that no wait was passed on.
     #[test]
     fn a_static_program_is_named() {
         let source = support::out_dir().join("static.c");
@@ -183,5 +238,9 @@ mod needs_cxx {
         let expected = format!("warning: {} is statically linked: its waits take real time", program.display());
         assert!(ran.err.lines().any(|line| line == expected), "{}", ran.err);
         assert_eq!(ran.code, Some(0));
+        let below = ["-c", "\"$0\"; exit 0", program.to_str().expect("UTF-8")];
+        let ran = exec(&["--clock", "virtual", "--link", LINK], Path::new("/bin/sh"), &below);
+        let expected = "note: /bin/sh: no wait was put on the virtual clock; if it has waited, that took real time";
+        assert!(ran.err.lines().any(|line| line == expected), "{}", ran.err);
     }
 }

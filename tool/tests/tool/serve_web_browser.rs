@@ -115,6 +115,12 @@ mod needs_chromium {
         assert_eq!(browser.value("page.paused"), true);
         let counters = browser.value("document.querySelector('#counters').innerText");
         assert!(counters.as_str().expect("a text").contains("reports lost\t"), "{counters}");
+        // Of the events of a day only the newest stay.
+        let many = "page.message({ type: 'events', events: Array.from({ length: 6000 }, (_, i) => \
+                    ({ at_ns: 0, slave: 0, kind: 'drive', text: `event ${i}` })) })";
+        browser.value(many);
+        assert_eq!(browser.value("page.events.length"), 5000);
+        assert_eq!(browser.value("page.events.at(-1).text"), "event 5999");
         web.end();
         browser.wait_for("document.querySelector('#notes').innerText.includes('not connected')");
         board.end();

@@ -9,9 +9,9 @@ const STEP_S = 1e-9;
 /** For this long after its last point a curve still has that value: velocities end some cycles before positions. */
 const RECENT_S = 0.02;
 /** The most points of a curve of a board, as many as a curve of a recording has. [OURS] */
-const POINTS_MAX = 200_000;
+const CURVE_MAX = 200_000;
 /** The most points of all curves of a board: 128 MB. [OURS] */
-const ALL_POINTS_MAX = 8_000_000;
+const ALL_MAX = 8_000_000;
 /** A curve with fewer points does not count for that, as one of a state or an input that seldom changes. */
 const MANY = 512;
 
@@ -40,7 +40,7 @@ export class Store {
   get most() {
     if (this.kept === Infinity) return Infinity;
     const many = this.curves.filter((curve) => curve.length >= MANY).length;
-    return Math.max(MANY, Math.min(POINTS_MAX, Math.floor(ALL_POINTS_MAX / many)));
+    return Math.max(MANY, Math.min(CURVE_MAX, Math.floor(ALL_MAX / many)));
   }
 
   /** How much memory the points of all curves take, in bytes. */

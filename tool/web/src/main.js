@@ -406,7 +406,8 @@ class Page {
   key(event) {
     const at = event.target;
     const writes = at instanceof HTMLInputElement || at instanceof HTMLSelectElement;
-    if (writes || event.ctrlKey || event.metaKey || event.altKey) return;
+    const scrolls = event.key.startsWith("Arrow") && at instanceof Element && at.closest(".wide") !== null;
+    if (writes || scrolls || event.ctrlKey || event.metaKey || event.altKey) return;
     /** @type {{[key: string]: () => void}} */
     const acts = {
       ArrowLeft: () => this.scope.pan(-0.1),

@@ -94,7 +94,7 @@ function storeBit(store, slave, way, bit, at) {
  * @param {{cells: string[], look: string}[]} rows
  */
 export function showSlaves(table, rows) {
-  const head = row("th", ["", "name", "state", "statusword", "position", "velocity", "torque", "alarm", "IO"]);
+  const head = row("th", ["slave", "name", "state", "statusword", "position", "velocity", "torque", "alarm", "IO"]);
   table.replaceChildren(head, ...rows.map(({ cells, look }) => row("td", cells, look)));
 }
 
@@ -154,7 +154,7 @@ export function showReadings(table, readings, { a, b }, slaves) {
     return row("td", [channelName(curve.channel, slaves), text(a), text(b), text(difference), text(least), text(greatest)]);
   });
   table.replaceChildren(
-    row("th", ["", "A", "B", "B - A", "least", "greatest"]),
+    row("th", ["value", "A", "B", "B - A", "least", "greatest"]),
     row("td", ["time (s)", at(a), at(b), number(apart, 1e-6) + rate, "", ""]),
     ...rows,
   );

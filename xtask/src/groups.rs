@@ -66,6 +66,7 @@ const LONG: &[&str] = &[
     "a_crowd_locks_nobody_out",
     "all_that_a_program_sees_is_the_same",
     "further_programs_in_cpp_run_on_a_card",
+    "needs_axe::",
     "needs_chromium::",
     "needs_dotnet_core::",
     "needs_node::",

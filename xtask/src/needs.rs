@@ -7,7 +7,7 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 use crate::fetched::{Fetched, Index};
-use crate::npm::{DOTNET_X64, DOTNET_X86, TYPESCRIPT};
+use crate::npm::{AXE as AXE_CORE, DOTNET_X64, DOTNET_X86, TYPESCRIPT};
 use crate::project::Project;
 use crate::tidy;
 use crate::tools::{self, Tool};
@@ -71,6 +71,8 @@ pub const NPM: Need = Need { program: "npm", source: Source::Debian(&["npm"]) };
 pub const NODE: Need = Need { program: "node", source: Source::Debian(&["nodejs"]) };
 /// The browser in which the tool's page is tested.
 pub const CHROMIUM: Need = Need { program: "chromium", source: Source::Debian(&["chromium"]) };
+/// The judge of the page's accessibility.
+pub const AXE: Need = Need { program: "axe-core", source: Source::Fetched(&AXE_CORE) };
 /// The type checker of the page's modules.
 pub const TSC: Need = Need { program: "tsc", source: Source::Fetched(&TYPESCRIPT) };
 pub const DOTNET_WINDOWS_X64: Need = Need { program: "dotnet.exe of 64 bits", source: Source::Fetched(&DOTNET_X64) };
@@ -233,8 +235,11 @@ pub fn install_line(needs: &[Need]) -> String {
     if needs.contains(&DOTNET_CORE) {
         lines.push("cargo xtask dotnet --runtime".to_owned());
     }
-    if fetched(needs).any(|package| package.index != Index::Pip && package != &TYPESCRIPT) {
+    if fetched(needs).any(|package| package.index != Index::Pip && ![&TYPESCRIPT, &AXE_CORE].contains(&package)) {
         lines.push("cargo xtask test --windows".to_owned());
+    }
+    if needs.contains(&AXE) {
+        lines.push("cargo xtask test --all".to_owned());
     }
     if tools(needs).next().is_some() || needs.contains(&TYPOS) || needs.contains(&TSC) {
         lines.push("cargo xtask tidy".to_owned());
@@ -318,6 +323,7 @@ mod tests {
             "sudo apt-get install -y python3-pip && cargo xtask dotnet --runtime"
         );
         assert_eq!(install_line(&[NODE, NPM, TSC]), "sudo apt-get install -y nodejs npm && cargo xtask tidy");
+        assert_eq!(install_line(&[CHROMIUM, AXE]), "sudo apt-get install -y chromium && cargo xtask test --all");
         assert_eq!(
             install_line(&[NPM, DOTNET_WINDOWS_X64]),
             "sudo apt-get install -y npm && cargo xtask test --windows"

@@ -42,6 +42,16 @@ pub const TYPESCRIPT: Fetched = Fetched {
     cost: "4 MB to fetch, 23 MB in the target folder",
 };
 
+/// The rules of accessibility by which tests judge the page that the tool serves (MPL-2.0). It is not shipped.
+pub const AXE: Fetched = Fetched {
+    index: Index::Npm { parts: &["axe.min.js", "package.json", "LICENSE"] },
+    name: "axe-core",
+    version: "4.14.1",
+    sha256: "e6b0ce02b84d892e2e33e403485e7f3d6c29e2be6df65daf44d89ba564139745",
+    program: "axe.min.js",
+    cost: "1 MB to fetch, 1 MB in the target folder",
+};
+
 /// Downloads the package into the folder `into`, which is empty, so that the package is then its only file.
 pub fn download(package: &Fetched, into: &Path) -> Result<(), Error> {
     let cache = into.with_extension("cache");

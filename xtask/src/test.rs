@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use crate::ahead::Ahead;
 use crate::error::Error;
 use crate::needs::{
-    CHROMIUM, CLIPPY, CXX, DOTNET_CORE, IP, MAKE, MCS, MINGW_X64, MONO, NETWORK_NAMESPACE, NODE, Need, PIP, PKG_CONFIG,
-    PYSOEM, PYTHON, RUSTFMT, SET_USER_ID, TSHARK, UNZIP, VALGRIND, ZIP,
+    AXE, CHROMIUM, CLIPPY, CXX, DOTNET_CORE, IP, MAKE, MCS, MINGW_X64, MONO, NETWORK_NAMESPACE, NODE, NPM, Need, PIP,
+    PKG_CONFIG, PYSOEM, PYTHON, RUSTFMT, SET_USER_ID, TSHARK, UNZIP, VALGRIND, ZIP,
 };
 use crate::project::Project;
 use crate::spend::Spend;
@@ -194,6 +194,7 @@ const PYTHON_PACKAGES: &[Need] = &[
 ];
 
 pub const GATES: &[Gate] = &[
+    Gate { module: "needs_axe", needs: &[CHROMIUM, NPM, AXE] },
     Gate { module: "needs_chromium", needs: &[CHROMIUM] },
     Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
     Gate { module: "needs_mono", needs: &[MCS, MONO, ZIP, UNZIP] },
@@ -459,7 +460,8 @@ mod tests {
         assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pip", "needs_pysoem", "needs_python"]);
         assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_network_namespace", "needs_pysoem"]);
         assert_eq!(closed(&[TSHARK]), ["needs_tshark"]);
-        assert_eq!(closed(&[CHROMIUM, NODE]), ["needs_chromium", "needs_node"]);
+        assert_eq!(closed(&[CHROMIUM, NODE]), ["needs_axe", "needs_chromium", "needs_node"]);
+        assert_eq!(closed(&[AXE]), ["needs_axe"]);
         assert_eq!(closed(&[MONO]), ["needs_mono"]);
         assert_eq!(closed(&[DOTNET_CORE]), ["needs_dotnet_core"]);
         assert_eq!(closed(&[CXX]), ["needs_cxx", "needs_root", "needs_valgrind"]);

@@ -115,8 +115,100 @@ mod needs_chromium {
         assert_eq!(browser.value("page.paused"), true);
         let counters = browser.value("document.querySelector('#counters').innerText");
         assert!(counters.as_str().expect("a text").contains("reports lost\t"), "{counters}");
+        // Of the events of a day only the newest stay.
+        let many = "page.message({ type: 'events', events: Array.from({ length: 6000 }, (_, i) => \
+                    ({ at_ns: 0, slave: 0, kind: 'drive', text: `event ${i}` })) })";
+        browser.value(many);
+        assert_eq!(browser.value("page.events.length"), 5000);
+        assert_eq!(browser.value("page.events.at(-1).text"), "event 5999");
         web.end();
         browser.wait_for("document.querySelector('#notes').innerText.includes('not connected')");
+        board.end();
+    }
+}
+
+mod needs_axe {
+    use serde_json::json;
+
+    use crate::common::page::{Browser, Serving, insist};
+    use crate::common::run;
+    use crate::plot_html::recorded;
+
+    /// An axis on a rail with limits, two of a table, and one that turns.
+    const MACHINE: &str = r#"
+format = 1
+
+[axes]
+X = { slave = 1, unit = "mm", per = 0.001, min = 0, max = 20 }
+Y = { slave = 2, unit = "mm", per = 0.001, min = 0, max = 10 }
+Z = { slave = 3, unit = "mm", per = 0.001, min = -5, max = 20 }
+C = { slave = 4, unit = "deg", per = 0.01, min = -90, max = 90 }
+
+[picture]
+xy = [["X", "Y"]]
+"#;
+
+    /// Asserts that nothing keeps people out of the page, light and dark, and at the width of a phone.
+    #[track_caller]
+    fn assert_open_to_all(browser: &mut Browser, what: &str) {
+        for theme in ["light", "dark"] {
+            browser.value(&format!("page.setTheme('{theme}')"));
+            assert_eq!(browser.barriers(), [""; 0], "{what}, {theme}");
+        }
+        browser.call(
+            "Emulation.setDeviceMetricsOverride",
+            json!({"width": 390, "height": 800, "deviceScaleFactor": 1, "mobile": true}),
+        );
+        browser.wait_for("document.documentElement.clientWidth <= 390");
+        assert_eq!(browser.barriers(), [""; 0], "{what}, on a phone");
+        browser.call("Emulation.clearDeviceMetricsOverride", json!({}));
+    }
+
+    /// The page of a recording with all that it can show: cursors, the XY diagram, a curve that is hidden, an event that is
+    /// chosen, an axis in alarm, and the dialog with the keys.
+    #[test]
+    fn the_page_of_a_recording_is_open_to_all() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = recorded(folder.path());
+        let html = folder.path().join("run.html");
+        run(["plot", file.to_str().expect("UTF-8"), "-o", html.to_str().expect("UTF-8")]).expect_code(0);
+        let mut browser = Browser::start();
+        browser.open(&format!("file://{}", html.display()));
+        assert_open_to_all(&mut browser, "as it is opened");
+        browser.value(
+            "page.nextPlane(), document.querySelector('#events button.alarm').click(), \
+             page.scope.setCursor('a', 0.62), page.scope.setCursor('b', 0.65)",
+        );
+        browser.value("page.scope.hidden.add(page.store.find(1, 'target')), page.scope.build(), page.scope.refresh()");
+        assert_eq!(browser.value("document.querySelectorAll('.legend [aria-pressed=false]').length"), 1);
+        assert_eq!(browser.value("document.querySelector('#axes .alarm') !== null"), true);
+        assert_open_to_all(&mut browser, "with all that it can show");
+        browser.value("document.querySelector('#help').showModal()");
+        assert_open_to_all(&mut browser, "with its keys");
+    }
+
+    /// The page of a board, with its trigger, counters, limits and a dial.
+    #[test]
+    fn a_live_page_is_open_to_all() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let machine = folder.path().join("m.toml");
+        std::fs::write(&machine, MACHINE).expect("a file");
+        let machine = machine.to_str().expect("UTF-8");
+        let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*4,io", "--machine", machine]);
+        let link = board.link();
+        let web = Serving::start("web", &["--link", &link]);
+        let mut browser = Browser::start();
+        browser.open(web.address());
+        insist(&["move", "Z=1", "--up", "--link", &link]);
+        insist(&["io", "5", "--set", "0x1", "--link", &link]);
+        browser.wait_for("page.store.value(5, 'output', page.store.to) === 1");
+        browser.wait_for("document.querySelector('#counters').innerText.includes('reports lost')");
+        browser.wait_for("['linear', 'xy', 'rotary'].every((kind) => document.querySelector(`#axes .${kind}`))");
+        assert_open_to_all(&mut browser, "as it is opened");
+        browser.value("page.nextPlane(), document.querySelector('#arm').click(), document.querySelector('#events button').click()");
+        assert_eq!(browser.value("page.paused"), true);
+        assert_open_to_all(&mut browser, "with all that it can show");
+        web.end();
         board.end();
     }
 }

@@ -1,4 +1,4 @@
-// The points of all channels, of a recording whole, of a board for some minutes.
+// The points of all channels, of a recording whole, of a board for some minutes and within some memory.
 import { decodeBlock } from "./codec.js";
 
 /** @typedef {import("./types").Channel} Channel */
@@ -8,9 +8,15 @@ import { decodeBlock } from "./codec.js";
 const STEP_S = 1e-9;
 /** For this long after its last point a curve still has that value: velocities end some cycles before positions. */
 const RECENT_S = 0.02;
+/** The most points of a curve of a board, as many as a curve of a recording has. [OURS] */
+const CURVE_MAX = 200_000;
+/** The most points of all curves of a board: 128 MB. [OURS] */
+const ALL_MAX = 8_000_000;
+/** A curve with fewer points does not count for that, as one of a state or an input that seldom changes. */
+const MANY = 512;
 
 export class Store {
-  /** @param {number} [kept] how many seconds are kept; all without it */
+  /** @param {number} [kept] how many seconds are kept, with a bounded number of points; all without it */
   constructor(kept = Infinity) {
     /** @type {Curve[]} */
     this.curves = [];
@@ -30,13 +36,26 @@ export class Store {
     }
   }
 
+  /** How many points a curve may have now. */
+  get most() {
+    if (this.kept === Infinity) return Infinity;
+    const many = this.curves.filter((curve) => curve.length >= MANY).length;
+    return Math.max(MANY, Math.min(CURVE_MAX, Math.floor(ALL_MAX / many)));
+  }
+
+  /** How much memory the points of all curves take, in bytes. */
+  get size() {
+    return this.curves.reduce((sum, { times, values }) => sum + times.byteLength + values.byteLength, 0);
+  }
+
   /** @param {Uint8Array} bytes */
   addBlock(bytes) {
+    const { most } = this;
     for (const { channel, breaks, times, values } of decodeBlock(bytes)) {
       const curve = this.curves[channel];
       if (!curve) continue;
-      if (breaks && curve.length > 0) push(curve, curve.times[curve.length - 1] + STEP_S, NaN);
-      for (let i = 0; i < times.length; i++) push(curve, times[i] / 1e9, values[i] * curve.channel.factor);
+      if (breaks && curve.length > 0) push(curve, curve.times[curve.length - 1] + STEP_S, NaN, most);
+      for (let i = 0; i < times.length; i++) push(curve, times[i] / 1e9, values[i] * curve.channel.factor, most);
       if (times.length === 0) continue;
       this.from = Math.min(this.from, times[0] / 1e9);
       this.to = Math.max(this.to, times[times.length - 1] / 1e9);
@@ -60,8 +79,9 @@ export class Store {
 
   /** Interrupts all curves: what was between is not known. */
   interrupt() {
+    const { most } = this;
     for (const curve of this.curves) {
-      if (curve.length > 0) push(curve, curve.times[curve.length - 1] + STEP_S, NaN);
+      if (curve.length > 0) push(curve, curve.times[curve.length - 1] + STEP_S, NaN, most);
     }
   }
 
@@ -98,27 +118,61 @@ export class Store {
  * @param {Curve} curve
  * @param {number} time
  * @param {number} value
+ * @param {number} most how many points the curve may have
  */
-function push(curve, time, value) {
+function push(curve, time, value, most) {
   if (value < curve.least) curve.least = value;
   if (value > curve.greatest) curve.greatest = value;
-  if (curve.length > 0 && time <= curve.times[curve.length - 1]) {
+  const last = curve.length - 1;
+  if (last >= 0 && time <= curve.times[last]) {
     if (curve.channel.held) {
-      curve.values[curve.length - 1] = value;
+      curve.values[last] = value;
       return;
     }
-    time = curve.times[curve.length - 1] + STEP_S;
+    time = curve.times[last] + STEP_S;
   }
-  if (curve.length === curve.times.length) {
-    const [times, values] = [curve.times, curve.values];
-    curve.times = new Float64Array(2 * times.length);
-    curve.values = new Float64Array(2 * times.length);
-    curve.times.set(times);
-    curve.values.set(values);
+  // Of a value that holds, the first and the last time are enough, as in a recording.
+  if (curve.channel.held && last > 0 && curve.values[last] === value && curve.values[last - 1] === value) {
+    curve.times[last] = time;
+    return;
   }
+  if (curve.length >= most) thinOlder(curve, most);
+  else if (curve.length === curve.times.length) setRoom(curve, Math.min(2 * curve.length, most));
   curve.times[curve.length] = time;
   curve.values[curve.length] = value;
   curve.length += 1;
+}
+
+/**
+ * Gives a curve room for a number of points, which is not less than it has.
+ * @param {Curve} curve
+ * @param {number} room
+ */
+function setRoom(curve, room) {
+  const [times, values] = [curve.times, curve.values].map((all) => all.subarray(0, curve.length));
+  [curve.times, curve.values] = [new Float64Array(room), new Float64Array(room)];
+  curve.times.set(times);
+  curve.values.set(values);
+}
+
+/**
+ * Thins the older half of a curve until it has fewer points than `most`. What was thinned before loses little again, since
+ * it has few points in a column.
+ * @param {Curve} curve
+ * @param {number} most
+ */
+function thinOlder(curve, most) {
+  while (curve.length >= most) {
+    const half = curve.length >> 1;
+    // A column keeps at most five points, and on average has eight.
+    const [times, values] = thin(curve, { from: curve.times[0], to: curve.times[half] }, half / 8);
+    const next = indexAt(curve, times[times.length - 1]) + 1;
+    for (const all of [curve.times, curve.values]) all.copyWithin(times.length, next, curve.length);
+    curve.times.set(times);
+    curve.values.set(values.map((value) => value ?? NaN));
+    curve.length -= next - times.length;
+  }
+  if (curve.times.length > most) setRoom(curve, most);
 }
 
 /**

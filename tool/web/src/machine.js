@@ -2,7 +2,7 @@
 import { angle, both, figures, marks, place, reach, sector, table } from "./geometry.js";
 import { colourOf } from "./panels.js";
 import { axisState } from "./tables.js";
-import { number, slaveName, steps } from "./words.js";
+import { number, resolutionOf, short, slaveName, steps } from "./words.js";
 
 /**
  * An axis as it is drawn: what changes here makes its figure anew.
@@ -77,8 +77,7 @@ export class Machine {
     const { unit = "", factor = 1 } = position?.channel ?? {};
     // A dial has no scale that grows.
     const range = turn ? { from: 0, to: turn, min, max } : reach({ min, max }, least, greatest);
-    const resolution = Math.max(1e-3, Math.abs(factor));
-    return { slave, name: slaveName(this.known.slaves, slave), unit, resolution, colour: colourOf(slave, theme), turn, reach: range };
+    return { slave, name: slaveName(this.known.slaves, slave), unit, resolution: resolutionOf(factor), colour: colourOf(slave, theme), turn, reach: range };
   }
 }
 
@@ -111,7 +110,7 @@ function built(kind, axes) {
  * @param {Axis} axis
  * @param {Now} now
  */
-function inWords({ name, unit, resolution }, { position, target, alarm, look }) {
+export function inWords({ name, unit, resolution }, { position, target, alarm, look }) {
   const value = (/** @type {number} */ at) => `${number(at, resolution)} ${unit}`;
   const parts = [Number.isNaN(position) ? `${name}: no position` : `${name}: ${value(position)}`];
   if (!Number.isNaN(target)) parts.push(`target ${value(target)}`);
@@ -120,9 +119,9 @@ function inWords({ name, unit, resolution }, { position, target, alarm, look }) 
 }
 
 /** @param {Axis} axis */
-function limits({ name, unit, resolution, reach: { min, max } }) {
+export function limits({ name, unit, reach: { min, max } }) {
   const ends = [["from", min], ["to", max]].filter(([, end]) => typeof end === "number");
-  const words = ends.map(([word, end]) => `${word} ${short(Number(end), resolution)}`);
+  const words = ends.map(([word, end]) => `${word} ${short(Number(end))}`);
   return words.length > 0 ? `limits of ${name} ${words.join(" ")} ${unit}` : "";
 }
 
@@ -131,7 +130,7 @@ function limits({ name, unit, resolution, reach: { min, max } }) {
  * @param {Axis[]} axes
  * @param {Now[]} nows
  */
-function skew([one, other], [first, second]) {
+export function skew([one, other], [first, second]) {
   const apart = first.position - second.position;
   return Number.isNaN(apart) ? "" : `${one.name} - ${other.name}: ${number(apart, one.resolution)} ${one.unit}`;
 }
@@ -149,7 +148,7 @@ function rail(axis) {
   coloured(axis, target, carriage);
   const { min, max } = axis.reach;
   const named = (/** @type {number | undefined} */ end, /** @type {string} */ side) =>
-    end === undefined ? [] : [svg("text", { class: side, x: x(end), y: 10 }, short(end, axis.resolution))];
+    end === undefined ? [] : [svg("text", { class: side, x: x(end), y: 10 }, short(end))];
   const ends = [...named(min, "right"), ...named(max, "left")];
   return {
     svg: svg("svg", { viewBox: "0 0 320 54", role: "img" },
@@ -305,15 +304,6 @@ function around(radius, degrees) {
 function arc(radius, [from, to]) {
   const [begin, end] = [around(radius, from), around(radius, to)].map((point) => point.map((at) => at.toFixed(2)).join(" "));
   return `M${begin}A${radius} ${radius} 0 ${to - from > 180 ? 1 : 0} 1 ${end}`;
-}
-
-/**
- * A number without zeros at its end.
- * @param {number} value
- * @param {number} resolution
- */
-function short(value, resolution) {
-  return String(Number(number(value, resolution)));
 }
 
 /** @param {number} at */

@@ -13,6 +13,8 @@ import { channelName, hex, time } from "./words.js";
 
 /** How long points of a board stay in the page. */
 const KEPT_S = 600;
+/** How many events stay in the page, as in the server. [OURS] */
+const EVENTS_MAX = 5000;
 /** How much of it is shown. */
 const SPANS_S = [1, 2, 5, 10, 30, 60, 300];
 /** How often a live page is drawn. */
@@ -153,6 +155,7 @@ class Page {
   /** @param {import("./types").Happening[]} events */
   addEvents(events) {
     this.events.push(...events);
+    this.events.splice(0, this.events.length - EVENTS_MAX);
     for (const { slave, code, text } of events) {
       if (code !== undefined) this.alarms.set(`${slave}:${code}`, text);
     }
@@ -403,7 +406,8 @@ class Page {
   key(event) {
     const at = event.target;
     const writes = at instanceof HTMLInputElement || at instanceof HTMLSelectElement;
-    if (writes || event.ctrlKey || event.metaKey || event.altKey) return;
+    const scrolls = event.key.startsWith("Arrow") && at instanceof Element && at.closest(".wide") !== null;
+    if (writes || scrolls || event.ctrlKey || event.metaKey || event.altKey) return;
     /** @type {{[key: string]: () => void}} */
     const acts = {
       ArrowLeft: () => this.scope.pan(-0.1),

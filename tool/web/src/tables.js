@@ -1,5 +1,5 @@
 // The slaves, the events and the readings of cursors as tables.
-import { boardState, channelName, hex, number, slaveName, statuswordInWords, time } from "./words.js";
+import { boardState, channelName, hex, number, resolutionOf, slaveName, statuswordInWords, time } from "./words.js";
 
 /** The most events that are listed; the newest, as a page with more is slow. */
 const LISTED_MAX = 1000;
@@ -38,7 +38,7 @@ export function slaveRows(store, slaves, words, alarms, at) {
       const curve = store.find(slave, name);
       const value = store.value(slave, name, at);
       if (!curve || Number.isNaN(value)) return "";
-      return `${number(value, Math.max(1e-3, curve.channel.factor))} ${curve.channel.unit}`.trim();
+      return `${number(value, resolutionOf(curve.channel.factor))} ${curve.channel.unit}`.trim();
     };
     const { statusword, state, alarm, look } = axisState(store, words, alarms, slave, at);
     const known = slaves.find((one) => one.number === slave);
@@ -94,7 +94,7 @@ function storeBit(store, slave, way, bit, at) {
  * @param {{cells: string[], look: string}[]} rows
  */
 export function showSlaves(table, rows) {
-  const head = row("th", ["", "name", "state", "statusword", "position", "velocity", "torque", "alarm", "IO"]);
+  const head = row("th", ["slave", "name", "state", "statusword", "position", "velocity", "torque", "alarm", "IO"]);
   table.replaceChildren(head, ...rows.map(({ cells, look }) => row("td", cells, look)));
 }
 
@@ -150,11 +150,11 @@ export function showReadings(table, readings, { a, b }, slaves) {
   const apart = a !== undefined && b !== undefined ? b - a : NaN;
   const rate = apart !== 0 && !Number.isNaN(apart) ? ` (${number(1 / Math.abs(apart), 1e-3)} Hz)` : "";
   const rows = readings.map(({ curve, a, b, difference, least, greatest }) => {
-    const text = (/** @type {number} */ value) => number(value, Math.max(1e-6, curve.channel.factor / 10));
+    const text = (/** @type {number} */ value) => number(value, resolutionOf(curve.channel.factor / 10));
     return row("td", [channelName(curve.channel, slaves), text(a), text(b), text(difference), text(least), text(greatest)]);
   });
   table.replaceChildren(
-    row("th", ["", "A", "B", "B - A", "least", "greatest"]),
+    row("th", ["value", "A", "B", "B - A", "least", "greatest"]),
     row("td", ["time (s)", at(a), at(b), number(apart, 1e-6) + rate, "", ""]),
     ...rows,
   );

@@ -1,5 +1,5 @@
 // What stops the scope.
-import { indexAt } from "./channels.js";
+import { indexAt, valueAt } from "./channels.js";
 
 /** What a trigger waits for, in words. */
 export const TRIGGERS = new Map([
@@ -39,13 +39,15 @@ export function fires({ kind, level }, curve, events, from) {
     return found && found.at_ns / 1e9;
   }
   if (!curve) return undefined;
+  const isReached = (/** @type {number} */ now) => (kind === "above" && now > level) || (kind === "below" && now < level);
+  // The last point of a value that holds goes on with the time.
+  if (curve.channel.held && isReached(valueAt(curve, from))) return from;
   for (let i = indexAt(curve, from) + 1; i < curve.length; i++) {
     const [before, now] = [curve.values[i - 1], curve.values[i]];
     const isIt =
       (kind === "rising" && before <= level && now > level) ||
       (kind === "falling" && before >= level && now < level) ||
-      (kind === "above" && now > level) ||
-      (kind === "below" && now < level);
+      isReached(now);
     if (isIt) return curve.times[i];
   }
   return undefined;

@@ -87,6 +87,22 @@ export function number(value, resolution) {
 }
 
 /**
+ * The resolution with which values of a channel are shown: a step of its factor, but at least a millionth of the unit. [OURS]
+ * @param {number} factor negative for an axis that counts the other way
+ */
+export function resolutionOf(factor) {
+  return Math.max(1e-6, Math.abs(factor));
+}
+
+/**
+ * A number with six digits, or those before its point, without zeros at its end. [OURS]
+ * @param {number} value
+ */
+export function short(value) {
+  return String(Math.abs(value) < 1e6 ? Number(value.toPrecision(6)) : Math.round(value));
+}
+
+/**
  * Numbers at an axis, with as many digits as their distance has.
  * @param {number[]} splits
  */

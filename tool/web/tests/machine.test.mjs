@@ -2,7 +2,10 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
+import { Store } from "../src/channels.js";
 import { angle, both, figures, marks, place, reach, sector, stepOf, table } from "../src/geometry.js";
+import { inWords, limits, Machine, skew } from "../src/machine.js";
+import { slaveRows } from "../src/tables.js";
 
 const slave = (number, more = {}) => ({ number, kind: "drive", ...more });
 
@@ -70,4 +73,30 @@ test("a table has one scale for both directions", () => {
   assert.deepEqual(table({ from: 0, to: 50 }, { from: 0, to: 100 }, room), { width: 75, height: 150 });
   assert.deepEqual(table({ from: 0, to: 1000 }, { from: 0, to: 1 }, room), { width: 240, height: 24 }, "a thin one");
   assert.deepEqual(table({ from: 0, to: 100 }, undefined, room), { width: 240, height: 48 });
+});
+
+test("values, limits and a skew have the digits that a count has in its unit", () => {
+  const shown = (unit, factor, counts, ends) => {
+    const store = new Store();
+    const channel = { quantity: "position", bit: 0, factor, unit, held: false };
+    store.setChannels([1, 2].map((slave) => ({ ...channel, slave })));
+    const known = { slaves: [slave(1, { name: "X", ...ends }), slave(2, { name: "Y" })] };
+    const axes = [1, 2].map((one) => new Machine(null, store, known).axis(one, "light"));
+    const nows = counts.map((count) => ({ position: count * factor, target: NaN, look: "", alarm: "" }));
+    // A record of a block: the channel, no break, one point at 0 ns, and its value by zigzag.
+    store.addBlock(Uint8Array.from([0, 0, 1, 0, ...leb(counts[0])]));
+    const { cells } = slaveRows(store, known.slaves, { drive_states: [], al_states: {} }, new Map(), 0)[0];
+    return [inWords(axes[0], nows[0]), limits(axes[0]), skew(axes, nows), cells[4]];
+  };
+  const leb = (value) => {
+    const zigzag = value < 0 ? -2 * value - 1 : 2 * value;
+    return [(zigzag & 0x7f) | 0x80, ((zigzag >> 7) & 0x7f) | 0x80, zigzag >> 14];
+  };
+  assert.deepEqual(shown("m", 1e-6, [12_345, 11_945], { min: 0, max: 0.0125 }),
+    ["X: 0.012345 m", "limits of X from 0 to 0.0125 m", "X - Y: 0.000400 m", "0.012345 m"]);
+  assert.deepEqual(shown("turn", 1 / 4096, [1026, 0], { max: 0.2505 }).slice(0, 2),
+    ["X: 0.2505 turn", "limits of X to 0.2505 turn"]);
+  assert.deepEqual(shown("mm", -0.01, [-250, -249], {}), ["X: 2.50 mm", "", "X - Y: 0.01 mm", "2.50 mm"], "reversed");
+  assert.deepEqual(shown("", 1, [20_000, 0], { min: -123_456_789 }),
+    ["X: 20000 ", "limits of X from -123456789 ", "X - Y: 20000 ", "20000"], "in counts");
 });

@@ -225,6 +225,24 @@ impl Browser {
         panic!("never true: {expression}; the page shows: {shown}");
     }
 
+    /// What keeps people out of the page as it is now, by all rules of axe-core: each rule that it breaks, with the elements.
+    #[track_caller]
+    pub fn barriers(&mut self) -> Vec<String> {
+        let file = support::target_dir().join("xtask/axe-core-4.14.1.d/axe.min.js");
+        let axe = std::fs::read_to_string(&file).unwrap_or_else(|error| {
+            panic!(
+                "{}: {error}; `cargo xtask test --all` fetches it, or skip the tests in modules needs_axe",
+                file.display()
+            )
+        });
+        self.value(&format!("{axe}; 1"));
+        let found = self.value(
+            "axe.run().then(({ violations }) => violations.map(({ impact, help, nodes }) => \
+             `${impact}: ${help}: ${nodes.map(({ html, failureSummary }) => html + failureSummary).join()}`))",
+        );
+        serde_json::from_value(found).expect("a list of texts")
+    }
+
     /// Presses a key.
     pub fn press(&mut self, key: &str) {
         for kind in ["keyDown", "keyUp"] {

@@ -97,6 +97,7 @@ mod system {
         /// For a board that was just opened; `None` if the program has no such clock, or the board's time is real.
         pub fn begin(link: &dyn Link) -> Option<Self> {
             let (table, info) = (preloaded()?, link.info());
+            (table.opened)(info.virtual_time);
             info.virtual_time.then(|| Self { table, program: (table.now)(), board: info.opened_at.0 })
         }
 

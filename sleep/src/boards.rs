@@ -4,9 +4,9 @@ use std::sync::atomic::{AtomicPtr, Ordering};
 
 use crate::mode::Own;
 use crate::table::{GetTable, NAME, Table, VERSION};
-use crate::{clock, mode, threads};
+use crate::{clock, counts, mode, threads};
 
-static TABLE: Table = Table { version: VERSION, enter, leave, turn, now, reached, use_boards };
+static TABLE: Table = Table { version: VERSION, enter, leave, turn, now, reached, use_boards, opened };
 
 /// The function of [`Table::use_boards`]; null: no board was opened yet.
 static PASS: AtomicPtr<()> = AtomicPtr::new(std::ptr::null_mut());
@@ -44,6 +44,10 @@ extern "C" fn reached(time: u64) {
 
 extern "C" fn use_boards(pass: extern "C" fn(u64)) {
     PASS.store(pass as *mut (), Ordering::Release);
+}
+
+extern "C" fn opened(is_virtual: bool) {
+    counts::board(is_virtual);
 }
 
 /// Lets the time of all boards pass up to this time.

@@ -1,4 +1,4 @@
-//! What `ecmsk exec` reports at the end: three numbers of 8 bytes in a file that it has made, in the machine's byte order.
+//! What `ecmsk exec` reports at the end: five numbers of 8 bytes in a file that it has made, in the machine's byte order.
 //! Processes of the program share them.
 
 use std::ffi::CString;
@@ -17,6 +17,10 @@ struct Counts {
     waits: AtomicU64,
     /// The furthest that the virtual clock of a process has come, in nanoseconds.
     time: AtomicU64,
+    /// How many boards were opened whose time passes with the clock.
+    boards: AtomicU64,
+    /// How many were opened that are not on virtual time.
+    others: AtomicU64,
 }
 
 static COUNTS: AtomicPtr<Counts> = AtomicPtr::new(std::ptr::null_mut());
@@ -66,5 +70,13 @@ pub fn wait() {
 pub fn time(now: u64) {
     if let Some(counts) = counts() {
         counts.time.fetch_max(now, Ordering::Relaxed);
+    }
+}
+
+/// Counts a board that was opened.
+pub fn board(is_virtual: bool) {
+    if let Some(counts) = counts() {
+        let count = if is_virtual { &counts.boards } else { &counts.others };
+        count.fetch_add(1, Ordering::Relaxed);
     }
 }

@@ -7,7 +7,7 @@ pub const NAME: &CStr = c"ecmsk_sleep_table";
 
 /// Changes with every change of [`Table`]. A NEXTWUSBLib of another version does not use the table: its boards then keep
 /// their own time, as without this library.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// Returns the table, which is never freed.
 pub type GetTable = extern "C" fn() -> *const Table;
@@ -30,4 +30,6 @@ pub struct Table {
     pub reached: extern "C" fn(u64),
     /// Registers the function that lets the time of all boards pass up to a time. It must call none of this table.
     pub use_boards: extern "C" fn(extern "C" fn(u64)),
+    /// A board was opened. True: its time passes with the virtual clock; false: it is not on virtual time.
+    pub opened: extern "C" fn(bool),
 }

@@ -288,7 +288,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     let ended = child::run(&mut command, Path::new(program))?;
     let summary = reasons.end();
     if let Some(sleeps) = sleeps {
-        sleeps.say(Path::new(program), args.verbose);
+        sleeps.say(Path::new(program), args.verbose, library.opened_file().exists());
     }
     if args.verbose {
         say("program", &ended);

@@ -32,6 +32,6 @@ mod other {
             Err(ExecError::NoSuchClock)
         }
 
-        pub fn say(self, _program: &Path, _is_verbose: bool) {}
+        pub fn say(self, _program: &Path, _is_verbose: bool, _is_opened: bool) {}
     }
 }

@@ -203,6 +203,30 @@ mod needs_cxx {
         assert!(passed_us >= 3_600_000_000, "{}", ran.err);
     }
 
+    /// The tool says if a board does not pass time with the program's waits: one that another link names, which is on the real
+    /// clock, and one of the native API, such as the tool's own.
+    #[test]
+    fn boards_that_do_not_follow_are_named() {
+        let source = support::out_dir().join("own_link.c");
+        let text = "#include \"ecmsk.h\"\n#include <unistd.h>\nint main(void) { ecmsk_board *board; sleep(1);\n\
+            return ecmsk_open(\"sim:?slaves=io\", &board) != ECMSK_OK || ecmsk_close(board) != ECMSK_OK; }\n";
+        fs::write(&source, text).expect("a source");
+        let program = support::compile(&source, Language::C("c11")).exe;
+        let ran = exec(&["--clock", "virtual", "--link", LINK], &program, &[]);
+        let expected = format!("warning: {} has opened boards (1) that are not on virtual time", program.display());
+        assert!(ran.err.lines().any(|line| line.starts_with(&expected)), "{}", ran.err);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+
+        let script = ["-c", "sleep 1; \"$0\" move 1=100 --up --machine none", env!("CARGO_BIN_EXE_ecmsk")];
+        let ran = exec(&["--clock", "virtual", "--link", LINK], Path::new("/bin/sh"), &script);
+        let expected =
+            "warning: /bin/sh: a board that the Rust crate or the Python package opens does not follow its waits";
+        assert!(ran.err.lines().any(|line| line == expected), "{}", ran.err);
+
+        let followed = exec(&["--clock", "virtual", "--link", LINK], &self::program("sleeping_reset.c"), &[]);
+        assert!(!followed.err.contains("follow"), "{}", followed.err);
+    }
+
     /// A static program, into which nothing can be preloaded, is named. Below a shell, the tool says that no wait was passed on.
     #[test]
     fn a_static_program_is_named() {

@@ -18,9 +18,10 @@ pub const FILE_NAME: &str = "libecmsk_sleep.so";
 const PRELOAD: &str = "LD_PRELOAD";
 /// The variable with the path of the file for the counts. The library reads it.
 const COUNTS_VARIABLE: &str = "ECMSK_SLEEP_COUNTS";
-/// The numbers in that file: how often the library was loaded, the waits that it has passed on, and how far the virtual
-/// clock has come, in nanoseconds. The library's `counts.rs` has the same.
-const COUNTS: usize = 3;
+/// The numbers in that file: how often the library was loaded, the waits that it has passed on, how far the virtual
+/// clock has come, in nanoseconds, and how many boards were opened that pass time with it, and that do not. The library's
+/// `counts.rs` has the same.
+const COUNTS: usize = 5;
 
 /// The preloaded library and the file with its counts.
 pub struct Preloaded {
@@ -48,18 +49,29 @@ impl Preloaded {
         Ok(Self { counts })
     }
 
-    /// Says after the program's end what the library has passed on, if the user wants details, and why it did nothing.
-    pub fn say(self, program: &Path, is_verbose: bool) {
+    /// Says after the program's end what the library has passed on, if the user wants details, why it did nothing, and which
+    /// boards did not follow. `is_opened`: NEXTWUSBLib was to open a board.
+    pub fn say(self, program: &Path, is_verbose: bool, is_opened: bool) {
         let bytes = fs::read(&self.counts).unwrap_or_default();
         let mut numbers = bytes.as_chunks().0.iter().map(|bytes| u64::from_ne_bytes(*bytes));
-        let [loads, waits, time_ns] = [(); COUNTS].map(|()| numbers.next().unwrap_or(0));
+        let [loads, waits, time_ns, boards, others] = [(); COUNTS].map(|()| numbers.next().unwrap_or(0));
         if loads == 0 {
             say("warning", &format_args!("{} {}: its waits take real time", program.display(), not_loaded(program)));
             return;
         }
+        let shown = program.display();
+        if others > 0 {
+            let what = "that are not on virtual time, and do not follow its waits; give their links clock=virtual";
+            say("warning", &format_args!("{shown} has opened boards ({others}) {what}"));
+        }
         if waits == 0 {
-            let program = program.display();
-            say("note", &format_args!("{program}: no wait was put on the virtual clock; if it has waited, that took real time"));
+            say(
+                "note",
+                &format_args!("{shown}: no wait was put on the virtual clock; if it has waited, that took real time"),
+            );
+        } else if boards + others == 0 && !is_opened {
+            let what = "a board that the Rust crate or the Python package opens does not follow its waits";
+            say("warning", &format_args!("{shown}: {what}"));
         }
         if is_verbose {
             let (seconds, micros) = (time_ns / 1_000_000_000, time_ns / 1_000 % 1_000_000);

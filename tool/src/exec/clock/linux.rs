@@ -71,11 +71,7 @@ impl Preloaded {
             );
         } else if boards + others == 0 && !is_opened {
             let what = "a board that the Rust crate or the Python package opens does not follow its waits";
-<<<<<<< HEAD
-            say("warning", &format_args!("{shown}: NEXTWUSBLib has opened no board; {what}"));
-=======
             say("warning", &format_args!("{shown}: {what}"));
->>>>>>> slp
         }
         if is_verbose {
             let (seconds, micros) = (time_ns / 1_000_000_000, time_ns / 1_000 % 1_000_000);

@@ -168,9 +168,10 @@ impl Freed {
         let end = self.trail.iter().position(|(_, word)| !word.is_enabled()).unwrap_or(self.stopped);
         let (from, to) = (self.trail[end - 2].0, self.trail[end - 1].0);
         let last = self.trail.last().unwrap().0;
-        from.abs_diff(to) <= 2
-            && to.abs_diff(last) <= 20
-            && self.trail.iter().all(|(at, _)| (-64..=FAR + 64).contains(at))
+        // The end of its way is slow, and it may pass its target by a little; held back it was within two cycles.
+        from.abs_diff(to) <= 4
+            && to.abs_diff(last) <= 100
+            && self.trail.iter().all(|(at, _)| (-300..=FAR + 1000).contains(at))
     }
 }
 

@@ -205,7 +205,10 @@ xy = [["X", "Y"]]
         browser.wait_for("document.querySelector('#counters').innerText.includes('reports lost')");
         browser.wait_for("['linear', 'xy', 'rotary'].every((kind) => document.querySelector(`#axes .${kind}`))");
         assert_open_to_all(&mut browser, "as it is opened");
-        browser.value("page.nextPlane(), document.querySelector('#arm').click(), document.querySelector('#events button').click()");
+        browser.value(
+            "page.nextPlane(), document.querySelector('#arm').click(), \
+             document.querySelector('#events button').click()",
+        );
         assert_eq!(browser.value("page.paused"), true);
         assert_open_to_all(&mut browser, "with all that it can show");
         web.end();

@@ -53,13 +53,14 @@ pub fn check<'a>(
     recordings: &[&Path],
     replace: Replace,
 ) -> Result<Picture<'a>, PlotError> {
+    check_same(file, option, recordings)?;
     let format = Format::of(file, option)?;
     let kind = match format {
         Format::Svg => Kind::Svg,
         Format::Png => Kind::Png,
     };
     let output = OutputFile { file, option, kind, replace };
-    check_other(&output, recordings)?;
+    output.check()?;
     Ok(Picture { output, format })
 }
 
@@ -68,11 +69,15 @@ pub fn check<'a>(
 /// # Errors
 /// [`PlotError::SameFile`] if the file is one of the recordings; [`PlotError::File`] if it is there and stays.
 pub fn check_other(output: &OutputFile, recordings: &[&Path]) -> Result<(), PlotError> {
-    let file = output.file;
-    if recordings.iter().any(|recording| is_same_file(file, recording)) {
-        return Err(PlotError::SameFile { file: file.to_owned(), option: output.option });
-    }
+    check_same(output.file, output.option, recordings)?;
     Ok(output.check()?)
+}
+
+fn check_same(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<(), PlotError> {
+    if recordings.iter().any(|recording| is_same_file(file, recording)) {
+        return Err(PlotError::SameFile { file: file.to_owned(), option });
+    }
+    Ok(())
 }
 
 /// The file of a picture, which was [checked](check).

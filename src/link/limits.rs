@@ -253,7 +253,8 @@ impl Layer for LimitLink {
         state.now = meta.at;
         let size = state.sizes.size_of(out, FRAME_LEN).0;
         for (place, axis) in self.slots(size) {
-            let DriveResponse { position, statusword, .. } = DriveResponse::decode(&out.slot(size, usize::from(axis.slave)));
+            let DriveResponse { position, statusword, .. } =
+                DriveResponse::decode(&out.slot(size, usize::from(axis.slave)));
             let known = &mut state.axes[place];
             known.position = axis.limits.excess(position);
             if !statusword.is_enabled() {

@@ -300,7 +300,10 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     // Removes the private folder now: on Windows `child::end_as` may end the process without dropping values.
     drop(library);
     let not_made = args.record.as_ref().filter(|file| has_opened && !file.exists()).map(|file| {
-        format!("{} was not made: the program has opened no board, or another one than that of ECMSK_LINK", file.display())
+        format!(
+            "{} was not made: the program has opened no board, or another one than that of ECMSK_LINK",
+            file.display()
+        )
     });
     let not_whole = not_made.or_else(|| recording_end::not_whole(link.as_ref()));
     if let Some(what) = &not_whole {

@@ -231,7 +231,11 @@ fn a_recording_is_read_from_standard_input() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, None);
     let bytes = fs::read(&recorded.file).expect("a recording");
     assert_eq!(run_with_input(&["dump", "-"], bytes).expect_quiet(), recorded.dump(&[]).expect_quiet());
-    run_with_input(&["dump", "-"], "text").expect_failure(1, &["standard input is no recording (.ecmrec, .pcapng) and no capture"], "record=");
+    run_with_input(&["dump", "-"], "text").expect_failure(
+        1,
+        &["standard input is no recording (.ecmrec, .pcapng) and no capture"],
+        "record=",
+    );
 }
 
 /// A recording without frames has nothing to show.

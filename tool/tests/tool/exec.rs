@@ -53,7 +53,8 @@ fn a_program_that_opens_no_board_is_named() {
 fn record_is_part_of_the_link() {
     let place = ExecFolder::new();
     let name = "a run & 100 %?#=.pcapng";
-    let out = place.run(&["--link", "sim:?clock=virtual", "--record", name], &format!("mkfifo '{name}'; echo \"$ECMSK_LINK\""));
+    let out = place
+        .run(&["--link", "sim:?clock=virtual", "--record", name], &format!("mkfifo '{name}'; echo \"$ECMSK_LINK\""));
     let out = out.expect_quiet();
     let link = LinkUri::parse(out.trim_end()).expect("a link");
     let expected = fs::canonicalize(place.path()).expect("a folder").join(name);
@@ -102,7 +103,11 @@ fn without_a_link_the_recording_is_of_the_link_that_the_library_chooses() {
         }
         Ran::from(command.output().expect("the tool starts"))
     };
-    place.program("program", "#!/bin/sh\n: > \"$ECMSK_OPENED\"; [ -e run.pcapng ] || mkfifo run.pcapng; echo \"$ECMSK_LINK\"\n", "755");
+    place.program(
+        "program",
+        "#!/bin/sh\n: > \"$ECMSK_OPENED\"; [ -e run.pcapng ] || mkfifo run.pcapng; echo \"$ECMSK_LINK\"\n",
+        "755",
+    );
     let record = LinkUri::parse(run(None).expect_quiet().trim_end()).expect("a link");
     assert!(record.scheme() == Scheme::Usb && record.value("record").is_some(), "{record}");
     let record = LinkUri::parse(run(Some("sim:?slot=16")).expect_quiet().trim_end()).expect("a link");

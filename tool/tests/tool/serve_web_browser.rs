@@ -138,6 +138,9 @@ mod needs_axe {
     const MACHINE: &str = r#"
 format = 1
 
+[slaves.5]
+kind = "io"
+
 [axes]
 X = { slave = 1, unit = "mm", per = 0.001, min = 0, max = 20 }
 Y = { slave = 2, unit = "mm", per = 0.001, min = 0, max = 10 }

@@ -29,7 +29,7 @@ fn a_drive_behind_a_served_board_is_put_back() {
     let ran = run(["sdo", "write", "1", "0x6099:1", "4321", "--link", &link]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     let ran = diff();
-    assert!(ran.code == Some(1) && ran.out.lines().count() == 1 && ran.out.contains("| 4321"), "{ran:?}");
+    assert!(ran.code == Some(1) && ran.out.lines().count() == 1 && ran.out.contains("| drive 4321"), "{ran:?}");
     let ran = run(["params", "restore", &kept, "1", "--link", &link, "--yes"]);
     assert!(ran.code == Some(0) && ran.out.contains("4321 -> "), "{ran:?}");
     assert_eq!(diff().code, Some(0));

@@ -367,7 +367,7 @@ def open_machine(
     close: Close = ...,
     ramp: float = 0.25,
 ) -> Ecm:
-    """Opens the board of a machine file, or the one at ``link``. Its axes then have names and units."""
+    """Opens the board of a machine file, or the one at ``link`` or ``ECMSK_LINK``. Its axes then have names and units."""
 
 def open_when_there(
     uri: str,

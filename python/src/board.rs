@@ -284,7 +284,7 @@ pub fn open(py: Python<'_>, uri: &str, given: Option<&Bound<'_, PyDict>>) -> PyR
     Ok(Board::new(ecm, Names::default(), &options))
 }
 
-/// Opens the board of a machine file, or the one at ``link``, or else at ``ECMSK_LINK``. Its axes then have names and units.
+/// Opens the board of a machine file, or the one at ``link`` or ``ECMSK_LINK``. Its axes then have names and units.
 #[pyfunction(signature = (file, link = None, **given))]
 pub fn open_machine(
     py: Python<'_>,

@@ -78,6 +78,9 @@ pub fn of_recording(
     load(given)
 }
 
+/// Standard input, if it was opened, and the machine file that the recording carries.
+pub type Carrying = (Option<Frames<Box<dyn Read>>>, Option<Arc<CarriedFile>>);
+
 /// The machine file that a recording carries, for a verb that reports what is wrong in its own arguments before it opens the
 /// recording. Standard input can be read only once, so it is opened, and returned, too.
 ///
@@ -87,7 +90,7 @@ pub fn carried_by(
     file: &Path,
     size: Option<SlotSize>,
     device: Option<Address>,
-) -> Result<(Option<Frames<Box<dyn Read>>>, Option<Arc<CarriedFile>>), RecordError> {
+) -> Result<Carrying, RecordError> {
     if file != Path::new(recording::STDIN) {
         return Ok((None, recording::carried(file)));
     }

@@ -86,11 +86,7 @@ pub type Carrying = (Option<Frames<Box<dyn Read>>>, Option<Arc<CarriedFile>>);
 ///
 /// # Errors
 /// [`RecordError`] if standard input cannot be read or is not a recording.
-pub fn carried_by(
-    file: &Path,
-    size: Option<SlotSize>,
-    device: Option<Address>,
-) -> Result<Carrying, RecordError> {
+pub fn carried_by(file: &Path, size: Option<SlotSize>, device: Option<Address>) -> Result<Carrying, RecordError> {
     if file != Path::new(recording::STDIN) {
         return Ok((None, recording::carried(file)));
     }

@@ -236,11 +236,10 @@ pub fn close_all(py: Python<'_>) {
     });
 }
 
-/// To be called in a child that was just forked: it closes its copies of the connections and USB devices of its parent's
-/// boards, so that a server notices the end of the parent.
+/// In a child of fork: closes its copies of the connections and USB devices of its parent's boards.
 #[pyfunction]
 pub fn forked() {
-    // In a child that was forked inside of a call, by a function of the program that the call runs, the call goes on.
+    // So a server notices the end of the parent. In a child that was forked inside of a call, by a function of the program that the call runs, the call goes on.
     #[cfg(unix)]
     if !wait::is_in_a_call() {
         // SAFETY: this child was just forked, and no call of it reaches a board of its parent from here on.

@@ -46,7 +46,7 @@ mod needs_network_namespace {
         let table = table.display().to_string();
         let said = look(&["foe", "write", "2", &table, "--json"]).lines();
         assert_eq!((&said[0]["name"], &said[0]["bytes"]), (&json!("table.bin"), &json!(1000)));
-        look(&["foe", "read", "2", "table.bin", "--output", &back.display().to_string()]).good();
+        look(&["foe", "read", "2", "table.bin", "--output", &back.display().to_string(), "--overwrite"]).good();
         assert_eq!(fs::read(&back).expect("it is written"), content);
         assert_eq!(by_library(|network| network.read_file(2, "table.bin", 0)), content);
         let said = look(&["foe", "write", "1", &table, "--name", "other"]).good();

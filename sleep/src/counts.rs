@@ -19,7 +19,7 @@ struct Counts {
     time: AtomicU64,
     /// How many boards were opened whose time passes with the clock.
     boards: AtomicU64,
-    /// How many were opened that are not on virtual time.
+    /// The number of boards that were opened and are not on virtual time.
     others: AtomicU64,
 }
 

@@ -57,8 +57,8 @@ impl Ecm {
 
     /// The link of a program that has a machine file: `link` if the program names one itself; then that of the environment
     /// variable `ECMSK_LINK`, so that `ecmsk exec --link sim:` runs the program on a simulated board; then the one of the file.
-    /// `None` if there is none. It has the key
-    /// `axes=` with the absolute path of the file, for its soft limits; a simulated board has the slaves of the file.
+    /// `None` if there is none. It has the key `axes=` with the absolute path of the file, for its soft limits; a simulated
+    /// board has the slaves of the file.
     ///
     /// # Errors
     /// [`LinkError`] if `ECMSK_LINK` is not the URI of a link.

@@ -108,7 +108,7 @@ struct Freed {
     held: u64,
     /// The position and the statusword in each report of the stop, and of half a second after it if the axis stays on.
     trail: Vec<(i32, Statusword)>,
-    /// How many of these were read when the stop ended.
+    /// The length of `trail` when the stop ended.
     stopped: usize,
 }
 
@@ -190,7 +190,7 @@ fn until_it_is_jammed(tap: &Tap, ecm: &Ecm) {
 }
 
 /// docs/SAFETY.md: a jammed axis that comes free while a stop decides whether it is jammed goes to its last target. The
-/// stop has not ended before it is there, and does not switch it off before.
+/// stop waits until it is there, and only then ends, or switches it off.
 #[test]
 fn an_axis_that_comes_free_during_a_stop_is_at_rest_at_its_end() {
     let never = Freed::at(60_000, Close::Hold);

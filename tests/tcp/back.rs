@@ -140,7 +140,7 @@ fn stopped(server: &Server) -> Stopped {
 }
 
 /// TCP-26 docs/SAFETY.md: the writer's axes go on while the board is away, and are stopped when it is back, before another
-/// client becomes the writer. So it is if the writer has sent a SW_RESET that the board has not got.
+/// client becomes the writer. They are stopped, too, if the writer has sent SW_RESET and that frame was lost on its way.
 #[test]
 fn axes_that_go_on_are_stopped_when_the_board_is_back() {
     for resets in [false, true] {

@@ -130,7 +130,7 @@ pub fn make_room(path: &Path, overwrite: bool) -> io::Result<()> {
 /// Whether a recording is at `path`, which [`make_room`] would remove. Nothing is removed.
 ///
 /// # Errors
-/// Those of [`make_room`].
+/// [`io::ErrorKind::AlreadyExists`] if there is a file that [`make_room`] must not remove; errors of the operating system.
 pub fn check_room(path: &Path, overwrite: bool) -> io::Result<bool> {
     match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),

@@ -21,7 +21,7 @@ struct Verb {
     read: fn(&mut Reader) -> Result<ScriptAction, LineError>,
 }
 
-/// How long the effect of a verb lasts.
+/// How long what a line of a script causes lasts, such as a jam or an alarm.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Lasts {
     /// The effect does not last, or another verb ends it.

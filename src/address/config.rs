@@ -182,6 +182,16 @@ impl Environment {
         }
     }
 
+    /// The link of `ECMSK_LINK`; `None` if the variable is not set, or empty.
+    ///
+    /// # Errors
+    /// [`ConfigError::NotUtf8`].
+    pub fn link_of_variable(&self) -> Result<Option<&str>, ConfigError> {
+        let not_utf8 = |value: &OsString| ConfigError::NotUtf8 { found: value.to_string_lossy().into_owned() };
+        let value = self.link.as_ref().filter(|value| !value.is_empty());
+        value.map(|value| value.to_str().ok_or_else(|| not_utf8(value))).transpose()
+    }
+
     /// The files that may name a link, in the order of the search.
     pub fn files(&self) -> Vec<PathBuf> {
         let beside = [&self.working_dir, &self.program_dir, &self.library_dir]
@@ -211,9 +221,7 @@ impl Environment {
 /// # Errors
 /// [`ConfigError`], which names the file and the line.
 pub fn find(environment: &Environment) -> Result<Configured, ConfigError> {
-    if let Some(value) = environment.link.as_ref().filter(|value| !value.is_empty()) {
-        let link =
-            value.to_str().ok_or_else(|| ConfigError::NotUtf8 { found: value.to_string_lossy().into_owned() })?;
+    if let Some(link) = environment.link_of_variable()? {
         return Ok(Configured { link: link.to_owned(), source: Source::Variable });
     }
     for path in environment.files() {

@@ -4,7 +4,7 @@ use std::path::{self, Path};
 
 use super::config::{Axis, Config, Slave};
 use super::{Ecm, EcmError};
-use crate::address::config::{Environment, Source, find};
+use crate::address::config::Environment;
 use crate::address::uri::LinkUri;
 use crate::link::LinkError;
 use crate::machine_file::{MachineFile, MachineSlave};
@@ -64,13 +64,9 @@ impl Ecm {
     /// [`LinkError`] if `ECMSK_LINK` is not the URI of a link.
     pub fn machine_link(machine: &MachineFile, link: Option<&LinkUri>) -> Result<Option<LinkUri>, LinkError> {
         let environment = Environment::from_process(None);
-        let is_variable_set = environment.link.as_ref().is_some_and(|link| !link.is_empty());
-        let of_variable = if link.is_none() && is_variable_set {
-            let configured = find(&environment).map_err(LinkError::from)?;
-            debug_assert_eq!(configured.source, Source::Variable);
-            Some(LinkUri::parse(&configured.link).map_err(LinkError::from)?)
-        } else {
-            None
+        let of_variable = match link {
+            Some(_) => None,
+            None => environment.link_of_variable()?.map(LinkUri::parse).transpose()?,
         };
         let mut machine = machine.clone();
         machine.path = path::absolute(&machine.path).unwrap_or(machine.path);

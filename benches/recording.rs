@@ -15,9 +15,9 @@ use std::path::Path;
 
 use ecmsk::ecm::{Config, Ecm, Stream};
 use ecmsk::link::record::RecordingCopy;
-use ecmsk::link::{self, Share};
+use ecmsk::link::{self, Dir, Share};
 use ecmsk::recording::{Lacks, RecordMeta, Recorded, Recording, WindowOf};
-use ecmsk::sk::MasterState;
+use ecmsk::sk::{CommandId, MasterState, SlotSize};
 
 const CYCLES: u32 = 10_000;
 /// Frames that the program is ahead of the board.
@@ -97,12 +97,16 @@ fn window_of_a_day(folder: &Path) {
     });
 }
 
-/// Writes the frames so often, one time behind the other.
+/// Writes the frames `times` times, one time after the other: the configuration of the board once, and then its cycles.
 fn repeat(frames: &[Recorded], meta: &RecordMeta, times: u64, file: &Path) {
     let mut copy = RecordingCopy::new(file, meta);
-    let length = frames.last().map_or(0, |last| last.at_ns) - frames[0].at_ns + S as u64 / 1000;
+    let is_configuration = |frame: &Recorded| {
+        frame.dir == Dir::Write && frame.frame.slot(SlotSize::Bytes12, 0).id != CommandId::GetStatus.code()
+    };
+    let cycles = frames.iter().rposition(is_configuration).map_or(0, |last| last + 1);
+    let length = frames.last().map_or(0, |last| last.at_ns) - frames[cycles].at_ns + S as u64 / 1000;
     for time in 0..times {
-        for frame in frames {
+        for frame in &frames[if time == 0 { 0 } else { cycles }..] {
             let at_ns = frame.at_ns + time * length;
             copy.add(&Recorded { at_ns, ..frame.clone() }).expect("room on the disk");
         }

@@ -19,8 +19,8 @@ const KEPT_MAX: usize = 1024;
 /// How long a server waits at its end for the remaining notes to be passed on. A reader that works takes them at once,
 /// and a reader that has stalled never does. \[OURS]
 pub const FLUSH_LIMIT: Duration = Duration::from_secs(1);
-/// How much of a time limit one wait uses up at most. If the machine is suspended during a wait, no reader can take
-/// notes, and that time must not count. \[OURS]
+/// The longest part of a time limit that one wait uses up. If the machine is suspended during a wait, no reader can
+/// take notes, and the time of the suspension must not count. \[OURS]
 pub const WAIT_SLICE: Duration = Duration::from_millis(100);
 
 /// What a reader takes from the queue.
@@ -117,10 +117,11 @@ impl<T: Send + 'static> NoteThread<T> {
 }
 
 impl NoteThread<String> {
-    /// Starts the thread for a log of lines. `pass_on` also gets a line with the number of dropped notes.
+    /// Starts the thread for a log of text lines, which calls `pass_on` with each line. If lines were dropped, it also calls
+    /// `pass_on` with a line that gives their number.
     ///
     /// # Errors
-    /// The system provides no thread.
+    /// The operating system cannot start a thread.
     pub fn of_lines(notes: &Notes<String>, pass_on: Arc<dyn Fn(&str) + Send + Sync>) -> io::Result<Self> {
         Self::start(notes, move |note| match note {
             Note::Item(line) => pass_on(&line),

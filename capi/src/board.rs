@@ -26,7 +26,8 @@ pub struct OpenBoard {
     /// The length of this board's frames in bytes. 0 means that the length of written frames is not checked: the link
     /// does not know the board's slot size, or the warning about a wrong length was logged already.
     frame_len: AtomicUsize,
-    /// The clock of a program whose waits take virtual time; `None`: they take real time, or the board's does.
+    /// The clock of a program whose waits take virtual time. `None` if its waits take real time, or if the board's time
+    /// is real.
     clock: Option<BoardClock>,
     /// A reference to this library's module, which keeps it in memory while the board is open: the link's threads execute code
     /// of it.
@@ -53,7 +54,7 @@ impl OpenBoard {
     /// Writes a command frame.
     ///
     /// # Errors
-    /// Those of [`Link::write`].
+    /// The errors of [`Link::write`].
     pub fn write(&self, frame: &Frame, wait: Wait) -> Result<(), LinkError> {
         self.in_time(|link| link.write(frame, wait)).map(drop)
     }
@@ -61,12 +62,13 @@ impl OpenBoard {
     /// Waits for a report.
     ///
     /// # Errors
-    /// Those of [`Link::read`].
+    /// The errors of [`Link::read`].
     pub fn read(&self, report: &mut Frame, wait: Wait) -> Result<(), LinkError> {
         self.in_time(|link| link.read(report, wait)).map(drop)
     }
 
-    /// Runs a call that lets the board's time pass.
+    /// Runs a call that lets the board's time pass. If the program has a virtual clock, the board is advanced to it
+    /// before the call, and the clock to the board's time after the call.
     fn in_time<T>(&self, call: impl FnOnce(&dyn Link) -> T) -> T {
         let link = self.link.as_ref();
         let Some(clock) = &self.clock else { return call(link) };
@@ -132,8 +134,8 @@ impl OpenBoard {
 /// The board that OpenECMUSB opens, one per process.
 ///
 /// A call uses its own reference to the board and holds no lock while it waits, so that any number of threads may read,
-/// write and close. Closing ends their waits. A thread remembers the board from call to call, which makes calls cheap, but
-/// keeps nothing of a board that was closed: a link may hold its device as long as it exists.
+/// write and close. Closing ends their waits. To make calls cheap, a thread remembers the board between calls, but only
+/// by a weak reference: a link may hold its device as long as the link exists.
 ///
 /// Programs end threads by force in the middle of a call. So a lock is held only to read or write the fields below, and
 /// an Open does not wait for a thread that ended while it was opening or closing the board.
@@ -254,8 +256,8 @@ impl VendorBoard {
         lock(&self.state).current.clone().ok_or_else(|| CallError::NotOpen.into())
     }
 
-    /// Runs `work` on the open board. The thread remembers the board from call to call. If the board was closed or replaced
-    /// since, the present one takes its place first.
+    /// Runs `work` on the open board. The thread remembers the board from call to call. If that board was closed or
+    /// replaced since, the thread first looks up the board that is open now.
     fn with_board<T>(
         &self,
         mut work: impl FnMut(&OpenBoard) -> Result<T, Box<CallError>>,

@@ -15,11 +15,11 @@ use crate::error::CallError;
 /// [`CallError::Null`]: `data` is NULL. [`CallError::NoBytes`]: `length` is 0.
 ///
 /// # Safety
-/// `data` is NULL or points to `length` readable bytes (512 of them if it is more).
+/// `data` is NULL or points to `length` readable bytes (if `length` is above 512, to 512 readable bytes).
 pub unsafe fn fill_frame(frame: &mut Frame, data: *const u8, length: usize) -> Result<(), Box<CallError>> {
     let length = checked(data, length)?;
-    // SAFETY: not NULL, and the caller vouches for `length` bytes, which need no alignment. The slice is used in this statement
-    // only.
+    // SAFETY: not NULL, and the caller guarantees `length` bytes, which need no alignment. The slice is used in this
+    // statement only.
     frame.set_prefix(unsafe { std::slice::from_raw_parts(data, length) });
     Ok(())
 }
@@ -37,15 +37,16 @@ impl ReportBuffer {
     /// [`CallError::Null`]: `data` is NULL. [`CallError::NoBytes`]: `length` is 0.
     ///
     /// # Safety
-    /// `data` is NULL or points to `length` writable bytes (512 of them if it is more), for as long as this lives.
+    /// `data` is NULL or points to `length` writable bytes (if `length` is above 512, to 512 writable bytes), for as
+    /// long as this lives.
     pub unsafe fn new(data: *mut u8, length: usize) -> Result<Self, Box<CallError>> {
         Ok(Self { data, length: checked(data, length)? })
     }
 
-    /// Copies as much of the report into the buffer as it has room for.
+    /// Copies the report into the buffer; of a report that is longer than the buffer, only the beginning.
     pub fn fill(self, report: &Frame) {
-        // SAFETY: the caller of `new` vouches for `length` writable bytes, and `length` is at most 512, the size of the report.
-        // The report is not in the caller's memory, so the two do not overlap.
+        // SAFETY: the caller of `new` guarantees `length` writable bytes, and `length` is at most 512, the size of the
+        // report. The report is not in the caller's memory, so the two do not overlap.
         unsafe { std::ptr::copy_nonoverlapping(report.bytes().as_ptr(), self.data, self.length) }
     }
 }
@@ -76,13 +77,13 @@ impl TextBuffer {
     /// Copies the text with a terminating 0 into the buffer. A longer text is cut between two characters.
     pub fn fill(self, text: &str) {
         if !self.needed.is_null() {
-            // SAFETY: not NULL, and the caller of `new` vouches for room.
+            // SAFETY: not NULL, and the caller of `new` guarantees room.
             unsafe { self.needed.write(text.len() + 1) };
         }
         if self.length > 0 {
             let cut = text.floor_char_boundary(self.length - 1);
             // SAFETY: `cut` is at most `length - 1`, so text and 0 fit into the `length` bytes that the caller of `new`
-            // vouches for; `text` is not in the caller's memory.
+            // guarantees; `text` is not in the caller's memory.
             unsafe {
                 std::ptr::copy_nonoverlapping(text.as_ptr(), self.buffer.cast(), cut);
                 self.buffer.add(cut).write(0);
@@ -91,15 +92,16 @@ impl TextBuffer {
     }
 }
 
-/// A structure that begins with its own size. A later version of the library may append fields; the size tells how many of
-/// them the caller's structure has.
+/// A structure that begins with its own size. A later version of the library may append fields; the size shows how many
+/// of them the caller's structure has.
 ///
 /// # Safety
 /// The type is `repr(C)` and consists of numbers without padding. Its first four bytes are `size`, which holds the size of
 /// the type.
 pub unsafe trait Versioned: Copy {}
 
-/// The bytes of `size` and of the number behind it: the smallest structure that a caller may pass.
+/// The length of `size` and of the number after it, in bytes: the smallest structure that a caller may pass. Fields are
+/// copied in multiples of this length.
 const HEAD: usize = 8;
 
 /// Copies as many fields of `value` as the caller's structure has room for, and sets its `size` to the bytes that were
@@ -115,13 +117,14 @@ pub unsafe fn copy_out<T: Versioned>(value: T, target: *mut T, argument: &'stati
         return Err(CallError::Null { argument, expected: "a structure whose `size` is set" }.into());
     }
     let size = target.cast::<u32>();
-    // SAFETY: not NULL, and the caller vouches for the leading `size`, which need not be aligned.
+    // SAFETY: not NULL, and the caller guarantees the leading `size`, which need not be aligned.
     let found = unsafe { size.read_unaligned() };
     let filled = (found as usize).min(size_of::<T>()) / HEAD * HEAD;
     if filled < HEAD {
         return Err(CallError::StructSize { found, least: HEAD }.into());
     }
-    // SAFETY: `filled` is at most the size of `value` and the number of bytes that the caller vouches for; `value` is local.
+    // SAFETY: `filled` is at most the size of `value` and the number of bytes that the caller guarantees; `value` is
+    // local.
     unsafe {
         std::ptr::copy_nonoverlapping((&raw const value).cast::<u8>(), target.cast::<u8>(), filled);
         size.write_unaligned(filled as u32);
@@ -140,7 +143,7 @@ pub unsafe fn put<T>(value: T, target: *mut T, argument: &'static str) -> Result
     if target.is_null() {
         return Err(CallError::Null { argument, expected: "room for the result" }.into());
     }
-    // SAFETY: not NULL, and the caller vouches for room; nothing is read from it.
+    // SAFETY: not NULL, and the caller guarantees room; nothing is read from it.
     unsafe { target.write(value) };
     Ok(())
 }
@@ -156,7 +159,7 @@ pub unsafe fn text_from<'a>(text: *const c_char, argument: &'static str) -> Resu
     if text.is_null() {
         return Err(CallError::Null { argument, expected: "a text that ends with 0" }.into());
     }
-    // SAFETY: `text` is not NULL, and the caller vouches that it ends with a 0 and stays unchanged.
+    // SAFETY: `text` is not NULL, and the caller guarantees that it ends with a 0 and stays unchanged.
     unsafe { CStr::from_ptr(text) }.to_str().map_err(|_| CallError::NotText { argument }.into())
 }
 

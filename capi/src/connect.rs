@@ -26,8 +26,8 @@ pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
     let folder = if is_given { None } else { module::folder() };
     let configured = config::find(&Environment::from_process(folder)).map_err(LinkError::from)?;
     log::info!("link {}: {}", configured.source, configured.link);
-    // The summary of `ecmsk exec` says how many reports were dropped, so they have to be counted. A program without it
-    // gets the faster way, which counts none.
+    // The summary of `ecmsk exec` says how many reports were dropped, so they have to be counted. Without a summary the
+    // link is opened for a faster mode that does not count them.
     let open = if writer::of_process().is_some() { link::open } else { link::open_uncounted };
     open(&configured.link, Share::ByUri)
         .map(watched)
@@ -62,9 +62,9 @@ fn report_opened() {
 /// Creates an empty file. An existing one is left as it is, and symbolic links are not followed.
 fn create(file: &Path) {
     match OpenOptions::new().write(true).create_new(true).open(file) {
-        // The program has opened a board before, and the file is there since then.
+        // The program has opened a board before and created the file then.
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
-        // The program can go on without the file, which only the tool reads. The tool may have ended and removed its
+        // The program can continue without the file, which only the tool reads. The tool may have ended and removed its
         // folder.
         Err(error) => log::debug!("{}: {error}", file.display()),
         Ok(_) => {}

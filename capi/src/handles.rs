@@ -9,8 +9,8 @@ pub const OF_BOARDS: RangeInclusive<usize> = 0x10..=usize::MAX / 2;
 /// The handles of machine files. No board has one of them, so that a handle of the wrong kind is not found.
 pub const OF_MACHINES: RangeInclusive<usize> = usize::MAX / 2 + 1..=usize::MAX;
 
-/// A table of what is open, by handles. A handle is a number and no address, so that one which was closed or made up is not
-/// found and does no harm. No number is used again until all are used up.
+/// A table of open boards or machine files, by handle. A handle is a number and not an address, so that a handle that
+/// was closed or invented is not found and does no harm. No number is used again until all are used up.
 pub struct Handles<T> {
     /// The numbers of the handles.
     range: RangeInclusive<usize>,
@@ -29,7 +29,7 @@ impl<T> Handles<T> {
         Self { range, table: RwLock::new(Table { open: BTreeMap::new(), next }) }
     }
 
-    /// Adds what was opened and returns its handle.
+    /// Adds an opened board or machine file and returns its handle.
     pub fn insert(&self, opened: Arc<T>) -> usize {
         let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
         while table.open.contains_key(&table.next) {
@@ -46,18 +46,18 @@ impl<T> Handles<T> {
         self.table.read().unwrap_or_else(PoisonError::into_inner).open.get(&handle).cloned()
     }
 
-    /// Removes what has this handle and returns it.
+    /// Removes the board or machine file with this handle and returns it.
     pub fn remove(&self, handle: usize) -> Option<Arc<T>> {
         self.table.write().unwrap_or_else(PoisonError::into_inner).open.remove(&handle)
     }
 
-    /// All in the table.
+    /// All boards or machine files of the table.
     #[cfg(target_os = "linux")]
     pub fn all(&self) -> Vec<Arc<T>> {
         self.table.read().unwrap_or_else(PoisonError::into_inner).open.values().cloned().collect()
     }
 
-    /// Removes all and returns them.
+    /// Removes all boards or machine files and returns them.
     #[cfg(unix)]
     pub fn drain(&self) -> Vec<Arc<T>> {
         let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);

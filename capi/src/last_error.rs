@@ -1,5 +1,5 @@
-//! What GetLastError of Windows returns after a call of the vendor's four functions. Programs read it, because the vendor's
-//! library leaves there the error of the function of Windows that failed.
+//! The error code that GetLastError of Windows returns after a call of the vendor's four functions. Programs read it,
+//! because the vendor's library leaves there the code of the Windows function that failed.
 
 use ecmsk::link::LinkError;
 
@@ -30,9 +30,10 @@ pub fn after_transfer(result: &Result<(), Box<CallError>>) {
     }
 }
 
-/// The code of a failure. For a board that is not open, unplugged or closed, and for a write that timed out, it is that of the
-/// vendor's library. \[OURS] A length of 0 and NULL, which the vendor's library accepts, are an invalid parameter. Failures
-/// that the vendor's library does not know, such as a read that timed out, have the code of a write that timed out.
+/// The Windows error code of a failure. For a board that is not open, unplugged or closed, and for a write that timed
+/// out, it is the code that the vendor's library sets. \[OURS] A length of 0 and NULL, which the vendor's library
+/// accepts, are an invalid parameter. Failures that the vendor's library does not know, such as a read that timed out,
+/// have the code of a write that timed out.
 fn code(error: &CallError) -> u32 {
     match error {
         CallError::NotOpen | CallError::Forked => INVALID_HANDLE,

@@ -1,11 +1,11 @@
-//! The frame that was moved last, in either direction.
+//! The frame that was transferred last, in either direction.
 //!
 //! The vendor's library has one static buffer for both directions, and a read copies it to the caller, even if the read
 //! has failed. So a program that looks at the state byte or at the CRC, and not at the result, sees its own last command
 //! after its board is gone, and not forever the last state of a machine that is no longer there.
 //!
-//! A thread may be ended by force while it copies a frame. It then holds nothing for which another thread waits: only the
-//! place that it was writing to is no longer used, and there are others.
+//! A thread may be ended by force while it copies a frame. No other thread waits for it then: only the place that it
+//! was writing to is no longer used, and there are further places.
 
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
@@ -22,8 +22,8 @@ const WRITING: u64 = u64::MAX;
 const WORD: usize = size_of::<u64>();
 const WORDS: usize = FRAME_LEN / WORD;
 
-/// The newest frames, each with the serial number under which it was kept. The frame with the greatest number is the last
-/// one.
+/// The newest frames, each with the serial number under which it was kept. The frame with the greatest number is the
+/// newest one.
 pub struct LastFrame {
     places: [Place; PLACES],
     numbers: AtomicU64,
@@ -41,12 +41,14 @@ impl Place {
     }
 }
 
-/// The frame that [`ECMUSBWrite`](crate::exported::vendor::ECMUSBWrite) or [`ECMUSBRead`](crate::exported::vendor::ECMUSBRead)
-/// has moved last. It is the process's, as the vendor's is, and stays when the board is closed.
+/// The frame that [`ECMUSBWrite`](crate::exported::vendor::ECMUSBWrite) or
+/// [`ECMUSBRead`](crate::exported::vendor::ECMUSBRead) has transferred last. All threads share it, as with the vendor's
+/// library, and it stays when the board is closed.
 pub static LAST_FRAME: LastFrame = LastFrame::new();
 
 impl LastFrame {
-    /// Without a frame so far: [`Self::get`] returns a frame of zeros, as the vendor's buffer is before the first call. \[OURS]
+    /// A value without a frame: [`Self::get`] returns a frame of zeros, as the vendor's buffer is before the first
+    /// call. \[OURS]
     pub const fn new() -> Self {
         Self { places: [const { Place::new() }; PLACES], numbers: AtomicU64::new(0) }
     }
@@ -68,8 +70,8 @@ impl LastFrame {
             place.number.store(number, Ordering::Release);
             return;
         }
-        // Other threads are writing to all places at this moment, so this frame is not kept: one of theirs is the last
-        // one.
+        // Other threads are writing to all places at this moment, so this frame is not kept: a frame of another thread
+        // becomes the last one.
     }
 
     /// The frame that was kept last.

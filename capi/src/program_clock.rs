@@ -1,6 +1,7 @@
-//! The clock of a program whose waits take virtual time (`ecmsk exec --clock virtual`). The library that the tool preloads for
-//! that keeps the clock, and this module connects it with the boards on virtual time: a wait of the program lets their time
-//! pass, and a call that lets a board's time pass sets the program's clock on. Without that library nothing happens here.
+//! The clock of a program whose waits take virtual time (`ecmsk exec --clock virtual`). The library that the tool
+//! preloads keeps this clock, and this module connects it with the boards on virtual time. A wait of the program lets
+//! the boards' time pass, and a call that lets a board's time pass advances the program's clock. Without the preloaded
+//! library nothing happens here.
 
 #[cfg(target_os = "linux")]
 pub use system::find;
@@ -41,8 +42,8 @@ mod system {
         })
     }
 
-    /// Looks for the preloaded library, before main: a child of fork could wait for ever for a search that another thread of
-    /// its parent had begun.
+    /// Looks for the preloaded library, before main. If it were looked for later, a fork could happen during the search
+    /// of another thread, and the child would wait forever for the end of that search.
     pub fn find() {
         preloaded();
     }
@@ -56,15 +57,15 @@ mod system {
         }
     }
 
-    /// Waits until all other threads of the program wait. For calls that let a board's time pass: threads whose wait ends
-    /// at this time run first.
+    /// To be called before a call that lets a board's time pass. Waits until all other threads of the program wait, so
+    /// that threads whose wait ends at the present time run first.
     pub fn turn() {
         if let Some(table) = preloaded() {
             (table.turn)();
         }
     }
 
-    /// This thread is in this library until this is dropped: its clocks and waits are real ones.
+    /// Marks this thread as being in this library until this is dropped: its clocks and waits are real ones.
     pub struct InLibrary(Option<&'static Table>);
 
     impl InLibrary {
@@ -85,7 +86,7 @@ mod system {
         }
     }
 
-    /// How the time of a board on virtual time and the program's clock belong together: both times at one moment, in
+    /// Relates the time of a board on virtual time to the program's clock: the readings of both at one moment, in
     /// nanoseconds.
     pub struct BoardClock {
         table: &'static Table,
@@ -94,7 +95,8 @@ mod system {
     }
 
     impl BoardClock {
-        /// For a board that was just opened; `None` if the program has no such clock, or the board's time is real.
+        /// For a board that was just opened; `None` if the program has no virtual clock, or if the board's time is
+        /// real.
         pub fn begin(link: &dyn Link) -> Option<Self> {
             let (table, info) = (preloaded()?, link.info());
             (table.opened)(info.virtual_time);
@@ -120,12 +122,12 @@ mod system {
             }
         }
 
-        /// To be called before a call that lets the board's time pass: the board first gets to the program's time.
+        /// To be called before a call that lets the board's time pass: advances the board to the program's time.
         pub fn before(&self, link: &dyn Link) {
             self.pass_to(link, (self.table.now)());
         }
 
-        /// To be called after such a call: the program's clock gets to the board's time.
+        /// To be called after a call that lets the board's time pass: advances the program's clock to the board's time.
         pub fn after(&self, link: &dyn Link) {
             if let Some(of_board) = self.of_board(link) {
                 (self.table.reached)(of_board);

@@ -1,8 +1,9 @@
 //! The end of a process that has not closed its boards, and fork.
 //!
-//! When the process ends the boards' threads are stopped and recordings completed, and a server of a board is told that the
-//! program has vanished, whatever the exit code. A child of fork lets go of the connections and USB devices of boards that were open,
-//! so that a server notices the end of its parent, and another program may have the USB board then.
+//! When the process ends, the boards' threads are stopped and recordings completed. A server of a board is informed
+//! that the program has vanished, whatever the exit code. A child of fork closes its copies of the connections and USB
+//! devices of open boards, so that a server notices the end of the parent, and another program can then open the USB
+//! board.
 
 #[cfg(unix)]
 use std::process;
@@ -20,7 +21,7 @@ use crate::{logger, open_boards};
 #[cfg(unix)]
 static OWNER: AtomicU32 = AtomicU32::new(0);
 
-/// Arranges that boards still open are let go when this process exits, after the exit handlers of the program, whose
+/// Arranges that boards still open are released when this process exits, after the exit handlers of the program, whose
 /// global objects may still stop the machine and close the board. Called before each board is opened.
 pub fn end_at_exit() {
     #[cfg(unix)]
@@ -45,8 +46,8 @@ extern "C" fn at_start() {
     watch_forks();
 }
 
-/// The functions in the section `.fini_array` run after the exit handlers and the destructors of the program's global objects.
-/// These may still close the boards; those that they leave open are let go then.
+/// The functions in the section `.fini_array` run after the exit handlers and the destructors of the program's global
+/// objects. These may still close the boards; the boards that they leave open are released here.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".fini_array")]

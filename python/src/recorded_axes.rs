@@ -3,7 +3,7 @@
 use ecmsk::link::Dir;
 use ecmsk::recording::{Entry, ExecutionReport, RunExecution};
 use ecmsk::sk::dump::MAX_SLAVES;
-use ecmsk::sk::{CommandId, DriveResponse, Frame, SlaveCommand, SlaveKind, SlotSize};
+use ecmsk::sk::{CommandId, DriveResponse, Frame, SlaveCommand, SlaveKind, SlotSize, TargetEffect};
 use ecmsk::summary::{FrameWatch, Summary};
 
 /// What an axis did, one value for each report in OP.
@@ -31,7 +31,7 @@ impl Columns {
                 self.is_axis = true;
                 self.in_force = Some(motion.first.target);
             }
-            SlaveCommand::GetStatus | SlaveCommand::Other(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_) => {}
+            _ if order.id().target_effect() == TargetEffect::Keeps => {}
             order => {
                 self.is_axis |= order.id().is_for_axes();
                 self.in_force = None;

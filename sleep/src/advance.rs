@@ -1,4 +1,4 @@
-//! When time goes on.
+//! Decides when virtual time advances, and advances it.
 
 use std::sync::atomic::Ordering;
 
@@ -7,38 +7,41 @@ use crate::task::{self, Task};
 use crate::threads::{Entry, Outcome, State, Threads, What};
 use crate::{boards, system};
 
-/// How long a thread has to be blocked on the real clock until it counts as waiting \[OURS], in nanoseconds: threads block
-/// for a moment whenever they use a file. It counts at once, as long as it does not run in between.
+/// How long a thread has to be blocked in the kernel until it counts as waiting \[OURS], in nanoseconds of the real
+/// clock: threads block for a moment whenever they use a file. From then on it counts as waiting in each check, until
+/// it runs again.
 const BLOCKED_NS: u64 = 2_000_000;
 
-/// How long a thread may run while others wait and time stands still \[OURS], in nanoseconds of the processor. From then on
-/// time passes as it does for that thread, so that a thread that waits in a loop, without a call, sees it pass. A thread that
-/// gets no processor on a busy machine lets no time pass.
+/// How long a thread may run while virtual time stands still \[OURS], in nanoseconds of processor time. From then on
+/// virtual time advances with the processor time of that thread, so that a thread that waits in a busy loop, without a
+/// call, does not hold up the others for ever. A thread that gets no processor on a busy machine does not advance time.
 const HELD_UP_MAX_NS: u64 = 50_000_000;
 
-/// How long time stands still on the real clock at most \[OURS], in nanoseconds. From then on it passes as the real clock does.
-/// That is for threads which real time alone wakes every few milliseconds, as timers that send signals do.
+/// How long virtual time stands still at most \[OURS], in nanoseconds of the real clock. From then on it advances with
+/// the real clock. This is for threads that only real time wakes every few milliseconds, as timers that send signals
+/// do.
 const STANDSTILL_MAX_NS: u64 = 5_000_000_000;
 
-/// How far time goes on in the first step of the boards, in nanoseconds \[OURS]; each further step is twice as long as the one
-/// before.
+/// How far the first step of the boards advances virtual time, in nanoseconds \[OURS]; each further step is twice as
+/// long as the one before.
 const STEP_NS: u64 = 100_000_000;
 
-/// No step begins after so long on the real clock, in nanoseconds \[OURS]. The thread then releases the lock of the table, so
-/// that a thread that comes back from a call outside goes on, however long the wait is that boards are passing.
+/// After this much real time no further step begins, in nanoseconds \[OURS]. The thread then releases the lock of the
+/// table, so that a thread that returns from a call outside can continue, however far the boards still have to advance.
 const STEPS_REAL_NS: u64 = 1_000_000;
 
-/// What the threads are doing.
+/// Whether all threads wait, so that virtual time may advance.
 enum Standstill {
-    /// All wait.
+    /// All threads wait.
     Whole,
-    /// Some run, and each of them for that long since time stands still, in nanoseconds of the processor.
+    /// Some threads run. `for_ns` is the least processor time that one of them has used since virtual time stopped, in
+    /// nanoseconds.
     HeldUp { for_ns: u64 },
 }
 
 impl Threads {
-    /// Lets time go on towards the earliest deadline if all threads wait, and ends the waits whose deadline it reaches.
-    /// Returns whether any wait has ended.
+    /// Advances virtual time towards the earliest deadline, if all threads wait or the running ones have held time up
+    /// for too long. Ends the waits whose deadline it reaches. Returns whether any wait has ended.
     pub fn advance(&mut self) -> bool {
         let earliest = self.earliest();
         if earliest == NEVER {
@@ -76,7 +79,9 @@ impl Threads {
             let number = entry.thread.number.load(Ordering::Relaxed);
             let task = match entry.state {
                 State::Waiting { .. } => continue,
-                // It goes on as soon as it gets the processor, unless a signal handler in its wait is blocked.
+                // The thread continues as soon as it gets the processor, so it counts as running. If it does not
+                // continue for a while, its state is read from `/proc`: a signal handler within its wait may be
+                // blocked.
                 State::Ended(_) if is_short && entry.blocked.is_none() => Task::Runs,
                 _ if number == 0 || entry.thread.inside.load(Ordering::Relaxed) > 0 => Task::Runs,
                 State::Ending => match task::look(number, &mut buffer) {
@@ -85,13 +90,15 @@ impl Threads {
                 },
                 _ => task::look(number, &mut buffer),
             };
-            // Asked after the look: a thread that is blocked and not back is still blocked in its call.
+            // Checked after the look at `/proc`: a thread that was blocked there and is not back yet is still blocked
+            // in its call.
             let task = match task {
                 Task::Blocked { .. } if entry.thread.is_back.load(Ordering::Acquire) => Task::Runs,
                 task => task,
             };
             let for_ns = match task {
-                // It may have ended after the look at a thread that waits for its end, and that goes on now.
+                // Another thread, which was checked before, may have waited for the end of this one and continue now.
+                // So time does not advance in this pass.
                 Task::Gone => {
                     is_gone = true;
                     0
@@ -121,7 +128,7 @@ impl Threads {
         held_up.map_or(Standstill::Whole, |for_ns| Standstill::HeldUp { for_ns })
     }
 
-    /// Removes the threads of `which` that the system has ended.
+    /// Removes those of the threads selected by `which` that the system has ended.
     pub fn remove_gone(&mut self, which: impl Fn(&Entry) -> bool) {
         let mut buffer = std::mem::take(&mut self.buffer);
         let mut is_there = |number: i32| number == 0 || task::look(number, &mut buffer) != Task::Gone;
@@ -129,13 +136,14 @@ impl Threads {
         self.buffer = buffer;
     }
 
-    /// Time goes on: forgets since when it stood still.
+    /// Called when virtual time advances: forgets since when it stood still.
     fn end_standstill(&mut self) {
         self.stands_still_from = None;
         self.entries.iter_mut().for_each(|entry| entry.used_ns = None);
     }
 
-    /// Ends the waits for locks, once before time goes on: another thread of the program may have released them.
+    /// Ends the waits for locks so that the threads try again, once before time advances: another thread of the program
+    /// may have released the locks.
     fn retry_locks(&mut self) -> bool {
         let mut is_any = false;
         for entry in &mut self.entries {
@@ -148,9 +156,10 @@ impl Threads {
         is_any
     }
 
-    /// Ends the waits for words that have changed, and those for descriptors that are ready, once in each call before time goes
-    /// on: another thread of the program may have written to them. What is ready for poll need not be for the call, as a
-    /// descriptor that has hung up is not for the exceptions of select.
+    /// Ends the waits for words that have changed, and the waits for descriptors that are ready: another thread of the
+    /// program may have written to them. Before each advance of time, a wait for descriptors is ended only once. A
+    /// descriptor that is ready for poll may not be ready for the call: one that has hung up is no exception for
+    /// select.
     fn end_ready(&mut self) -> bool {
         let mut is_any = false;
         for entry in &mut self.entries {
@@ -170,7 +179,7 @@ impl Threads {
     }
 }
 
-/// Lets time go on towards `time`, and there if that takes no longer than [`STEPS_REAL_NS`].
+/// Advances virtual time to `time`, or only a part of the way if that takes longer than [`STEPS_REAL_NS`].
 fn go_on(time: u64) {
     let began = system::real_ns(libc::CLOCK_MONOTONIC);
     let mut step = STEP_NS;
@@ -185,7 +194,7 @@ fn go_on(time: u64) {
     }
 }
 
-/// Whether a descriptor is ready, or broken.
+/// Whether poll(2) reports a descriptor as ready, hung up or broken.
 fn is_any_ready(descriptors: &[libc::pollfd]) -> bool {
     let mut copy = descriptors.to_vec();
     let (to, count, timeout) = (copy.as_mut_ptr(), copy.len() as libc::nfds_t, 0);

@@ -1,4 +1,4 @@
-//! The connection to NEXTWUSBLib.
+//! The connection to NEXTWUSBLib, whose boards advance with the virtual clock.
 
 use std::sync::atomic::{AtomicPtr, Ordering};
 
@@ -8,16 +8,16 @@ use crate::{clock, counts, mode, threads};
 
 static TABLE: Table = Table { version: VERSION, enter, leave, turn, now, reached, use_boards, opened };
 
-/// The function of [`Table::use_boards`]; null: no board was opened yet.
+/// The function that NEXTWUSBLib registers with [`Table::use_boards`]; null before.
 static PASS: AtomicPtr<()> = AtomicPtr::new(std::ptr::null_mut());
 
-/// The functions for NEXTWUSBLib.
+/// Returns the table of functions for NEXTWUSBLib.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecmsk_sleep_table() -> *const Table {
     &raw const TABLE
 }
 
-// NEXTWUSBLib looks for this name and this type.
+// NEXTWUSBLib looks the function up by this name and calls it by this type.
 const _: (&std::ffi::CStr, GetTable) = (NAME, ecmsk_sleep_table);
 
 extern "C" fn enter() {
@@ -50,7 +50,7 @@ extern "C" fn opened(is_virtual: bool) {
     counts::board(is_virtual);
 }
 
-/// Lets the time of all boards pass up to this time.
+/// Lets the time of all boards pass up to `time`, in nanoseconds of the virtual clock.
 pub fn pass_to(time: u64) {
     let pass = PASS.load(Ordering::Acquire);
     if pass.is_null() {

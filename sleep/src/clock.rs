@@ -6,14 +6,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::{counts, system, threads};
 
-/// How far the virtual clock goes on when the program reads a clock \[OURS]: a loop that waits by reading a clock alone ends.
+/// How far the virtual clock advances when the program reads a clock, in nanoseconds \[OURS]. Without it a loop that
+/// waits only by reading a clock would never end.
 const READ_NS: u64 = 1_000;
 
-/// No deadline.
+/// The deadline of a wait that has none.
 pub const NEVER: u64 = u64::MAX;
 
-/// The longest wait that has an end \[OURS], in nanoseconds: ten years. A longer one is how programs wait for ever, and no
-/// board passes it.
+/// The longest wait that has a deadline \[OURS], in nanoseconds: ten years. Programs use a longer wait to wait for
+/// ever, so it has no deadline, and no board has to advance that far.
 const WAIT_MAX_NS: u64 = 10 * 365 * 86_400 * 1_000_000_000;
 
 /// The virtual clock, in nanoseconds.
@@ -21,14 +22,14 @@ static NOW: AtomicU64 = AtomicU64::new(0);
 /// The earliest deadline of a thread that waits, or [`NEVER`].
 static EARLIEST: AtomicU64 = AtomicU64::new(NEVER);
 
-/// The virtual clock.
+/// The time of the virtual clock, in nanoseconds.
 pub fn now() -> u64 {
     NOW.load(Ordering::Acquire)
 }
 
-/// The virtual clock for a call of the program that reads a clock.
+/// Advances the virtual clock by [`READ_NS`], for a call of the program that reads a clock, and returns its time.
 pub fn read() -> u64 {
-    // The clock ends before it, so that it reaches no wait without a deadline.
+    // The clock stops before [`NEVER`], so that it never reaches the deadline of a wait that has none.
     let on = |now: u64| now.saturating_add(READ_NS).min(NEVER - 1);
     let (Ok(before) | Err(before)) = NOW.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| Some(on(now)));
     let now = on(before);
@@ -36,14 +37,14 @@ pub fn read() -> u64 {
     now
 }
 
-/// A board has reached this time: threads whose deadline it is go on.
+/// Advances the clock to a time that a board has reached, and wakes the threads whose deadline has come.
 pub fn reach(time: u64) {
     if NOW.fetch_max(time, Ordering::AcqRel) < time {
         after(time);
     }
 }
 
-/// Sets the clock on without a look at deadlines. Only for the code that knows them.
+/// Advances the clock and wakes no thread. Only for code that ends the waits itself.
 pub fn set_on(time: u64) {
     NOW.fetch_max(time, Ordering::AcqRel);
     counts::time(time);
@@ -61,7 +62,7 @@ fn after(now: u64) {
     }
 }
 
-/// When the process began on the clocks of the system, in nanoseconds.
+/// The times of the system's clocks when the process began, in whole seconds, as nanoseconds.
 struct Starts {
     realtime: u64,
     tai: u64,
@@ -72,12 +73,13 @@ struct Starts {
 
 static STARTS: OnceLock<Starts> = OnceLock::new();
 
-/// Reads the clocks of the system, from which those of the program go on.
+/// Reads the clocks of the system, at whose times the clocks of the program begin.
 pub fn begin() {
     starts();
 }
 
-/// Whole seconds \[OURS]: a program that waits for the next second of time() waits as long in every run.
+/// Rounds the times down to whole seconds \[OURS], so that a program that waits for the next second of time() waits
+/// equally long in every run.
 fn starts() -> &'static Starts {
     STARTS.get_or_init(|| {
         let whole = |clock| system::real_ns(clock) / 1_000_000_000 * 1_000_000_000;
@@ -91,8 +93,8 @@ fn starts() -> &'static Starts {
     })
 }
 
-/// What a clock of the program shows when the virtual clock is at 0. `None`: the clock measures no time that passes for all,
-/// as those of the processor time do, and stays real.
+/// The time that a clock of the program shows when the virtual clock is at 0, in nanoseconds. `None`: the clock stays
+/// real, because it does not measure elapsed time, as the processor-time clocks.
 pub fn start(clock: c_int) -> Option<u64> {
     let starts = starts();
     match clock {
@@ -105,13 +107,14 @@ pub fn start(clock: c_int) -> Option<u64> {
     }
 }
 
-/// The deadline on the virtual clock of a time that a clock of the program shows.
+/// Converts a time that a clock of the program shows to a deadline on the virtual clock; `None` if the clock stays
+/// real.
 pub fn deadline(clock: c_int, shown_ns: u64) -> Option<u64> {
     let deadline = shown_ns.saturating_sub(start(clock)?);
     Some(if deadline.saturating_sub(now()) > WAIT_MAX_NS { NEVER } else { deadline })
 }
 
-/// The deadline of a wait that begins now.
+/// The deadline of a wait that begins now and lasts `ns` nanoseconds.
 pub fn in_ns(ns: u64) -> u64 {
     if ns > WAIT_MAX_NS { NEVER } else { now().saturating_add(ns).min(NEVER - 1) }
 }

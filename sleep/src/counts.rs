@@ -1,31 +1,31 @@
-//! What `ecmsk exec` reports at the end: five numbers of 8 bytes in a file that it has made, in the machine's byte order.
-//! Processes of the program share them.
+//! The counters that `ecmsk exec` reports at the end: five numbers of 8 bytes, in the machine's byte order, in a file
+//! that the tool has created. All processes of the program share the file.
 
 use std::ffi::CString;
 use std::os::unix::ffi::OsStringExt;
 use std::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
 
-/// The environment variable with the path of the file.
+/// The environment variable with the path of the file with the counters.
 const VARIABLE: &str = "ECMSK_SLEEP_COUNTS";
 
-/// The content of the file.
+/// The counters in the file.
 #[repr(C)]
 struct Counts {
     /// How many processes have loaded this library.
     loads: AtomicU64,
     /// How many waits were passed on the virtual clock.
     waits: AtomicU64,
-    /// The furthest that the virtual clock of a process has come, in nanoseconds.
+    /// The latest virtual time that any process has reached, in nanoseconds.
     time: AtomicU64,
-    /// How many boards were opened whose time passes with the clock.
+    /// The number of opened boards that run on virtual time.
     boards: AtomicU64,
-    /// The number of boards that were opened and are not on virtual time.
+    /// The number of opened boards that do not run on virtual time.
     others: AtomicU64,
 }
 
 static COUNTS: AtomicPtr<Counts> = AtomicPtr::new(std::ptr::null_mut());
 
-/// Maps the file. Without one nothing is counted.
+/// Maps the file into memory. Without a file nothing is counted.
 pub fn open() {
     let Some(path) = std::env::var_os(VARIABLE).and_then(|path| CString::new(path.into_vec()).ok()) else { return };
     // SAFETY: the path ends with 0.
@@ -41,7 +41,7 @@ pub fn open() {
     };
     if is_whole {
         let access = libc::PROT_READ | libc::PROT_WRITE;
-        // SAFETY: the system chooses the place, and the file has that length.
+        // SAFETY: the system chooses the address, and the file has that length.
         let place = unsafe { libc::mmap(std::ptr::null_mut(), length, access, libc::MAP_SHARED, file, 0) };
         if place != libc::MAP_FAILED {
             COUNTS.store(place.cast(), Ordering::Release);
@@ -59,14 +59,14 @@ fn counts() -> Option<&'static Counts> {
     unsafe { COUNTS.load(Ordering::Acquire).as_ref() }
 }
 
-/// Counts a wait.
+/// Counts a wait on the virtual clock.
 pub fn wait() {
     if let Some(counts) = counts() {
         counts.waits.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-/// Notes how far the virtual clock has come.
+/// Records that the virtual clock has reached `now`, in nanoseconds.
 pub fn time(now: u64) {
     if let Some(counts) = counts() {
         counts.time.fetch_max(now, Ordering::Relaxed);

@@ -1,5 +1,5 @@
-//! The library that `ecmsk exec --clock virtual` preloads (LD_PRELOAD): it has functions of the C library by which a program
-//! waits and reads clocks, and passes them on the virtual clock of the simulated board.
+//! The library that `ecmsk exec --clock virtual` preloads (LD_PRELOAD). It replaces the functions of the C library by
+//! which a program waits and reads clocks, and lets them follow the virtual clock of the simulated board.
 //!
 //! | file | what it holds |
 //! | --- | --- |
@@ -13,7 +13,7 @@
 //! | `system.rs` | the functions of the C library behind these here |
 //! | `exports/` | the functions that the program calls |
 //!
-//! Time goes on only when every thread of the program waits, and then to the earliest end of a wait
+//! Virtual time advances only when every thread of the program waits, and then to the earliest deadline of a wait
 //! (docs/decisions/sleeping-programs-are-preloaded.md).
 #![cfg(all(target_os = "linux", target_env = "gnu"))]
 
@@ -38,7 +38,7 @@ extern "C" fn at_start() {
     let _own = mode::Own::begin();
     clock::begin();
     counts::open();
-    // Makes the table of threads: a signal handler may be the first that uses it, and must not allocate.
+    // Makes the table of threads now, because a signal handler may be the first that uses it, and must not allocate.
     drop(threads::lock());
     // SAFETY: the functions replace pointers and allocate, which a child of fork may do with the GNU C library. Without
     // memory for the registration a child of fork waits for threads that it does not have, at the pace of the real clock.

@@ -1,4 +1,4 @@
-//! Whose call it is. The same functions are called by the program, by NEXTWUSBLib and its threads, and by this library.
+//! Who makes a call. The program, NEXTWUSBLib with its threads, and this library call the same functions.
 
 use std::cell::Cell;
 use std::ffi::c_int;
@@ -6,19 +6,19 @@ use std::sync::atomic::Ordering;
 
 use crate::threads::Thread;
 
-/// Whose call it is.
+/// Who makes a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// The program's: clocks and waits are virtual.
+    /// The program: clocks and waits are virtual.
     Program,
-    /// Of NEXTWUSBLib, of a thread that it has made, or of a thread that is ending: clocks and waits are real.
+    /// NEXTWUSBLib, a thread that it has made, or a thread that is ending: clocks and waits are real.
     Real,
-    /// Made inside this library, by a signal handler that interrupts it, or by the program's own malloc: waits are real, and
-    /// clocks are read without a lock; those of NEXTWUSBLib are real.
+    /// This library, a signal handler that interrupts it, or the program's own malloc. Waits are real. Clocks are
+    /// virtual and read without a lock; inside NEXTWUSBLib they are real.
     Own,
 }
 
-/// What a thread knows of itself.
+/// The state of a thread, in thread-local storage.
 struct Local {
     own: Cell<u32>,
     library: Cell<u32>,
@@ -32,7 +32,7 @@ thread_local! {
     };
 }
 
-/// The mode of a call of this thread.
+/// The mode of a call that this thread makes now.
 pub fn current() -> Mode {
     LOCAL.with(|local| match (local.own.get(), local.library.get(), local.real.get()) {
         (0, 0, false) => Mode::Program,
@@ -46,12 +46,12 @@ pub fn is_in_library() -> bool {
     LOCAL.with(|local| local.library.get() > 0)
 }
 
-/// Marks this thread as none of the program, or no longer one.
+/// Marks this thread as no thread of the program, or as one no longer.
 pub fn set_real() {
     LOCAL.with(|local| local.real.set(true));
 }
 
-/// Whether this thread is none of the program.
+/// Whether this thread is no thread of the program, or no longer one.
 pub fn is_real() -> bool {
     LOCAL.with(|local| local.real.get())
 }
@@ -67,7 +67,8 @@ pub fn set_thread(thread: *const Thread) {
     count_library(0);
 }
 
-/// Counts this thread into NEXTWUSBLib (1), or out of it (-1).
+/// Counts a call of NEXTWUSBLib that this thread enters (1) or leaves (-1). With 0 it only copies the count to the
+/// thread's record.
 pub fn count_library(step: i32) {
     LOCAL.with(|local| {
         let depth = local.library.get().saturating_add_signed(step);
@@ -83,11 +84,11 @@ unsafe extern "C" {
     fn pthread_setcancelstate(state: c_int, before: *mut c_int) -> c_int;
 }
 
-/// PTHREAD_CANCEL_DISABLE.
+/// The value of PTHREAD_CANCEL_DISABLE in the GNU C library.
 const CANCEL_DISABLE: c_int = 1;
 
-/// This library is at work in the thread until this is dropped, which also restores `errno`. Until then the thread is not
-/// cancelled.
+/// Marks that this library is at work in the thread, until this is dropped, which also restores `errno`. Until then the
+/// thread is not cancelled.
 pub struct Own {
     errno: c_int,
     cancel_state: c_int,

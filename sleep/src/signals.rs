@@ -1,14 +1,14 @@
-//! Signals of the calling thread.
+//! Blocks the signals of the calling thread, and finds out whether a signal handler is due.
 
 use libc::{c_int, sigset_t};
 
-/// Signals that the kernel sends a thread for what it does itself. They cannot wait.
+/// Signals that the kernel sends to a thread for a fault of the thread itself. They cannot be postponed.
 const OF_OWN_DOING: [c_int; 6] = [libc::SIGSEGV, libc::SIGBUS, libc::SIGFPE, libc::SIGILL, libc::SIGTRAP, libc::SIGSYS];
 
-/// The last signal's number.
+/// The highest signal number.
 const LAST: c_int = 64;
 
-/// Until this is dropped, no handler runs in the thread, except for signals of its own doing.
+/// Until this is dropped, no signal handler runs in the thread, except for the signals [`OF_OWN_DOING`].
 pub struct Blocked {
     before: sigset_t,
 }
@@ -27,7 +27,7 @@ impl Blocked {
         Self { before }
     }
 
-    /// Whether a handler runs when this is dropped.
+    /// Whether a signal handler will run when this is dropped.
     pub fn is_handler_due(&self) -> bool {
         is_handler_due(&raw const self.before)
     }
@@ -40,7 +40,8 @@ impl Drop for Blocked {
     }
 }
 
-/// Whether the thread would run a handler if it blocked no signals but those of `mask`. NULL: none runs.
+/// Whether the thread would run a handler for a pending signal if it blocked only the signals of `mask`. With NULL, it
+/// would run none.
 pub fn is_handler_due(mask: *const sigset_t) -> bool {
     let mut pending = empty();
     // SAFETY: the set exists.

@@ -1,14 +1,15 @@
-//! The functions of the C library that those of this library stand in front of, and system calls.
+//! The functions of the C library that this library replaces, and system calls.
 
 use std::ffi::{CStr, c_void};
 use std::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
 use std::time::Duration;
 
-/// The version of condition variables in the GNU C library for x86-64 since 2003. dlsym may find the one before, which has
-/// another layout.
+/// The version of condition variables in the GNU C library for x86-64 since 2003. Without a version, dlsym may find the
+/// older one, which has another layout.
 const CONDITION_VERSION: &CStr = c"GLIBC_2.3.2";
 
-/// The function of this name in the libraries behind this one, kept in `found`. Null: there is none.
+/// The function of this name in the libraries that are searched after this one, cached in `found`; null if there is
+/// none.
 pub fn next(found: &AtomicPtr<c_void>, name: &CStr) -> *mut c_void {
     let known = found.load(Ordering::Acquire);
     if !known.is_null() {
@@ -27,8 +28,8 @@ pub fn next(found: &AtomicPtr<c_void>, name: &CStr) -> *mut c_void {
     function
 }
 
-/// Calls the C library's function: `real!(usleep(micros: libc::useconds_t) -> c_int)`. If the C library has none, as an older
-/// one, the value is -1.
+/// Calls the C library's function: `real!(usleep(micros: libc::useconds_t) -> c_int)`. If the C library does not have
+/// it, as an older one may, the value is -1.
 macro_rules! real {
     ($name:ident($($argument:ident: $kind:ty),*) -> $result:ty) => {{
         static FOUND: std::sync::atomic::AtomicPtr<std::ffi::c_void> =
@@ -59,20 +60,21 @@ pub fn real_ns(clock: libc::clockid_t) -> u64 {
     nanoseconds(&time).unwrap_or(0)
 }
 
-/// A time in nanoseconds, at most 2^64 - 1. `None`: it is negative, or its nanoseconds are none of a second.
+/// A time in nanoseconds, at most 2^64 - 1. `None` if the time is negative, or if its nanoseconds are not less than a
+/// second.
 pub fn nanoseconds(time: &libc::timespec) -> Option<u64> {
     let part = u64::try_from(time.tv_nsec).ok().filter(|part| *part < 1_000_000_000)?;
     Some(u64::try_from(time.tv_sec).ok()?.saturating_mul(1_000_000_000).saturating_add(part))
 }
 
-/// Nanoseconds as seconds and nanoseconds.
+/// Converts nanoseconds to a `timespec`.
 pub fn timespec(ns: u64) -> libc::timespec {
     // Both fit into 64 bits with a sign: seconds of 2^64 ns are fewer than 2^35.
     libc::timespec { tv_sec: (ns / 1_000_000_000) as libc::time_t, tv_nsec: (ns % 1_000_000_000) as libc::c_long }
 }
 
-/// Waits on the real clock until [`wake`], at most `limit`, unless the word is no longer `seen`. Returns whether a signal
-/// handler has run.
+/// Waits on the real clock until [`wake`] is called for the word, at most `limit`. Does not wait if the word is no
+/// longer `seen`. Returns whether a signal handler has run.
 pub fn wait_on(word: &AtomicU32, seen: u32, limit: Duration) -> bool {
     let limit = timespec(u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX));
     let operation = libc::FUTEX_WAIT | libc::FUTEX_PRIVATE_FLAG;
@@ -90,12 +92,13 @@ pub fn wake(word: &AtomicU32) {
 
 /// The word at an address at which a thread of the program waits, as for futex(2).
 pub fn word_at(address: usize) -> u32 {
-    // SAFETY: the thread that waits has given the kernel's rules the address of an aligned word, which exists while it waits.
+    // SAFETY: by the rules of futex(2), the waiting thread has given the address of an aligned word, which exists while
+    // it waits.
     unsafe { (*(address as *const AtomicU32)).load(Ordering::Acquire) }
 }
 
-/// The kernel's number of this thread.
+/// The kernel's id of this thread.
 pub fn thread_number() -> i32 {
-    // SAFETY: the call has no arguments and cannot fail. The number is a positive one of 32 bits.
+    // SAFETY: the call has no arguments and cannot fail. The id is a positive number of 32 bits.
     unsafe { libc::syscall(libc::SYS_gettid) as i32 }
 }

@@ -12,43 +12,43 @@ use crate::mode::{self, Own};
 use crate::signals::Blocked;
 use crate::{counts, system};
 
-/// How long a thread that waits sleeps on the real clock before it looks whether time goes on: for the first time, and at
-/// most \[OURS]. Other threads wake it when its wait ends. It looks by itself because nobody says when a thread has blocked
-/// in the kernel.
+/// How long a waiting thread sleeps on the real clock before it checks whether virtual time can advance: the first
+/// time, and at most \[OURS]. Other threads wake it when its wait ends. It has to check by itself, because nothing
+/// reports that a thread has blocked in the kernel.
 const FIRST_PAUSE: Duration = Duration::from_micros(20);
 const PAUSE_MAX: Duration = Duration::from_millis(1);
 
-/// A thread of the program.
+/// The record of a thread of the program.
 pub struct Thread {
-    /// The kernel's number; 0 until the thread has begun.
+    /// The kernel's id of the thread; 0 until the thread has begun.
     pub number: AtomicI32,
     /// The pthread_t; 0 until the thread has begun.
     handle: AtomicUsize,
-    /// Changes to end a wait of the thread.
+    /// The futex word that changes to end a wait of the thread.
     word: AtomicU32,
-    /// How many calls of NEXTWUSBLib the thread is in. In them it counts as running.
+    /// How many nested calls of NEXTWUSBLib the thread is in. During these calls it counts as running.
     pub inside: AtomicU32,
-    /// Whether it has come back from its call of [`outside`], or from the kernel in a wait. It may still wait for the lock of
-    /// the table.
+    /// Whether the thread has come back from its call of [`outside`], or from the kernel in a wait. It may still be
+    /// waiting for the lock of the table.
     pub is_back: AtomicBool,
 }
 
-/// What a thread waits for, beside its deadline.
+/// What a thread waits for, in addition to its deadline.
 #[derive(Clone)]
 pub enum What {
-    /// Nothing.
+    /// Nothing else: the thread sleeps until the deadline.
     Time,
-    /// That all others wait; its deadline has come already.
+    /// All other threads have to be waiting. The deadline has come already.
     Turn,
     /// The condition variable at this address.
     Condition(usize),
     /// The semaphore at this address.
     Semaphore(usize),
-    /// A lock, which only the thread itself can try.
+    /// A lock. Only the thread itself can try to take it.
     Lock,
-    /// That this word is no longer `seen`, as futex(2) waits.
+    /// This word has to differ from `seen`, as for futex(2).
     Word { address: usize, seen: u32 },
-    /// One of these descriptors.
+    /// One of these descriptors has to become ready.
     Descriptors(Arc<[libc::pollfd]>),
 }
 
@@ -57,51 +57,55 @@ pub enum What {
 pub enum Outcome {
     /// The virtual clock has reached the deadline.
     Reached,
-    /// It has come, or may have.
+    /// What the thread waits for has come, or may have come.
     Woken,
-    /// A signal handler has run, or the thread is to end (pthread_cancel).
+    /// A signal handler has run, or the thread was cancelled (pthread_cancel).
     Interrupted,
 }
 
 /// What a thread is doing.
 pub enum State {
-    /// It runs, or is blocked in a call that this library does not know.
+    /// The thread runs, or is blocked in a call that this library does not replace.
     Running,
-    /// It is in a call that ends by something else than time. It waits while it is blocked in the kernel.
+    /// The thread is in a call that ends by something other than time. It counts as waiting while it is blocked in the
+    /// kernel.
     Outside,
-    /// It waits.
+    /// The thread waits in [`wait_and`].
     Waiting {
-        /// On the virtual clock.
+        /// The deadline on the virtual clock, in nanoseconds.
         deadline: u64,
         what: What,
-        /// Waits with lower numbers began earlier.
+        /// The serial number of the wait: waits with lower numbers began earlier.
         ticket: u64,
     },
-    /// Its wait has ended, which it has not seen yet.
+    /// The wait is over, but the blocking call of the thread has not returned yet.
     Ended(Outcome),
-    /// It ends. Until the system has ended it, it counts as running: then whoever waits for its end goes on.
+    /// The thread is ending. It counts as running until the system has ended it, because a thread that waits for its
+    /// end then continues.
     Ending,
 }
 
-/// A thread with what it is doing.
+/// A thread of the table, with what it is doing.
 pub struct Entry {
     pub thread: Arc<Thread>,
     pub state: State,
-    /// The number of context switches, and the real time, at which a running thread was first found blocked.
+    /// When a running thread was first found blocked: the number of its context switches, and the real time, in
+    /// nanoseconds.
     pub blocked: Option<(u64, u64)>,
-    /// The time of the processor that it had used when it was first found running while time stands still, in nanoseconds.
+    /// The processor time that the thread had used when it was first found running after virtual time stopped, in
+    /// nanoseconds.
     pub used_ns: Option<u64>,
-    /// Whether it has tried again what it waits for since time went on.
+    /// Whether the thread was woken to try again for what it waits for, since virtual time last advanced.
     pub is_retried: bool,
 }
 
 impl Entry {
-    /// Whether this is the kernel's number of the thread.
+    /// Whether the thread has this id in the kernel.
     fn is_number(&self, number: i32) -> bool {
         self.thread.number.load(Ordering::Relaxed) == number
     }
 
-    /// The ticket of its wait, if it waits for the word at this address.
+    /// The ticket of the thread's wait, if it waits for the word at this address.
     fn ticket_at(&self, word: usize) -> Option<u64> {
         match self.state {
             State::Waiting { what: What::Word { address, .. }, ticket, .. } if address == word => Some(ticket),
@@ -109,26 +113,26 @@ impl Entry {
         }
     }
 
-    /// Ends its wait.
+    /// Ends the wait of the thread.
     pub fn end_wait(&mut self, outcome: Outcome) {
         self.state = State::Ended(outcome);
         system::wake(&self.thread.word);
     }
 }
 
-/// Condition variables that measure another clock than CLOCK_REALTIME; `None`: shared with other processes, so that their waits
-/// stay real.
+/// The clocks of condition variables that use another clock than CLOCK_REALTIME, by their addresses. `None`: the
+/// variable is shared with other processes, so that its waits stay real.
 type ConditionClocks = BTreeMap<usize, Option<c_int>>;
 
-/// The threads of the program.
+/// The table of all threads of the program.
 #[derive(Default)]
 pub struct Threads {
     pub entries: Vec<Entry>,
     tickets: u64,
-    /// The virtual and the real time since when time stands still because a thread runs, in nanoseconds.
+    /// Since when virtual time stands still because a thread runs: the virtual and the real time, in nanoseconds.
     pub stands_still_from: Option<(u64, u64)>,
     pub condition_clocks: ConditionClocks,
-    /// Room for files of `/proc`.
+    /// A buffer for files of `/proc`.
     pub buffer: Vec<u8>,
 }
 
@@ -138,7 +142,7 @@ static THREADS: AtomicPtr<Mutex<Threads>> = AtomicPtr::new(std::ptr::null_mut())
 /// The locked table. No signal handler runs in the thread until it is dropped: handlers may call NEXTWUSBLib, whose boards are
 /// locked while their time passes, and functions that lock the table.
 pub struct Locked {
-    // Dropped in this order: handlers that are due run when the table is free.
+    // The fields are dropped in this order, so that handlers that are due run after the table is unlocked.
     threads: MutexGuard<'static, Threads>,
     signals: Blocked,
 }
@@ -157,7 +161,7 @@ impl DerefMut for Locked {
     }
 }
 
-/// The table. To be locked only while the calling thread is in [`Own`].
+/// Locks the table. Only for use while the calling thread is in [`Own`].
 pub fn lock() -> Locked {
     let signals = Blocked::begin();
     let mut table = THREADS.load(Ordering::Acquire);
@@ -174,17 +178,18 @@ pub fn lock() -> Locked {
     Locked { threads, signals }
 }
 
-/// What a child of fork needs of the table: the condition variables that it has. Null: it has none.
+/// What a child of fork takes over from its parent's table: the clocks of condition variables. Null: there are none.
 static FOR_CHILD: AtomicPtr<ConditionClocks> = AtomicPtr::new(std::ptr::null_mut());
 
-/// Before fork. The table is not kept locked until the child begins: other handlers of pthread_atfork may end threads.
+/// Called before fork. The table is not kept locked until the child begins: other handlers of pthread_atfork may end
+/// threads.
 pub extern "C" fn before_fork() {
     let _own = Own::begin();
     let clocks = lock().condition_clocks.clone();
     keep_for_child(if clocks.is_empty() { std::ptr::null_mut() } else { Box::into_raw(Box::new(clocks)) });
 }
 
-/// Puts these in the place of [`FOR_CHILD`], and returns what was there.
+/// Replaces the content of [`FOR_CHILD`] by `clocks`, and returns the old content.
 fn keep_for_child(clocks: *mut ConditionClocks) -> ConditionClocks {
     let before = FOR_CHILD.swap(clocks, Ordering::AcqRel);
     if before.is_null() {
@@ -194,18 +199,18 @@ fn keep_for_child(clocks: *mut ConditionClocks) -> ConditionClocks {
     *unsafe { Box::from_raw(before) }
 }
 
-/// In a child of fork: it has one thread.
+/// Called in a child of fork, which has one thread: begins a new table.
 pub extern "C" fn begin_anew() {
     let _own = Own::begin();
     let condition_clocks = keep_for_child(std::ptr::null_mut());
     let table = Threads { condition_clocks, ..Threads::default() };
     THREADS.store(Box::into_raw(Box::new(Mutex::new(table))), Ordering::Release);
     clock::set_earliest(NEVER);
-    // The record of the parent's thread stays allocated.
+    // The record of the parent's thread is never freed.
     mode::set_thread(std::ptr::null());
 }
 
-/// The record of the calling thread, which is made with its first call. It exists until the thread ends.
+/// The record of the calling thread, which is made at its first call. It exists until the thread ends.
 pub fn current() -> &'static Thread {
     let known = mode::thread();
     // SAFETY: null or the record of this thread, which exists until it ends.
@@ -237,7 +242,7 @@ pub fn add() -> Arc<Thread> {
     thread
 }
 
-/// Removes a thread that has not begun.
+/// Removes a thread whose `pthread_create` has failed.
 pub fn remove(thread: &Thread) {
     let mut threads = lock();
     threads.entries.retain(|entry| !std::ptr::eq(&*entry.thread, thread));
@@ -245,12 +250,12 @@ pub fn remove(thread: &Thread) {
 
 /// Makes `thread` the record of the calling thread, until it ends.
 pub fn begin(thread: &Arc<Thread>) {
-    /// The key whose value is the record. Its destructor runs when a thread ends, but not when the process does: exit
-    /// handlers of the program still wait and read clocks.
+    /// The key whose value is the record. Its destructor runs when a thread ends, but not when the process ends: exit
+    /// handlers of the program may still wait and read clocks.
     static KEY: OnceLock<Option<libc::pthread_key_t>> = OnceLock::new();
 
     let number = system::thread_number();
-    // The system gives the numbers of ended threads to new ones.
+    // The kernel gives the ids of ended threads to new threads.
     lock().entries.retain(|entry| !(matches!(entry.state, State::Ending) && entry.is_number(number)));
     thread.number.store(number, Ordering::Relaxed);
     // SAFETY: the function has no arguments and cannot fail.
@@ -262,23 +267,23 @@ pub fn begin(thread: &Arc<Thread>) {
     });
     let record = Arc::into_raw(Arc::clone(thread));
     if let Some(key) = key {
-        // SAFETY: the key was made above. Without memory for the value the record is removed when `/proc` has the thread no
-        // more, and stays allocated.
+        // SAFETY: the key was made above. If there is no memory for the value, the thread is removed from the table
+        // when `/proc` no longer lists it, and its record is never freed.
         unsafe { libc::pthread_setspecific(*key, record.cast()) };
     }
     mode::set_thread(record);
 }
 
-/// The end of a thread, whose record this is.
+/// Called when the thread with this record ends.
 unsafe extern "C" fn end(record: *mut c_void) {
     let _own = Own::begin();
     mode::set_thread(std::ptr::null());
-    // What the thread still calls is real: nobody would see its second end.
+    // Further calls of the thread are real: they must not make a new record, whose end nobody would notice.
     mode::set_real();
     // SAFETY: the reference that `begin` has kept.
     let thread = unsafe { Arc::from_raw(record.cast::<Thread>()) };
     let mut threads = lock();
-    // If nobody waits, nobody else looks which threads have ended.
+    // While no thread waits, nothing else checks which threads have ended.
     threads.remove_gone(|entry| matches!(entry.state, State::Ending));
     threads.set(&thread, State::Ending);
 }
@@ -288,7 +293,8 @@ impl Threads {
         self.entries.iter_mut().find(|entry| std::ptr::eq(&*entry.thread, thread))
     }
 
-    /// Sets what a thread is doing. Returns what it was doing; `None`: the table does not have it since a fork.
+    /// Sets what a thread is doing. Returns what it was doing; `None` if the thread is not in the table, which is a new
+    /// one after a fork.
     fn set(&mut self, thread: &Thread, state: State) -> Option<State> {
         thread.is_back.store(false, Ordering::Relaxed);
         let before = self.entry(thread).map(|entry| {
@@ -312,7 +318,7 @@ impl Threads {
         clock::set_earliest(self.earliest());
     }
 
-    /// Ends the waits that `ends` chooses by their deadline and what they are for.
+    /// Ends the waits that `ends` selects by their deadline and by what they are for. Returns their number.
     pub fn end_waits(&mut self, outcome: Outcome, mut ends: impl FnMut(u64, &What) -> bool) -> usize {
         let mut count = 0;
         for entry in &mut self.entries {
@@ -327,7 +333,7 @@ impl Threads {
         count
     }
 
-    /// Ends the waits whose deadline has come. Those for a turn end in [`Self::advance`] alone.
+    /// Ends the waits whose deadline has come, except waits for a turn: only [`Self::advance`] ends those.
     fn end_due(&mut self) {
         let now = clock::now();
         self.end_waits(Outcome::Reached, |deadline, what| deadline <= now && !matches!(what, What::Turn));
@@ -337,7 +343,7 @@ impl Threads {
         match self.entry(thread).map(|entry| &entry.state) {
             Some(State::Ended(outcome)) => Some(*outcome),
             Some(State::Waiting { .. }) => None,
-            // The table is another one since a fork.
+            // The table was replaced after a fork, so the wait is not in it.
             _ => Some(Outcome::Woken),
         }
     }
@@ -349,12 +355,13 @@ pub fn wake_due() {
     lock().end_due();
 }
 
-/// Waits until `deadline`, or until `is_done`, which is asked from time to time, or until another thread ends the wait.
+/// Waits until `deadline`, until `is_done` returns true, or until another thread ends the wait. `is_done` is called
+/// from time to time.
 pub fn wait(what: What, deadline: u64, is_done: impl FnMut() -> bool) -> Outcome {
     wait_and(what, deadline, || (), is_done)
 }
 
-/// [`wait`], where `begun` is called when other threads can end the wait.
+/// Like [`wait`], but calls `begun` as soon as other threads can end the wait.
 pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: impl FnMut() -> bool) -> Outcome {
     let thread = current();
     let is_turn = matches!(what, What::Turn);
@@ -364,7 +371,8 @@ pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: im
     let mut threads = lock();
     threads.tickets += 1;
     let ticket = threads.tickets;
-    // Another wait, or a call outside, if this is one of a signal handler in it.
+    // If a signal handler calls this, the state before is that of the wait, or of the call outside, that the handler
+    // has interrupted.
     let around = threads.set(thread, State::Waiting { deadline, what, ticket });
     begun();
     let mut pause = FIRST_PAUSE;
@@ -383,7 +391,7 @@ pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: im
             continue;
         }
         if clock::now() > before {
-            // Time has gone on a part of the way.
+            // Virtual time has advanced, but not up to the deadline.
             pause = FIRST_PAUSE;
         }
         let seen = thread.word.load(Ordering::Acquire);
@@ -402,7 +410,8 @@ pub fn wait_and(what: What, deadline: u64, begun: impl FnOnce(), mut is_done: im
     outcome
 }
 
-/// The calling thread begins a call in which it may wait several times for the same.
+/// Marks the beginning of a call in which the thread may wait several times for the same thing, so that it may be woken
+/// to try again.
 pub fn begin_call() {
     let thread = current();
     if let Some(entry) = lock().entry(thread) {
@@ -410,7 +419,7 @@ pub fn begin_call() {
     }
 }
 
-/// Waits until all other threads wait.
+/// Waits until all other threads of the program wait.
 pub fn turn() {
     if mode::is_real() {
         return;
@@ -421,8 +430,8 @@ pub fn turn() {
     }
 }
 
-/// Runs a call of the C library that ends by something else than time. No destructor of this library runs if the thread is
-/// cancelled in it.
+/// Runs a call of the C library that ends by something other than time. No value with a destructor exists during the
+/// call, so that the thread may be cancelled in it.
 pub fn outside<T>(call: impl FnOnce() -> T) -> T {
     {
         let _own = Own::begin();
@@ -437,7 +446,7 @@ pub fn outside<T>(call: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Ends the oldest wait for a condition variable, or all of them. Returns how many.
+/// Ends the oldest wait for a condition variable, or all waits for it. Returns how many it has ended.
 pub fn signal(condition: usize, is_all: bool) -> usize {
     let mut threads = lock();
     let is_it = |what: &What| matches!(what, What::Condition(of) if *of == condition);
@@ -457,7 +466,7 @@ pub fn signal(condition: usize, is_all: bool) -> usize {
     }
 }
 
-/// Ends the oldest waits for a word, at most so many. Returns how many.
+/// Ends the oldest waits for a word, at most `most` of them. Returns how many it has ended.
 pub fn woken(word: usize, most: usize) -> usize {
     let mut threads = lock();
     let mut tickets: Vec<u64> = threads.entries.iter().filter_map(|entry| entry.ticket_at(word)).collect();
@@ -480,7 +489,7 @@ pub fn posted(semaphore: usize) {
 /// Ends the wait of a thread that is cancelled.
 pub fn cancelled(handle: libc::pthread_t) {
     let mut threads = lock();
-    // A thread that ends may have the same handle still.
+    // A thread that is ending may still have the same handle.
     let is_it = |entry: &&mut Entry| {
         matches!(entry.state, State::Waiting { .. }) && entry.thread.handle.load(Ordering::Relaxed) == handle as usize
     };

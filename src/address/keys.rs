@@ -86,7 +86,7 @@ impl Syntax {
                 .then(|| value.to_owned())
                 .filter(|value| !value.contains('\0')),
             Self::Slaves => return Ok(slaves::normal(&slaves::parse(value)?)),
-            // Lines that are not named are not wired.
+            // Lines that the list does not reach are not wired, so `,-` at its end is left out.
             Self::Pins(max) => pins(value, max).map(|_| value.trim_end_matches(",-").to_owned()),
         };
         normal.ok_or_else(|| self.allowed())

@@ -1,27 +1,10 @@
 //! The kinds of simulated slaves and their differences, in one table. The parser of lists, its error messages, the help
 //! and the options of the tool use the table.
 //!
-//! A new kind is a file in `slave/` that implements [`Model`](crate::slave::device::Model), and a variant of
-//! [`SlaveModel`] with its row here.
+//! A new kind is a file in `slave/` that implements [`Model`](crate::slave::device::Model), and its row
+//! here.
 
 use crate::sk::SlaveKind;
-
-/// A kind of simulated slave.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum SlaveModel {
-    /// A CiA 402 servo drive.
-    Drive,
-    /// An IO slave with 16 digital outputs and 16 digital inputs; output k is wired to input k.
-    Io,
-    /// A CiA 402 stepper drive, whose only mode is CSP.
-    Step,
-    /// The stepper drive Xinje DP3CL, which the board treats as a stepper.
-    Dp3cl,
-    /// A pulse module (HSP) with one channel.
-    Hsp,
-    /// A pulse module (HSP) with two channels.
-    Hsp2,
-}
 
 /// The word `none`: as a whole list, a network without slaves; as an entry of a declared list, a slot that is not used.
 pub(super) const NONE: &str = "none";
@@ -41,10 +24,111 @@ const SERVO: UsualTravel =
 const STEPPER: UsualTravel =
     UsualTravel { parts: "limits@-100000..100000:home@-2500..2500:index@0", counts_a_turn: 10_000 };
 
-impl SlaveModel {
-    /// All models, in the order of the help. The first model of each [`SlaveKind`] has the same name as the kind.
-    pub const ALL: [Self; 6] = [Self::Drive, Self::Io, Self::Step, Self::Dp3cl, Self::Hsp, Self::Hsp2];
+/// The properties of a model. A new model is a row of the table below.
+struct Row {
+    name: &'static str,
+    with_article: &'static str,
+    meaning: &'static str,
+    kind: SlaveKind,
+    axes: usize,
+    motors: usize,
+    channels: usize,
+    usual_travel: Option<UsualTravel>,
+}
 
+/// The enum, the list of all models and the row of each from one table.
+macro_rules! models {
+    ($($(#[$doc:meta])* $name:ident = $row:expr;)*) => {
+        /// A kind of simulated slave.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum SlaveModel {
+            $($(#[$doc])* $name,)*
+        }
+
+        impl SlaveModel {
+            /// All models, in the order of the help. The first model of each [`SlaveKind`] has the same name as the kind.
+            pub const ALL: [Self; [$(stringify!($name)),*].len()] = [$(Self::$name),*];
+
+            /// The row of the model, with everything in which the models differ.
+            const fn row(self) -> Row {
+                match self {
+                    $(Self::$name => $row,)*
+                }
+            }
+        }
+    };
+}
+
+models! {
+    /// A CiA 402 servo drive.
+    Drive = Row {
+        name: "drive",
+        with_article: "a drive",
+        meaning: "a servo drive",
+        kind: SlaveKind::Drive,
+        axes: 1,
+        motors: 1,
+        channels: 0,
+        usual_travel: Some(SERVO),
+    };
+    /// An IO slave with 16 digital outputs and 16 digital inputs; output k is wired to input k.
+    Io = Row {
+        name: "io",
+        with_article: "an io",
+        meaning: "16 outputs, each wired to one of 16 inputs",
+        kind: SlaveKind::Io,
+        axes: 0,
+        motors: 0,
+        channels: 1,
+        usual_travel: None,
+    };
+    /// A CiA 402 stepper drive, whose only mode is CSP.
+    Step = Row {
+        name: "step",
+        with_article: "a step",
+        meaning: "a stepper drive with CSP alone",
+        kind: SlaveKind::Step,
+        axes: 1,
+        motors: 1,
+        channels: 0,
+        usual_travel: Some(STEPPER),
+    };
+    /// The stepper drive Xinje DP3CL, which the board treats as a stepper.
+    Dp3cl = Row {
+        name: "dp3cl",
+        with_article: "a dp3cl",
+        meaning: "the stepper drive Xinje DP3CL, a step for the board",
+        kind: SlaveKind::Step,
+        axes: 1,
+        motors: 1,
+        channels: 1,
+        usual_travel: Some(STEPPER),
+    };
+    /// A pulse module (HSP) with one channel.
+    Hsp = Row {
+        name: "hsp",
+        with_article: "an hsp",
+        meaning: "a pulse module of one channel, its outputs wired to its inputs",
+        kind: SlaveKind::Hsp,
+        axes: 1,
+        motors: 0,
+        channels: 1,
+        usual_travel: Some(STEPPER),
+    };
+    /// A pulse module (HSP) with two channels.
+    Hsp2 = Row {
+        name: "hsp2",
+        with_article: "an hsp2",
+        meaning: "the same with two channels",
+        kind: SlaveKind::Hsp,
+        axes: 2,
+        motors: 0,
+        channels: 2,
+        usual_travel: Some(STEPPER),
+    };
+}
+
+impl SlaveModel {
     /// The name of the model in a link.
     pub const fn name(self) -> &'static str {
         self.row().name
@@ -84,84 +168,6 @@ impl SlaveModel {
     pub(super) const fn usual_travel(self) -> Option<UsualTravel> {
         self.row().usual_travel
     }
-
-    /// The row of the model, with everything in which the models differ.
-    const fn row(self) -> Row {
-        match self {
-            Self::Drive => Row {
-                name: "drive",
-                with_article: "a drive",
-                meaning: "a servo drive",
-                kind: SlaveKind::Drive,
-                axes: 1,
-                motors: 1,
-                channels: 0,
-                usual_travel: Some(SERVO),
-            },
-            Self::Io => Row {
-                name: "io",
-                with_article: "an io",
-                meaning: "16 outputs, each wired to one of 16 inputs",
-                kind: SlaveKind::Io,
-                axes: 0,
-                motors: 0,
-                channels: 1,
-                usual_travel: None,
-            },
-            Self::Step => Row {
-                name: "step",
-                with_article: "a step",
-                meaning: "a stepper drive with CSP alone",
-                kind: SlaveKind::Step,
-                axes: 1,
-                motors: 1,
-                channels: 0,
-                usual_travel: Some(STEPPER),
-            },
-            Self::Dp3cl => Row {
-                name: "dp3cl",
-                with_article: "a dp3cl",
-                meaning: "the stepper drive Xinje DP3CL, a step for the board",
-                kind: SlaveKind::Step,
-                axes: 1,
-                motors: 1,
-                channels: 1,
-                usual_travel: Some(STEPPER),
-            },
-            Self::Hsp => Row {
-                name: "hsp",
-                with_article: "an hsp",
-                meaning: "a pulse module of one channel, its outputs wired to its inputs",
-                kind: SlaveKind::Hsp,
-                axes: 1,
-                motors: 0,
-                channels: 1,
-                usual_travel: Some(STEPPER),
-            },
-            Self::Hsp2 => Row {
-                name: "hsp2",
-                with_article: "an hsp2",
-                meaning: "the same with two channels",
-                kind: SlaveKind::Hsp,
-                axes: 2,
-                motors: 0,
-                channels: 2,
-                usual_travel: Some(STEPPER),
-            },
-        }
-    }
-}
-
-/// The properties of a model. A new model is a variant of [`SlaveModel`] with its row.
-struct Row {
-    name: &'static str,
-    with_article: &'static str,
-    meaning: &'static str,
-    kind: SlaveKind,
-    axes: usize,
-    motors: usize,
-    channels: usize,
-    usual_travel: Option<UsualTravel>,
 }
 
 /// The word by which a list of slaves names a kind of SET_AXIS: `drive`, `io`, `step`, `hsp`, or `none` for an unused

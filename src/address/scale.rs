@@ -1,8 +1,8 @@
 //! Units of positions. On the wire positions are counts. A program, an option or a machine file may set for each axis how
 //! many counts its unit has, and between which counts its targets have to be.
 
-/// A position that rounding to the nearest count moves by more than this part of its value is another place. \[OURS] It is
-/// much more than a scale makes that fits its axis, and less than one that is upside down.
+/// If rounding to the nearest count moves a position by more than this part of its value, the scale is probably wrong.
+/// \[OURS] A scale that fits its axis moves positions by much less, and an inverted scale by more.
 const ROUNDED_PART_MAX: f64 = 0.1;
 
 /// The number of counts in one unit (mm, degree, turn); negative if the unit counts in the opposite direction.
@@ -40,8 +40,9 @@ impl Scale {
         (f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&counts).then_some(counts as i32)
     }
 
-    /// The place of a position in units after rounding to the nearest count, if that is another place: a tenth of the position
-    /// or more away. That a count is so long hardly fits an axis.
+    /// Detects a scale whose counts are too long for its axis. If rounding to the nearest count moves a position by
+    /// more than a tenth of its value, returns the rounded position in units. `None` if the position moves less, or
+    /// does not fit 32 bits.
     ///
     /// ```
     /// use ecmsk::ecm::Scale;
@@ -51,7 +52,7 @@ impl Scale {
     /// assert_eq!(Scale::per_unit(1000.0).rounds_to(250.0), None);
     /// ```
     pub fn rounds_to(self, units: f64) -> Option<f64> {
-        // Without a sign in front of zero.
+        // Adding 0.0 turns -0.0 into 0.0, so that messages show no minus sign.
         let rounded = self.to_units(self.to_counts(units)?) + 0.0;
         ((rounded - units).abs() > units.abs() * ROUNDED_PART_MAX).then_some(rounded)
     }
@@ -161,7 +162,7 @@ pub(crate) fn fraction(text: &str) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Rounding to the nearest count leads to another place if a count is long.
+    /// If a count is long, rounding to the nearest count moves a position far.
     #[test]
     fn a_long_count_leads_to_another_place() {
         let long = Scale::per_unit(-0.001);

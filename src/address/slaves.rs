@@ -29,7 +29,7 @@ pub enum ManufacturerObjectsSpec {
     File(Arc<str>),
 }
 
-/// Writes the text that stands after `objects@` in a link.
+/// Writes the text that follows `objects@` in a link.
 impl fmt::Display for ManufacturerObjectsSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -188,7 +188,7 @@ fn split_parts<'a>(parts: &[&'a str]) -> Result<(Vec<&'a str>, Option<Manufactur
             travel.push(part);
             continue;
         };
-        // The list was split at every colon, also at the one behind a drive letter of Windows (`C:\...`). That path is
+        // The list was split at every colon, also at the one after a drive letter of Windows (`C:\...`). That path is
         // joined again.
         let is_letter = value.len() == 1 && value.bytes().all(|byte| byte.is_ascii_alphabetic());
         let path = parts.next_if(|next| is_letter && next.starts_with(['/', '\\']));

@@ -1,5 +1,5 @@
 //! The travel of a simulated axis: its start position, limit switches, home switch, index pulse and end stops. A link
-//! gives it behind the kind of a slave: `drive:limits@-200000..300000:home@-500..500:index@12345`.
+//! gives it after the kind of a slave: `drive:limits@-200000..300000:home@-500..500:index@12345`.
 //!
 //! Every part consists of a word, `@` and a position in counts of the motor shaft (pulses for an hsp). Parts that are
 //! not given have the default of the kind. None of the characters used has a special meaning in shells and URIs.

@@ -78,7 +78,7 @@ pub enum UriError {
     /// A caller has asked for the options of one scheme, and the link has another one.
     #[error("link `{uri}` is no `{expected}:` link; allowed here: {expected}:; {WHERE_TO_LOOK}")]
     OtherScheme { uri: String, expected: Scheme },
-    /// Text stands between the colon and the question mark, where this scheme allows none.
+    /// There is text between the colon and the question mark, where this scheme allows none.
     #[error("`{scheme}:` takes nothing but keys, found `{path}`; allowed: {scheme}:?key=value; {WHERE_TO_LOOK}")]
     UnexpectedPath { scheme: Scheme, path: String },
     /// The scheme does not allow this text between the colon and the question mark.

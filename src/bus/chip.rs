@@ -145,8 +145,8 @@ impl Mailboxes for XfNetwork {
             if let Some(end) = self.master.take(job) {
                 return Ok(end);
             }
-            // The emergencies of slaves are dropped. This crate's own master reads them from the mailbox with its
-            // answers, so the chip does not list them.
+            // Events of this master are dropped, among them emergencies of slaves. This master reads an emergency from
+            // the mailbox together with the answers, so the chip cannot list it any more.
             while self.master.take_event().is_some() {}
             if let Err(error) = wire.wait(POLL_INTERVAL) {
                 self.master.cancel(job);
@@ -163,8 +163,8 @@ impl Network for XfNetwork {
             true => self.xf.count_slaves()?,
             false => match self.xf.start_network(&NetworkConfig::default()) {
                 Ok(found) => found,
-                // The chip's command fails also if there is no slave at all. Then the count is 0, and the error is that
-                // there is no slave.
+                // The command also fails if there is no slave at all. Then the count is 0, and the error below is
+                // [`BusError::NoSlave`].
                 Err(error) => match self.xf.count_slaves()? {
                     0 => 0,
                     _ => return Err(error.into()),
@@ -215,8 +215,8 @@ impl Network for XfNetwork {
         false
     }
 
-    /// \[OURS] One byte less than a request can have: if a read returns as many bytes as the request can have, the
-    /// object may have more.
+    /// \[OURS] One byte less than an SDO request of the chip can carry. A read that returns the full length may have
+    /// returned only the first bytes of a longer value.
     fn value_bytes_max(&self) -> usize {
         (SDO_DATA_MAX - 1).min(self.xf.host().size().bytes().saturating_sub(SDO_HEAD))
     }

@@ -22,7 +22,7 @@ pub enum ContentError {
          name an undamaged file"
     )]
     Checksum { found: u8, expected: u8 },
-    /// The list of categories behind the words with a fixed layout has no end marker, or is damaged.
+    /// The list of categories after the words with a fixed layout has no end marker, or is damaged.
     #[error("the categories after the first words are not whole ({0}); name a complete file")]
     Categories(WireError),
     /// The content is for another device: vendor or product differ.

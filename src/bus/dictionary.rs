@@ -27,7 +27,7 @@ pub struct Object {
 /// One sub-index of an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// Index and sub-index.
+    /// Index and sub-index of the entry.
     pub object: ObjectAddress,
     /// The name of the entry, decoded from UTF-8 or ISO-8859-1.
     pub name: String,
@@ -66,7 +66,7 @@ pub fn objects(network: &mut dyn Network, slave: u8) -> Result<Vec<Object>, BusE
 /// The entries of an object. Sub-indices that the slave does not describe are left out.
 ///
 /// # Errors
-/// As [`objects`].
+/// The errors of [`objects`].
 pub fn entries(network: &mut dyn Network, slave: u8, object: &Object) -> Result<Vec<Entry>, BusError> {
     let mut entries = Vec::new();
     for sub in 0..=object.max_sub {

@@ -53,8 +53,8 @@ pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
     }
     let (wanted, found) = (wanted.info(), found.info());
     let room = (usize::from(found.kbit_less_1) + 1) * 128;
-    // Some makers leave the word with the EEPROM's size at 0. Then the size is unknown, and the length of the content is
-    // not checked.
+    // Some vendors leave the word with the EEPROM's size at 0. Then the size is unknown, and the length of the content
+    // is not checked.
     if found.kbit_less_1 > 0 && content.len() > room {
         return Err(ContentError::TooLong { len: content.len(), room });
     }
@@ -104,9 +104,10 @@ pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<V
         .collect())
 }
 
-/// Writes the words that differ from the present content, in descending order of address: the configuration words at the
-/// beginning come last, with their checksum. So a write that is interrupted before these leaves the old configuration with its
-/// right checksum. Then reads all written words back. Calls `written` after each word with the number of words written so far.
+/// Writes the changed words in descending order of address, so that the configuration words at the beginning, with
+/// their checksum, come last. A write that is interrupted before these words leaves the old configuration with its
+/// valid checksum. Then reads all written words back. Calls `written` after each word with the number of words written
+/// so far.
 ///
 /// # Errors
 /// [`BusError::Eeprom`]: a word cannot be read or written. [`BusError::NotWritten`]: a word reads back with another value than

@@ -30,9 +30,8 @@ pub(super) trait Mailboxes: Network {
 
 /// Checks that a slave's mailbox supports a protocol, and brings the slave to PreOP, where its mailbox works.
 ///
-/// # Errors
-/// `without`: the slave has no mailbox, or one without this protocol. Those of [`Mailboxes::mailbox`] and
-/// [`Network::bring_to_preop`].
+/// Returns `without` if the slave has no mailbox, or one that does not support this protocol. Also returns the errors
+/// of [`Mailboxes::mailbox`] and [`Network::bring_to_preop`].
 pub(super) fn open(
     network: &mut impl Mailboxes,
     slave: u8,
@@ -44,8 +43,8 @@ pub(super) fn open(
     Ok(mailbox)
 }
 
-/// Brings a slave to PreOP. Returns whether its EEPROM gives SDO information. A slave whose EEPROM does not may have it,
-/// since the EEPROM need not give its CoE services: only its answer shows that.
+/// Brings a slave to PreOP. Returns whether its EEPROM declares the SDO information service. A slave may have the
+/// service although its EEPROM does not declare it; only the answer to a request shows that.
 fn open_information(network: &mut impl Mailboxes, slave: u8) -> Result<bool, BusError> {
     let mailbox = open(network, slave, MailboxProtocols::COE, BusError::NoCoe { slave })?;
     Ok(mailbox.coe.contains(CoeDetails::SDO_INFO))
@@ -107,8 +106,9 @@ pub(super) fn write_file(
     network.run(slave, start)?.map_err(|error| failed_file(network, slave, name, error))
 }
 
-/// The error of a failed request for SDO information. A slave that has answered it lacks the service, unless its EEPROM
-/// gives it or the slave knows no such object.
+/// The error of a failed SDO information request, or [`BusError::Gone`] if the slave is gone. A slave that refuses the
+/// request is taken to lack the service, unless its EEPROM declares it or the abort code says that the object does not
+/// exist.
 fn failed_information(network: &mut impl Mailboxes, slave: u8, is_given: bool, error: SdoError) -> BusError {
     let knows_service = matches!(error, SdoError::Abort(AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX));
     let error = if is_given || knows_service {

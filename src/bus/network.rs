@@ -32,12 +32,12 @@ pub struct FoundSlave {
     pub identity: SiiIdentity,
     /// The name in the slave's EEPROM; empty if there is none.
     pub name: String,
-    /// The AL state in which the slave was before the scan. If an ECM-XF had to initialise its network for the scan, it is
-    /// the state after that.
+    /// The AL state in which the slave was before the scan. If an ECM-XF had to initialise its network for the scan,
+    /// this is the state after the initialisation.
     pub found: SlaveState,
     /// The DL status: which ports are open and have a link.
     pub ports: DlStatus,
-    /// The type of each port (MII, EBUS or none), register 0x0007; 0 if it is not known, and then `ports` is not known
+    /// The type of each port (MII, EBUS or none), register 0x0007. 0 if it is not known; then `ports` is not known
     /// either.
     pub port_types: u8,
     /// The slave and the port that this slave is connected to; `None` if it is connected to the master.
@@ -74,8 +74,8 @@ pub trait Network {
     /// Whether a scan takes all slaves to Init. If a chip runs the network, the scan leaves them in their states.
     fn resets_slaves(&self) -> bool;
 
-    /// The length of the longest value that SDO transfers carry whole in both directions, bytes. A read of a longer
-    /// value returns its first bytes, of which there are more than this.
+    /// The length of the longest value, bytes, that an SDO read or write transfers completely. A read of a longer value
+    /// returns only its first bytes, but always more bytes than this.
     fn value_bytes_max(&self) -> usize;
 
     /// Waits for this time. This crate's own master keeps the slaves' distributed clocks synchronized meanwhile.
@@ -87,19 +87,19 @@ pub trait Network {
     /// Sends long frames for this time, so that a bad cable shows in the error counters.
     ///
     /// # Errors
-    /// As [`Network::wait`]. Lost frames are no error.
+    /// The errors of [`Network::wait`]. Lost frames are no error.
     fn load(&mut self, time: Duration) -> Result<(), BusError>;
 
     /// Reads registers of a slave.
     ///
     /// # Errors
-    /// [`BusError::Register`]: the slave does not answer, or with a wrong working counter.
+    /// [`BusError::Register`]: the slave does not answer, or answers with a wrong working counter.
     fn read(&mut self, slave: u8, address: u16, data: &mut [u8]) -> Result<(), BusError>;
 
     /// Writes registers of a slave.
     ///
     /// # Errors
-    /// [`BusError::Register`]: the slave does not answer, or with a wrong working counter.
+    /// [`BusError::Register`]: the slave does not answer, or answers with a wrong working counter.
     fn write(&mut self, slave: u8, address: u16, data: &[u8]) -> Result<(), BusError>;
 
     /// Brings a slave from Init to PreOP, where its mailbox works. A slave in a higher state stays there.
@@ -123,24 +123,24 @@ pub trait Network {
     /// The indices of all objects of a slave, from its SDO information service.
     ///
     /// # Errors
-    /// [`BusError::Information`]: the slave gives no valid answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it
-    /// has no CoE, or no SDO information service.
+    /// [`BusError::Information`]: the slave aborts the request, for example because it has no such object, or gives no valid
+    /// answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it has no CoE, or no SDO information service.
     fn object_list(&mut self, slave: u8) -> Result<Vec<u16>, BusError>;
 
     /// The description of an object as the slave sends it: the bytes of an
     /// [`ObjectDescription`](crate::ethercat::coe::ObjectDescription), which borrows the name from them.
     ///
     /// # Errors
-    /// [`BusError::Information`]: the slave gives no valid answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it
-    /// has no CoE, or no SDO information service.
+    /// [`BusError::Information`]: the slave aborts the request, for example because it has no such object, or gives no valid
+    /// answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it has no CoE, or no SDO information service.
     fn describe_object(&mut self, slave: u8, index: u16) -> Result<Vec<u8>, BusError>;
 
     /// The description of a sub-index as the slave sends it: the bytes of an
     /// [`EntryDescription`](crate::ethercat::coe::EntryDescription).
     ///
     /// # Errors
-    /// [`BusError::Information`]: the slave gives no valid answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it
-    /// has no CoE, or no SDO information service.
+    /// [`BusError::Information`]: the slave aborts the request, for example because it has no such object, or gives no valid
+    /// answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it has no CoE, or no SDO information service.
     fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError>;
 
     /// The content of a slave's EEPROM from its first word to the end of its categories. This crate's own master

@@ -120,7 +120,7 @@ pub struct CablePort {
     pub port: u8,
 }
 
-/// Where the cause of errors is.
+/// The part of the network that causes errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProblemPlace {
     /// A cable, its plugs, or the ports at its ends.

@@ -19,13 +19,13 @@ use crate::master::{DatagramAnswer, Ending, FrameCounters, Job, MailboxInfo, Mas
 const PREOP_MAX_NS: Ns = 10_000_000_000;
 /// \[OURS] Longest wait for frames between two polls of the master, ns.
 const TURN_NS: Ns = 200_000;
-/// \[OURS] Interval of the master's watch over the slaves, ns. The watch also distributes the time of the reference clock
-/// here, since there are no cycles to do that; a master with cycles of 1 ms does it as often.
+/// \[OURS] Interval of the master's watch over the slaves, ns. Without cycles the watch also has to distribute the time
+/// of the reference clock. The interval equals a cycle of 1 ms, in which a cyclic master distributes it.
 const WATCH_NS: Ns = 1_000_000;
 /// \[OURS] The maximum number of attempts to send a datagram that reads states before the scan, if it does not come back.
 const TRIES: u32 = 3;
 
-/// \[OURS] The longest time to wait for the watchdog of a slave in OP, and how much longer than the watchdog, ns.
+/// \[OURS] The longest watchdog time of a slave in OP that is waited for, and the margin that is added to the wait, ns.
 const WATCHDOG_MAX_NS: Ns = 10_000_000_000;
 const WATCHDOG_MARGIN_NS: Ns = 20_000_000;
 /// The bit of [`WATCHDOG_STATUS`] that is set while the process data watchdog has not expired.
@@ -100,8 +100,8 @@ impl<W: NicWires> SoftwareNetwork<W> {
         if watched.is_empty() {
             return Ok(());
         }
-        // Slaves without a state machine, or without outputs, stay in OP when their master is gone. Whether outputs come
-        // the watchdog of the outputs shows.
+        // A slave without a state machine, or without outputs, may stay in OP when its master is gone. The process data
+        // watchdog shows whether outputs still arrive.
         self.wait(Duration::from_nanos(longest_ns + WATCHDOG_MARGIN_NS))?;
         for position in watched {
             if is_op(self.state_at(position))
@@ -118,8 +118,8 @@ impl<W: NicWires> SoftwareNetwork<W> {
         SlaveState { status, code }
     }
 
-    /// The watchdog time of the process data of the slave at that position, ns; `None`: no outputs restart it, or it is
-    /// off.
+    /// The time of the process data watchdog of the slave at that position, ns; `None` if no sync manager restarts the
+    /// watchdog, or if it is off.
     fn watchdog_at(&mut self, position: u16) -> Option<Ns> {
         let managers: [u8; SYNC_MANAGERS_MAX * SYNC_MANAGER_LEN] = self.register_at(position, SYNC_MANAGER);
         let triggers = |manager: &[u8; SYNC_MANAGER_LEN]| {

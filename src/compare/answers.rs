@@ -53,7 +53,8 @@ fn answer_differences(
     }
 }
 
-/// If the command ended OP in both runs, adds the differences of positions in the last reports of OP, for axes at rest.
+/// If the command made the network leave OP in both runs, compares the positions of axes at rest in the last reports of
+/// OP, and adds the differences.
 fn rest_differences(a: &Step, b: &Step, options: &CompareOptions, found: &mut Vec<Deviation>) {
     let has_left = |step: &Step| step.answer.as_ref().is_some_and(|answer| !answer.is_op());
     if !(has_left(a) && has_left(b)) {

@@ -1,8 +1,8 @@
 //! Counts the cycles of a run by the reports of the board, which sends one in each cycle.
 
-/// How early a report may come, as a fraction of a cycle (1/4). A report that comes up to this much before the end of the
-/// nth cycle since the previous report counts as that of the nth: the host missed the reports between. A report that
-/// comes earlier counts as a late one of the cycle before. \[OURS]
+/// How early a report may come, as a fraction of a cycle (1/4). A report that comes up to this much before the end of
+/// the nth cycle since the previous report counts as the report of the nth cycle: the host missed the reports between.
+/// A report that comes earlier counts as a late report of the cycle before. \[OURS]
 const EARLY_FRACTION: i64 = 4;
 
 /// Counts the cycles of the board from the moment the network reaches OP until it leaves OP.

@@ -103,8 +103,8 @@ impl GapCount {
     /// Evaluates an observation. `moves` says whether the command after it continues the same motion.
     fn evaluate(&mut self, observation: Observation, moves: bool) {
         let Some(offset) = self.cycle_offset.filter(|_| moves) else {
-            // The motion ends. A change that enough commands have shown before is still a gap. Additional cycles between
-            // two motions are none, so the present offset is taken over.
+            // The motion ends. A change that enough commands have shown before is still a gap. Additional cycles
+            // between two motions are no gap, so the present offset is taken over.
             self.accept_change();
             self.cycle_offset = Some(observation.cycle_offset);
             return;
@@ -125,8 +125,9 @@ impl GapCount {
     }
 
     /// Decides on a new value of the cycle offset, if enough commands have shown it. The change counts as a gap if the
-    /// answers differ, so that the axis is elsewhere in one run, and if the FIFO was empty or the change is larger than
-    /// [`Observation::unsure_cycles`]. The new value is taken over with a gap, and if the answers are equal.
+    /// answers differ, so that the axis is at another position in one run. In addition, the FIFO has to be empty, or
+    /// the change larger than [`Observation::unsure_cycles`]. The new value is taken over with a gap, and if the
+    /// answers are equal.
     fn accept_change(&mut self) {
         let Some((observation, count)) = self.candidate.take() else { return };
         let Some(offset) = self.cycle_offset.filter(|_| count >= SURE_COMMANDS) else { return };

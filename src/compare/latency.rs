@@ -22,15 +22,15 @@ const STRETCHES_MAX: usize = 64;
 pub struct Latency {
     /// The number of commands whose latency was measured.
     pub commands: u64,
-    /// The most frequent latency, in cycles. If several are equally frequent, the one nearest to 0. 0 if no command
-    /// counts.
+    /// The most frequent latency, in cycles. If several are equally frequent, the one nearest to 0. 0 if no command was
+    /// measured.
     pub usual: i64,
     /// The smallest latency of a command: by how many cycles run B answers it later than run A; negative if earlier.
     pub least: i64,
     /// The largest latency of a command: by how many cycles run B answers it later than run A; negative if earlier.
     pub most: i64,
-    /// The parts of the runs between changes of the latency. A new part begins when several consecutive commands differ by
-    /// more than two cycles. At least one part, unless no command counts.
+    /// The parts of the runs between changes of the latency. A new part begins when several consecutive commands differ
+    /// by more than two cycles. At least one part, unless no command was measured.
     pub stretches: Vec<LatencyStretch>,
 }
 

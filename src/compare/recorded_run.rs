@@ -154,8 +154,9 @@ impl RecordedRun {
         self.timeline.jumps()
     }
 
-    /// Sorts frames by time: a report that the host read late stands in the file behind later commands. Takes the next
-    /// frame of the file. Once enough frames are buffered that no earlier one can follow, returns the earliest of them.
+    /// Sorts the frames by time, because a report that the host read late follows later commands in the file. Takes the
+    /// next frame of the file. Once enough frames are buffered that no earlier one can follow, returns the earliest of
+    /// them.
     fn sort(&mut self, (at_ns, (number, recorded)): (i64, (u64, Recorded))) -> Option<TimedFrame> {
         let Recorded { dir, frame, .. } = recorded;
         // At equal times a report is sorted before a command, since the board cannot have executed that command yet. So

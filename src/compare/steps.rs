@@ -249,9 +249,9 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         self.last_certain = Some((last, cycle));
     }
 
-    /// Finds the steps of the ambiguous reports before an unambiguous one, whose last executed command is `last`. This is
-    /// possible if the board executed one command in each cycle since the unambiguous report before them: then the cycle
-    /// of a report tells its command. Otherwise the reports are given up.
+    /// Finds the steps of the ambiguous reports that precede an unambiguous one, whose last executed command is `last`.
+    /// This is possible if the board executed one command in each cycle since the unambiguous report before them: then
+    /// the cycle of a report determines its command. Otherwise the search is given up.
     fn resolve_ambiguous(&mut self, last: Option<u64>, cycle: i64) {
         let number = |last: Option<u64>| last.map_or(-1, |last| i64::try_from(last).unwrap_or(i64::MAX));
         let Some((before, cycle_before)) = self.last_certain else { return self.give_up_ambiguous() };

@@ -1,5 +1,5 @@
-//! Decides which differences between two answers are timing alone: the other run shows the same some cycles earlier or
-//! later.
+//! Decides which differences between two answers are timing alone: the other run shows the same value some cycles
+//! earlier or later.
 //!
 //! A board over an ECM-XF executes a command some cycles later, and the program continues meanwhile or waits for more
 //! cycles. So the answers of the two boards to a command are also compared with the answers in the cycles around it:
@@ -7,15 +7,15 @@
 //! - A value of one run is no difference if the other run shows it at most [`super::CompareOptions::latency_cycles`] before or
 //!   after its own answer. This must hold in both directions, so that a value which one run never shows remains a
 //!   difference.
-//! - In a moving axis, target reached (bit 10) and position may be combined in another way if a run has one cycle more
-//!   or less. Each of the two is therefore compared by itself.
+//! - If a run has one cycle more or less, its report may pair the target reached bit (bit 10) of a moving axis with
+//!   another position. Bit and position are therefore compared separately.
 //! - If one run has additional cycles, because its program waited or the board had nothing to send, a moving axis is at
 //!   another position for a while. Until it is at rest in both runs, or both have shown the same position for a while,
 //!   the position of each run has to occur in the other run within that number of cycles, or close to it. An axis at
 //!   rest has to be at the same position.
-//! - The last answers of a run, and the last answers before slaves leave OP, have to be the same, but for an axis that
-//!   still moves in both runs. Its target reached (bit 10) may differ, and if one of the runs had additional cycles also
-//!   its position and all bits of its statusword that do not belong to the CiA 402 state.
+//! - The last answers of a run, and the last answers before slaves leave OP, have to be the same, except for an axis
+//!   that still moves in both runs. Its target reached bit (bit 10) may differ. If one of the runs had additional
+//!   cycles, its position and all bits of its statusword that do not belong to the CiA 402 state may differ too.
 
 use std::collections::VecDeque;
 
@@ -30,8 +30,8 @@ use crate::sk::dump::MAX_SLAVES;
 /// After this many consecutive answers that are the same in both runs, additional cycles before them do not count any
 /// more as the reason why a moving axis is at another position. \[OURS]
 const SAME_ANSWERS: u32 = 16;
-/// How many cycles more than the runs differ by are searched for the same value: a drive follows after one or two cycles,
-/// and a report may belong to the next cycle. \[OURS]
+/// How many cycles are searched for the same value in addition to the cycles by which the runs differ: a drive follows
+/// after one or two cycles, and a report may belong to the next cycle. \[OURS]
 const SLACK_CYCLES: usize = 2;
 /// How many consecutive answers have to be the same some cycles earlier or later to show that neither run had additional
 /// cycles, and that reports were only assigned to the wrong commands. \[OURS]
@@ -143,8 +143,7 @@ impl PairWindow {
             what.retain(|deviation| !self.is_timing(at, deviation, ended));
             self.shifted += u64::from(what.is_empty());
         }
-        // If other values of a slave's answer differ, they tell more than that the slave had a fault, so the fault is
-        // left out.
+        // If other values of a slave's answer differ, they say more than its fault does, so the fault is left out.
         let shown: Vec<u8> = what.iter().filter(|what| !is_fault(what)).filter_map(Deviation::slave).collect();
         what.retain(|what| !is_fault(what) || what.slave().is_none_or(|slave| !shown.contains(&slave)));
         self.forget();
@@ -163,8 +162,8 @@ impl PairWindow {
         self.pairs.range(from.min(to)..to).map(|pair| pair.step(side).kept.len()).sum()
     }
 
-    /// Drops the oldest pairs while the others before the next pair suffice for a search: they have more than 2 *
-    /// [`WAY_CYCLES`] reports of each run, or are [`PAIRS_MAX`] pairs.
+    /// Drops the oldest pairs as long as the remaining pairs before the next one suffice for a search: they have more
+    /// than 2 * [`WAY_CYCLES`] reports of each run, or are at least [`PAIRS_MAX`] pairs.
     fn forget(&mut self) {
         let enough = |this: &Self, side| this.reports(1, this.next, side) > 2 * WAY_CYCLES;
         while self.next > PAIRS_MAX || (enough(self, Side::A) && enough(self, Side::B)) {
@@ -235,9 +234,9 @@ impl PairWindow {
         }
     }
 
-    /// By how many cycles the difference between the runs' cycle counts has changed at most since both showed the axis at
-    /// the same position, up to the pair `at` and the pairs right after it. These are the additional cycles of either
-    /// run.
+    /// The largest change, in cycles, of the difference between the runs' cycle counts since both runs showed the axis
+    /// at the same position. The pair `at` and the pairs right after it are included. The change is the number of
+    /// additional cycles of either run.
     fn largest_offset_change(&self, at: usize, slave: u8) -> u64 {
         let Some(axis) = self.axes.get(usize::from(slave).wrapping_sub(1)) else { return 0 };
         let Some(offset_when_equal) = axis.offset_when_equal else { return 0 };
@@ -287,9 +286,9 @@ impl PairWindow {
             && answers.iter().all(|answer| answer.unchanged_reports(slave) < AT_REST_REPORTS)
     }
 
-    /// Whether a difference comes from additional cycles of one run. A position has to lie, within a small tolerance,
-    /// among those that the other run shows within that number of cycles. Any other value has to occur in a report close
-    /// to the answer in at least one run.
+    /// Whether a difference comes from additional cycles of one run. A position has to be, within a small tolerance,
+    /// among the positions that the other run shows within that number of cycles. Any other value has to occur in a
+    /// report close to the answer in at least one run.
     fn is_on_its_way(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let most = self.largest_offset_change(at, slave);
         if most == 0 {
@@ -321,9 +320,10 @@ impl PairWindow {
         }
     }
 
-    /// Whether a difference depends only on the moment of a report: target reached (bit 10), or the position of an axis
-    /// that moves in both runs. A report one cycle earlier or later may combine the two differently. So each run has to
-    /// show the other run's bit close to its own answer, and the other run's position too, but not both in one report.
+    /// Whether a difference depends only on the moment of a report: in target reached (bit 10), or in the position of
+    /// an axis that moves in both runs. A report one cycle earlier or later may combine bit and position differently.
+    /// So each run has to show the other run's bit close to its own answer, and the other run's position too, but the
+    /// two may be in different reports.
     fn is_sampling_moment(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let Some(answers) = self.pairs.get(at).and_then(StepPair::answers_in_op) else { return false };
         let is_one = match what {

@@ -134,7 +134,7 @@ pub(super) const fn modes(kind: SlaveKind) -> &'static [Mode] {
     }
 }
 
-/// Formats a slave as the option `--slaves` of the tool has it: `drive`, `drive:csv`, `io`.
+/// Formats a slave as in the option `--slaves` of the tool: `drive`, `drive:csv`, `io`.
 impl fmt::Display for Slave {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(slaves::word(self.kind()))?;
@@ -155,7 +155,8 @@ pub struct Config {
 }
 
 impl Default for Config {
-    /// An empty configuration with a cycle of 1000 us, to be filled with slaves: [`Self::check`] refuses it without any.
+    /// An empty configuration with a cycle of 1000 us, to be filled with slaves: [`Self::check`] refuses a
+    /// configuration without slaves.
     fn default() -> Self {
         Self { slaves: Vec::new(), cycle_us: CycleTime::DEFAULT.us() }
     }

@@ -24,7 +24,8 @@ pub enum EcmError {
     /// The machine file cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineFileError),
-    /// The slot size of the board is not known: the link's URI does not give it, and no report has shown it by its CRC.
+    /// The slot size of the board is not known: the link's URI does not give it, and no report had a CRC that is right
+    /// for exactly one slot size.
     #[error("`{name}` does not say how many bytes a slot has; put `slot=12` or `slot=16` (CONFIG2 high) into the link")]
     SlotUnknown { name: String },
     /// The value of an option or of a parameter is not allowed.
@@ -141,8 +142,8 @@ pub enum EcmError {
         slave: Option<u8>,
         found: StateByte,
     },
-    /// The depth of a stream is too large: at its end, that many frames would still be executed before the axes are
-    /// ramped, and closing would take more than 2 s.
+    /// The depth of a stream is too large. When the stream ends, the board still executes that many frames before the
+    /// axes are ramped, so that closing would take more than 2 s.
     #[error(
         "depth is {found}; with a cycle of {cycle:?} set 1 to {max}: what is ahead of the board and the ramp have to end \
          within the 2 s of closing"
@@ -187,13 +188,14 @@ pub enum EcmError {
         "the program has interrupted the wait; what was sent may still take effect, so look at the state of the board"
     )]
     Interrupted,
-    /// Another thread uses what the call needs alone: the board, the SDO slot, the stream, or homing.
+    /// Another thread uses something that only one call may use at a time: the board, the SDO slot, the stream, or
+    /// homing.
     #[error("{what} is in use by another thread; wait for it to end")]
     Busy { what: &'static str },
 }
 
 impl EcmError {
-    /// The error of a call on the wrong kind of slave; `wanted`: the kinds that it is for.
+    /// The error of a call on the wrong kind of slave; `wanted`: the kinds of slaves that the call is for.
     pub(super) const fn wrong_kind(slave: u8, kind: SlaveKind, what: &'static str, wanted: &'static str) -> Self {
         Self::WrongKind { slave, kind: kind.name(), what, wanted }
     }
@@ -204,8 +206,8 @@ impl EcmError {
     }
 }
 
-/// The slave that probably prevents a change of state. It is found by reading an object from each slave by SDO that its
-/// configured kind must have.
+/// The slave that probably prevents a change of state. To find it, the API reads from each slave by SDO an object that
+/// every slave of its configured kind has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum Suspect {

@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::time::Duration;
 
-use super::exchange::{Session, Task};
+use super::exchange::{EFFECT_REPORTS_MAX, Session, Task};
 use super::{Ecm, EcmError};
 use crate::ethercat::SlaveSet;
 use crate::ethercat::cia402::{MODES_OF_OPERATION, Mode, Statusword};
@@ -13,9 +13,6 @@ use crate::sk::{CommandId, RawSlot, SlaveCommand, SlotCommand};
 /// \[OURS] After GO_HOME, bits 12 and 13 of the statusword may still be those of an earlier homing, until the drive
 /// clears them. If no report has shown them clear, they count as the result of this homing after this time.
 const OLD_RESULT_MAX: Duration = Duration::from_millis(100);
-/// \[OURS] A GO_HOME counts as lost if this many reports show no answer to it: more than a full FIFO (160 entries) takes,
-/// and some cycles for the drive.
-const ANSWER_REPORTS_MAX: u64 = 200;
 const HINT: &str = "check method, speeds and switches; the axis was told to end homing";
 
 /// The CiA 402 objects of homing, which are written before GO_HOME. An object that is `None` is not written: the drive
@@ -75,9 +72,9 @@ impl Ecm {
     /// of operation, which firmware 1.5 does not do by itself. `progress` is called with each report and may use the
     /// board, too.
     ///
-    /// On an HSP this homes the first channel. The second channel cannot be homed alone: if a program has written 6 to
-    /// its 0x6860, it starts together with the first one, and only its own statusword (0x6841, by [`Ecm::sdo_read`])
-    /// shows how its homing ends.
+    /// On an HSP this homes the first channel. The second channel cannot be homed alone. If a program has written mode
+    /// 6 to 0x6860, the second channel starts together with the first. Only its own statusword (0x6841, by
+    /// [`Ecm::sdo_read`]) shows how its homing ends.
     ///
     /// # Errors
     /// [`EcmError::HomingFailed`] if homing ends without "homing attained", [`EcmError::Alarm`] if the drive has an alarm,
@@ -90,8 +87,8 @@ impl Ecm {
     }
 
     /// Homes several axes together: writes the objects of all, starts them with one frame, and waits for the last one.
-    /// The longest of their time limits applies to all. If one axis fails, the homing of the others is aborted, and its
-    /// error is returned.
+    /// The longest of their time limits applies to all. If one axis fails, the homing of the others is aborted, and the
+    /// call returns the error of that axis.
     ///
     /// ```
     /// use ecmsk::ecm::{Config, Ecm, Homing};
@@ -127,16 +124,16 @@ impl Ecm {
         });
         let done = prepared.and_then(|()| self.go(&slaves, &go, limit, began, &mut progress));
         let started = self.exchange.lock().is_ok_and(|session| !session.homing.started.is_empty());
-        // \[OURS] No axis may still be homing when this call returns. With the errors HomingFailed and Alarm the homing of one
-        // axis has ended by itself, so that only other axes may go on.
+        // \[OURS] No axis may still be homing when this call returns. With the errors HomingFailed and Alarm the homing
+        // of one axis has ended by itself, so only other axes may still be homing.
         let goes_on = match &done {
             Ok(()) => false,
             Err(EcmError::HomingFailed { .. } | EcmError::Alarm { .. }) => slaves.len() > 1,
             Err(_) => true,
         };
         let aborted = if started && goes_on { self.abort_homing() } else { Ok(()) };
-        // Writing the mode of operation ends homing in firmware 1.5 and 1.7, and lets the axes take targets again. All
-        // axes are written, even if some writes fail.
+        // Writing the mode of operation ends homing in firmware 1.5 and 1.7, and lets the axes take targets again. The
+        // mode is written to all axes, even if some writes fail.
         let mut restored = Ok(());
         for (slave, mode) in slaves.iter().zip(modes) {
             let told = self.tell(*slave, HomingPhase::Restoring, began, &mut progress);
@@ -238,7 +235,7 @@ impl Ecm {
             |session, sent| {
                 session.require_op("homing")?;
                 let reports = session.stats.reports;
-                let is_lost = reports - *sent_at.get_or_insert(reports) > ANSWER_REPORTS_MAX;
+                let is_lost = reports - *sent_at.get_or_insert(reports) > EFFECT_REPORTS_MAX;
                 let mut all = true;
                 for axis in &mut axes {
                     let slot = usize::from(axis.slave);
@@ -319,7 +316,7 @@ impl AxisHoming {
     }
 
     /// Evaluates the newest report. Returns whether homing is attained. `ran`: the board has executed the frame with
-    /// GO_HOME, or [`ANSWER_REPORTS_MAX`] reports have not shown that, so that the frame counts as lost.
+    /// GO_HOME, or [`EFFECT_REPORTS_MAX`] reports have not shown that, so that the frame counts as lost.
     fn read(&mut self, session: &Session, ran: bool, tell: impl FnOnce(u8, HomingPhase)) -> Result<bool, EcmError> {
         let slave = self.slave;
         let failed = |why| Err(EcmError::HomingFailed { slave, why });

@@ -55,10 +55,10 @@ impl Ecm {
         Ok((Self::open(&link.to_string())?, machine))
     }
 
-    /// The link of a program that has a machine file: `link` if the program names one itself; then that of the environment
-    /// variable `ECMSK_LINK`, so that `ecmsk exec --link sim:` runs the program on a simulated board; then the one of the file.
-    /// `None` if there is none. It has the key `axes=` with the absolute path of the file, for its soft limits; a simulated
-    /// board has the slaves of the file.
+    /// The link of a program with a machine file. The first that exists of these three: `link`, which the program names
+    /// itself; the link in the environment variable `ECMSK_LINK`, by which `ecmsk exec --link sim:` runs the program on
+    /// a simulated board; the link in the file. `None` if there is none. The key `axes=` is added with the absolute
+    /// path of the file, so that its soft limits apply; a simulated board gets the slaves of the file.
     ///
     /// # Errors
     /// [`LinkError`] if `ECMSK_LINK` is not the URI of a link.

@@ -25,7 +25,8 @@ pub enum Close {
 pub struct Options {
     /// The slot size of the board, for a link that does not know it.
     pub slot: Option<SlotSize>,
-    /// Whether a CRC byte of 0 in a report must match, too. Otherwise 0 means that the report has no CRC (SK-1).
+    /// Whether a CRC byte of 0 in a report is checked as any other value is. If not, 0 means that the report has no CRC
+    /// (SK-1).
     pub strict_crc: bool,
     /// Whether the guard of each axis ([`Guard`](super::Guard)) checks the distance of its targets; `false` switches all
     /// guards off.

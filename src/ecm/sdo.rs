@@ -10,9 +10,9 @@ use super::{Ecm, EcmError};
 use crate::ethercat::coe::{ObjectAddress, SdoSize};
 use crate::sk::{CommandId, MasterState, SdoCommand, SdoResponse};
 
-/// Objects to read before a request that equals the last one (SK-6.10): first the device type, which every slave has.
-/// \[OURS] If the request is for the device type itself, or a late answer with the device type may still come: vendor id,
-/// product code or revision.
+/// Objects to read before a request that equals the last one (SK-6.10): normally the device type, which every slave
+/// has. \[OURS] Vendor id, product code or revision is read instead in two cases: the request is for the device type
+/// itself, or a late answer with the device type may still come.
 const IN_BETWEEN: [ObjectAddress; 4] = [
     ObjectAddress::new(0x1000, 0),
     ObjectAddress::new(0x1018, 1),
@@ -25,7 +25,7 @@ pub trait SdoValue: Copy + Send {
     /// The size of the value in an SDO command.
     const SIZE: SdoSize;
 
-    /// The value as it stands in Data2 of the SDO slot.
+    /// The value in the form of Data2 of the SDO slot.
     fn to_raw(self) -> u32;
 
     /// Converts Data2 of an answer, in which the board has filled the bytes beyond the object's size with 0. `None` if
@@ -155,7 +155,7 @@ impl Ecm {
     }
 }
 
-/// By which fields of the SDO slot the answer to a request is recognised.
+/// The fields of the SDO slot by which the answer to a request is recognised.
 #[derive(Clone, Copy)]
 struct Wanted {
     id: CommandId,

@@ -6,6 +6,7 @@ use super::exchange::marks::Echo;
 use super::exchange::{Sent, Session, Task};
 use super::{Ecm, EcmError};
 use crate::ethercat::cia402::Statusword;
+use crate::link::LinkError;
 use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
 const HINT: &str = "look at the drive's display; mains power, enable inputs and alarms keep a drive off";
@@ -14,9 +15,9 @@ const HINT: &str = "look at the drive's display; mains power, enable inputs and 
 const SWITCH_OFF_LIMIT: Duration = Duration::from_secs(1);
 
 impl Ecm {
-    /// Switches axes on and waits until all are in Operation enabled; on an HSP in 16-byte slots both channels. The
-    /// axes hold their present positions. Axes that are on already get no command. If an axis does not come on, all
-    /// axes that got a command are switched off again, so that none comes on by itself later.
+    /// Switches axes on and waits until all are in Operation enabled. With 16-byte slots this includes the second
+    /// channel of an HSP. The axes hold their present positions. Axes that are on already get no command. If an axis
+    /// does not come on, all axes that got a command are switched off again, so that none comes on by itself later.
     ///
     /// # Errors
     /// [`EcmError::Alarm`] at once if an axis has an alarm, [`EcmError::IsHoming`] if one is homing, [`EcmError::SlaveLost`] if
@@ -54,7 +55,8 @@ impl Ecm {
     /// Switches off the axes of `commands` after `servo_on` has failed. Returns `error`. The text of a timeout then also
     /// says whether switching off has succeeded.
     fn switch_off_again(&self, commands: &[(usize, RawSlot)], error: EcmError) -> EcmError {
-        if error.is_of_link() {
+        // A call that another thread has cancelled leaves a link that works.
+        if error.is_of_link() && !matches!(error, EcmError::Link(LinkError::Cancelled { .. })) {
             return error;
         }
         let size = match self.exchange.lock() {
@@ -97,7 +99,7 @@ impl Ecm {
         self.until_second("switching off", &commands, limit, |word| !word.is_enabled(), false)
     }
 
-    /// Resets the alarms of axes and waits until the drives show none. The axes are off after it. Some alarms need a
+    /// Resets the alarms of axes and waits until the drives show none. Afterwards the axes are off. Some alarms need a
     /// power cycle. Axes without an alarm get no command.
     ///
     /// # Errors

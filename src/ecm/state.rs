@@ -19,8 +19,8 @@ use crate::sk::{
 const CONFIGURE_LIMIT: Duration = Duration::from_secs(2);
 /// \[OURS] The time limit of the search for the slave that has prevented a change of state.
 const SUSPECT_LIMIT: Duration = Duration::from_secs(3);
-/// \[OURS] How long a board that has gone down to a state may show a failure there, while it brings lost slaves back. The ESI
-/// files of slaves allow 2 s for PreOP.
+/// \[OURS] After a change to a lower state: how long the board may show a failure in that state while it brings lost
+/// slaves back. The ESI files of slaves allow 2 s for PreOP.
 const RECOVERY_LIMIT: Duration = Duration::from_secs(3);
 const HINT: &str = "see whether frames get lost (Ecm::stats), then configure again";
 
@@ -81,8 +81,8 @@ impl Ecm {
         self.exchange.set_network(config)
     }
 
-    /// Sends a command for the board itself, outside OP, and waits for its answer. Returns the result in it, Data1 of
-    /// slot 0.
+    /// Sends a command for the board itself, outside OP, and waits for its answer. Returns the result in the answer,
+    /// Data1 of slot 0.
     ///
     /// # Errors
     /// [`EcmError::Timeout`] without an answer, [`EcmError::Busy`], [`EcmError::NoReport`], [`EcmError::Link`].

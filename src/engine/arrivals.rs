@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use crate::fieldbus::Ns;
 
-/// How far a frame's time for the writer may be ahead of its arrival. Frames that are written ahead of the wire are closer;
-/// after a longer gap of board time its own time counts. \[OURS]
+/// How far [`Arrival::shown`] may be ahead of [`Arrival::at`]. Frames that wait for the simulated wire cause smaller
+/// differences. After a longer gap in board time, `shown` goes back to `at`. \[OURS]
 const ORDER_MAX_NS: Ns = 50_000_000;
 
 /// The arrival times that were given to written frames.
@@ -14,11 +14,12 @@ pub(super) struct Arrivals {
     /// The earliest time at which the next frame may arrive at the board, on the runner's clock: until then the frame
     /// before it occupies the simulated wire.
     next: Duration,
-    /// The newest arrival, board time. No later frame arrives before it, unless more board time was skipped since.
+    /// The newest arrival, board time. Frames written later do not arrive before it, unless board time was skipped
+    /// since.
     newest: Ns,
     /// How much board time had been skipped in total when `newest` was set.
     skipped: Ns,
-    /// The newest time that a writer was given.
+    /// The newest [`Arrival::shown`] that was returned to a writer.
     shown: Ns,
 }
 
@@ -29,15 +30,17 @@ pub(super) struct Arrival {
     pub turn: Duration,
     /// When the board takes the frame, board time.
     pub at: Ns,
-    /// The time for the writer, board time: that of `at`, but not shortly before that of an earlier frame. Recordings are
-    /// sorted by it, and frames reach the board in the order in which they are written, also where it skips cycles.
+    /// The arrival time that the writer gets, board time. It is `at`, or the `shown` of the frame before if `at` is up
+    /// to 50 ms earlier. So recordings, which are sorted by this time, keep the order in which the frames were written,
+    /// also when board time skips cycles.
     pub shown: Ns,
 }
 
 impl Arrivals {
-    /// The arrival of a frame that is written at `now` on the runner's clock, which is `board_now` of board time, after
-    /// `skipped` of it was skipped in total. The frame then occupies the wire for `host`, unless it has to wait for so
-    /// long that `waits` denies it: then it is not sent.
+    /// Determines when a frame arrives that is written at `now` on the runner's clock. `board_now` is the board time at
+    /// `now`, `skipped` the board time that was skipped in total until then. `waits` gets the time until the wire is
+    /// free and decides whether the frame waits for it. If so, the frame then occupies the wire for `host`; otherwise
+    /// it is not sent.
     pub(super) fn next(
         &mut self,
         now: Duration,
@@ -50,8 +53,8 @@ impl Arrivals {
             self.next = turn + host;
         }
         let at = board_now + (turn - now).as_nanos() as Ns;
-        // If board time has skipped a gap since the last write, the arrival time of that write may lie within the gap,
-        // which is later than board time is now. This arrival time must not delay later frames.
+        // If board time was skipped since the last write, the arrival time of that write may be in the skipped time:
+        // later than the present board time. It must not delay later frames.
         let newest = if std::mem::replace(&mut self.skipped, skipped) == skipped { self.newest } else { 0 };
         self.newest = newest.max(at);
         if self.shown.saturating_sub(self.newest) > ORDER_MAX_NS {

@@ -44,8 +44,8 @@ struct Ends {
     by_loss: u8,
 }
 
-/// The ids of two sets of outputs when the answer of a cycle is evaluated: up to which one they were sent, and which one
-/// comes next. A set of outputs is what all slaves get in one cycle.
+/// Which sets of outputs were sent when the answer of a cycle is evaluated, and which set is next. A set of outputs is
+/// the process data that all slaves get in one cycle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OutputIds {
     /// All sets of outputs with a lower id are known to be sent.
@@ -58,8 +58,8 @@ pub(super) struct OutputIds {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
     pub(super) requested: AxisRequest,
-    /// The drive has the present controlword when all sets of outputs with a lower id than this one are sent. 0: the drive has
-    /// it already.
+    /// The id of a set of outputs. Once all sets with a lower id are sent, the drive has received the present
+    /// controlword. 0: the drive has received it already.
     asked_until: u64,
     /// Whether the statusword of the last cycle showed Operation enabled, with the axis in the mode that DRIVE_MODE has set.
     enabled: bool,
@@ -80,8 +80,8 @@ pub(super) fn reset(axes: &mut AllAxes) {
 /// The state of an axis when a set of outputs was made. If SET_FIFO 1 (clear) drops outputs that a bus has queued, the
 /// axis returns to its state at the newest set that was sent.
 ///
-/// One is recorded per axis for every set of outputs, so it is small. The homing phase is recorded separately, for the
-/// few slaves that are homing.
+/// A checkpoint is recorded for each axis with every set of outputs, so it is small. The homing phase is recorded
+/// separately, for the few slaves that are homing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisCheckpoint {
     requested: AxisRequest,
@@ -142,8 +142,8 @@ impl Axis {
         self.requested.power == Power::On
     }
 
-    /// The axis' part of the next set of outputs. `id` is the id of that set: homing notes it with bit 4, the start of homing,
-    /// so that it later recognises the first answer of the drive to that bit.
+    /// The axis' part of the next set of outputs, whose id is `id`. If the set has bit 4, the start of homing, homing
+    /// notes this id: so it later recognises the first answer of the drive to that bit.
     #[inline]
     pub(super) fn next_out(&mut self, id: u64) -> AxisOut {
         let mut out = self.requested.out;
@@ -223,10 +223,10 @@ impl Axis {
     /// Takes back all requests since `then`, because SET_FIFO 1 has cleared the FIFO entries with these commands.
     ///
     /// An axis that is off, or was off at any time since `then`, stays off: clearing entries starts no motor, not even
-    /// until the next answer \[OURS]. If an SV_ON that was sent was ended by the drive, a later SV_ON that was cleared
-    /// does not undo that. An axis that does not follow targets is held at its newest measured position, not at the
-    /// position of `then`. If the slave was lost since `then`, the axis returns to its state after the return of the
-    /// slave: off, digital outputs too.
+    /// until the next answer \[OURS]. If the drive has ended an SV_ON that was sent, clearing a later SV_ON does not
+    /// undo that end. An axis that does not follow targets is held at its newest measured position, not at the position
+    /// of `then`. If the slave was lost since `then`, the axis gets the state after the return of the slave: motor and
+    /// digital outputs off.
     ///
     /// `newest`: the drive state in the newest answer. `homing`: the homing state at `then`; `None`: the axis was not
     /// homing. `next`: the id of the outputs that are pushed next.
@@ -249,17 +249,17 @@ impl Axis {
         self.requested = requested;
         self.asked_until = next + 1;
         if requested.power == Power::On {
-            // The drive may have left Operation enabled meanwhile, while the SV_OFF and SV_ON that are now taken back
-            // waited in the bus: the newest statusword decides.
+            // The drive may have left Operation enabled while the SV_OFF and SV_ON that are now taken back waited in
+            // the queue of the bus: the newest statusword decides.
             self.follow_statusword(newest, next);
         }
         self.homing.roll_back_to(homing.unwrap_or(&AxisHoming::idle(then.homing_low_sets)));
     }
 
-    /// Whether the statusword answers an older controlword, because the present one has not reached the drive yet.
-    /// Behind a bus that queues outputs, SV_ON must not act on such a statusword: it would repeat a transition that is
-    /// done, and switch off for a cycle a drive that is enabled already. A statusword that shows the next state, or a
-    /// fault, counts at once.
+    /// Whether the statusword answers an older controlword, because the present one has not reached the drive yet. On a
+    /// bus that queues outputs, SV_ON must not act on such a statusword: it would repeat a transition that is done
+    /// already, and switch off an enabled drive for one cycle. A statusword that shows the next state, or a fault,
+    /// counts at once.
     fn is_answered_late(&self, state: Option<DriveState>, ids: OutputIds) -> bool {
         let AxisOut { controlword, .. } = self.requested.out;
         if self.asked_until <= ids.sent_until {

@@ -27,7 +27,7 @@ pub struct Board {
     cycles: u64,
     last_report: Ns,
     silent_cycles: u64,
-    /// When the newest cycle of the bus ran, board time. If that is too long ago, frames no longer come back from the
+    /// When the newest cycle of the bus ran, board time. If it ran too long ago, frames no longer come back from the
     /// network.
     last_passed: Ns,
     partial: Assembler,
@@ -98,7 +98,8 @@ impl Board {
         self.bus.strangers()
     }
 
-    /// Whether frames come back from the network: a cycle of the bus has run within the tolerated silence and one cycle.
+    /// Whether frames come back from the network: the bus has run a cycle within `silence_tolerance_ns` plus one cycle
+    /// time.
     pub(super) fn network_answers(&self) -> bool {
         self.now - self.last_passed < self.engine.silence_tolerance_ns() + self.engine.period_ns()
     }
@@ -118,9 +119,9 @@ impl Board {
         self.cycles
     }
 
-    /// While the board makes no reports: when it made the last one, and how many cycles have passed since. `None`:
-    /// reports come, or may still come. The board makes none when the cable before the first slave is cut or reports
-    /// are suppressed, and no script is left that could change that.
+    /// If the board has stopped making reports, and no script is left that could change that: when it made the last
+    /// report, and the number of cycles since. `None`: reports come, or may still come. The board makes no reports
+    /// while the cable before the first slave is cut, or while reports are suppressed.
     pub fn silence(&self) -> Option<(Ns, u64)> {
         let over = self.script.as_ref().is_none_or(|script| script.is_over());
         let silent = over && self.silent_cycles > 0 && self.now - self.last_report > self.engine.silence_tolerance_ns();

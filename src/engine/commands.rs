@@ -226,15 +226,15 @@ impl Engine {
                 self.commanded.remove(slave as u8);
                 self.volatile.heads[slave - 1] = head;
             }
-            // SK-3 [OURS]: byte 0 of the slave's slot shows the command that was executed last. An ignored command was not
-            // executed, so the byte stays as it was.
+            // SK-3 [OURS]: byte 0 of the slave's slot shows the command that was executed last. An ignored command was
+            // not executed, so the byte keeps its value.
             Ok(Outcome::Ignored) => {
                 self.commanded.remove(slave as u8);
             }
             Err(reason) => {
                 self.commanded.remove(slave as u8);
-                // SK-4 [OURS]: outside OP a rejected command leaves the slave's slot in reports as it was. In OP the slot
-                // becomes an answer to GET_STATUS.
+                // SK-4 [OURS]: outside OP a rejected command leaves the slave's slot in reports unchanged. In OP the
+                // slot becomes an answer to GET_STATUS.
                 if self.network().in_op() {
                     self.volatile.heads[slave - 1] = SlotHead::default();
                 }

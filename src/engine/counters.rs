@@ -18,7 +18,7 @@ pub enum Reason {
     BadArgument(InvalidArgument),
     /// CSP, CSV or CST is not the command for the mode that DRIVE_MODE has set, or 0x6060 has another value than that mode.
     WrongMode,
-    /// An SDO request was waiting behind a running transfer, and a newer request has replaced it.
+    /// An SDO request was waiting for the end of a running transfer, and a newer request has replaced it.
     SdoBusy,
     /// GO_HOME came for a drive whose mode of operation is not homing (6).
     NotInHomingMode,
@@ -120,8 +120,8 @@ pub struct Counters {
     /// Cycles without a report, because a bus that queues outputs (a chip or a network card) has lost the slaves' answers of
     /// these cycles.
     pub answers_lost: u64,
-    /// Sets of outputs, each for one cycle, that a bus (a chip or a network card) had queued and then gave up. As far as is
-    /// known they were not sent, or they have not reached a slave, and the bus does not know which one.
+    /// Sets of outputs, each for one cycle, that a bus (a chip or a network card) had queued and then gave up. Either
+    /// they were not sent as far as is known, or a slave did not get them and the bus does not know which slave.
     pub outputs_lost: u64,
     /// Cycles that were skipped because the machine was late, on a bus that does not catch up on cycles. Motion stood
     /// still for as many cycles.
@@ -129,8 +129,8 @@ pub struct Counters {
     /// Cycles in OP in which the ring of cables was broken, on a bus with a network card at each end. No data are lost,
     /// but a second cut would disconnect slaves.
     pub ring_broken: u64,
-    /// Cycles in OP in which a slave that was not lost kept its previous inputs, since the working counter of the new
-    /// ones was wrong or may have been wrong.
+    /// Cycles in OP in which a slave that was not lost kept its previous inputs, because the working counter of its new
+    /// inputs was wrong or may have been wrong.
     pub inputs_held: u64,
     /// How often the inputs of a slave have become stale, so that it counted as lost
     /// ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)).

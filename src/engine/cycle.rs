@@ -6,9 +6,9 @@ use crate::sk::Frame;
 
 impl Engine {
     /// Runs one cycle at `now`: jobs of the bus, FIFO entries, process data, and the report, which goes to `report`
-    /// with the time of its cycle. Returns whether a cycle of the bus has passed. None passes while the cable before
-    /// the first slave is cut. In OP there is no report then; before OP the board makes its reports in its own cycle,
-    /// whatever the bus does (SK-9).
+    /// with the time of its cycle. Returns whether a cycle of the bus has passed. No cycle passes while the cable
+    /// before the first slave is cut. In OP there is no report then; before OP the board makes its reports in its own
+    /// cycle, even if the bus has no cycles (SK-9).
     pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
         if let Some(bits) = bus.local_inputs() {
             self.set_local_inputs(bits);
@@ -98,9 +98,9 @@ impl Engine {
         }
     }
 
-    /// How long the bus may be without a cycle before the cable counts as cut. A bus that runs its own cycle may have
-    /// none within a cycle of the board: the two cycles are not synchronized, jitter moves them, and the cycle time may
-    /// just have changed. So two cycles are allowed, of the longer cycle time \[OURS], plus the delay of answers.
+    /// How long the bus may be without a cycle before the cable counts as cut. A bus with a cycle of its own may
+    /// complete none during a cycle of the board: the two are not synchronized, both have jitter, and the cycle time
+    /// may just have changed. So the limit is two cycles of the longer cycle time \[OURS], plus the delay of answers.
     pub(crate) fn silence_tolerance_ns(&self) -> Ns {
         match self.pacing {
             Pacing::Runner => 0,

@@ -72,32 +72,33 @@ pub enum EventKind {
         /// The number of the slave, counted from 1.
         slave: u8,
     },
-    /// In a cycle of OP the working counter was too low without the bus naming slaves that did not answer, or it was
-    /// too high. Logged once, until the working counter is right again.
+    /// In a cycle in OP, the working counter was too low although the bus named no slave that did not answer, or it was
+    /// too high. Logged once, and again only after the working counter was right.
     WorkingCounter {
         /// The working counter of that cycle.
         counted: u16,
         /// The working counter that would show that every slave answers.
         expected: u16,
     },
-    /// A bus that queues outputs (a chip or a network card) has lost answers of slaves, because they were not polled in time.
-    /// Their cycles have no report.
+    /// A bus that queues outputs (a chip or a network card) has lost answers of slaves, because they were not polled in
+    /// time. The cycles of these answers have no report.
     AnswersLost {
         /// The number of cycles in a row without a report.
         cycles: u32,
     },
     /// The hardware that runs the bus, such as a chip, no longer answers. This is logged once, until it answers again.
     BusDown,
-    /// A bus that queues outputs (a chip or a network card) has given up some of them: their targets may not have reached the
-    /// slaves.
+    /// A bus that queues outputs (a chip or a network card) has given up some of these outputs, so their targets may
+    /// not have reached the slaves.
     OutputsLost {
         /// The number of sets of outputs; each is for one cycle.
         sets: u32,
         /// Whether a chip (ECM-XF) runs the bus.
         has_chip: bool,
     },
-    /// A slave that was not lost has left OP, because the bus could not configure lost slaves otherwise while a SET_STATE
-    /// brings them back. It returns to OP with them, with its motors and digital outputs off (SK-4 \[OURS]).
+    /// A slave that was not lost has left OP: a SET_STATE brings lost slaves back, and the bus could not configure the
+    /// lost slaves without disturbing this one. It returns to OP with them, with its motors and digital outputs off
+    /// (SK-4 \[OURS]).
     SlaveDisturbed {
         /// The number of the slave, counted from 1.
         slave: u8,

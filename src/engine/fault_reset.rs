@@ -1,8 +1,8 @@
 //! The fault reset pulse of ALM_CLR: bit 7 of the controlword rises, stays set for some cycles, and falls.
 
-/// The length of a pulse in sets of outputs, of which each cycle sends one, and the minimum number of sets with the bit clear
-/// until the next pulse \[OURS]. That is 2 ms at the shortest cycle, so that a drive that does not read its controlword in
-/// every cycle still sees the edge.
+/// The length of a pulse in sets of outputs (one set per cycle), and the minimum number of sets with the bit clear
+/// until the next pulse \[OURS]. That is 2 ms at the shortest cycle, so that a drive that does not read its controlword
+/// in every cycle still sees the edge.
 const PULSE_SETS: u8 = 8;
 
 /// The state of the fault reset bit in the set of outputs that was made last; each cycle sends one set.
@@ -41,7 +41,7 @@ impl FaultReset {
         }
     }
 
-    /// Whether a pulse is requested or in progress, or its pause after it has not ended.
+    /// Whether a pulse is requested or in progress, or the pause after a pulse has not ended.
     pub(super) const fn is_under_way(&self) -> bool {
         self.requested || !matches!(self.bit, Bit::Clear)
     }

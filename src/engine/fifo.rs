@@ -5,26 +5,26 @@ use std::collections::VecDeque;
 use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
-/// The places of the frame storage are numbered by a `u8`, so there may be at most 256 of them.
+/// Frame buffers are indexed by a `u8`, so there may be at most 256 of them.
 const _: () = assert!(FIFO_ENTRIES <= 256);
 
 /// The ring buffer of command frames that wait for their cycle.
 ///
-/// The place freed last is reused first: a program that keeps three entries in the FIFO touches three or four places
-/// again and again, instead of the memory of all 160.
+/// The buffer freed last is reused first: a program that keeps three entries in the FIFO uses the same three or four
+/// buffers again and again, instead of the memory of all 160.
 #[derive(Debug)]
 pub(super) struct CommandFifo {
-    /// Storage for frames: as many places as were ever in use at once. Like the two collections below, it has the
-    /// capacity for the whole FIFO from the start, so that it never allocates.
+    /// The frame buffers: as many as were ever in use at once. Like the two collections below, it has the capacity for
+    /// the whole FIFO from the start, so that it never allocates later.
     places: Vec<Frame>,
-    /// The indices of the places of the queued entries, the next one to execute first.
+    /// The indices in `places` of the queued entries, the next one to execute first.
     waiting: VecDeque<u8>,
-    /// The indices of the unused places.
+    /// The indices in `places` of the unused buffers.
     vacant: Vec<u8>,
     threshold: u16,
     full_count: u16,
-    /// Whether the board is kept from executing entries, a fault that scripts and tests cause: [`Self::take`] then
-    /// returns none, whatever the threshold is.
+    /// Whether the board is kept from executing entries, as a fault that scripts and tests cause. [`Self::take`] then
+    /// returns `None`, whatever the threshold is.
     held: bool,
 }
 
@@ -55,7 +55,8 @@ impl CommandFifo {
         FIFO_ENTRIES.saturating_sub(self.len() + ahead)
     }
 
-    /// The full count: how many frames found the FIFO full, bytes 10..11 of slot 0. It wraps.
+    /// The full count in bytes 10..11 of slot 0. It grows with each frame that finds the FIFO full
+    /// ([`Firmware::full_count_step`]), and wraps.
     pub(super) const fn full_count(&self) -> u16 {
         self.full_count
     }
@@ -120,8 +121,8 @@ mod tests {
         Frame::from_prefix(&[n])
     }
 
-    /// Entries come out in the order in which they went in, whichever places store them, and a program that keeps few
-    /// entries queued uses few places.
+    /// Entries come out in the order in which they went in, whichever buffers store them, and a program that keeps few
+    /// entries queued uses few buffers.
     #[test]
     fn few_entries_take_few_places() {
         let mut fifo = CommandFifo::new();

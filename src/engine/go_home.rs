@@ -54,8 +54,8 @@ impl Engine {
     /// Decides whether a motion command is ignored because the slave is homing, and if so counts it in
     /// [`Counters::ignored_homing`](super::Counters).
     ///
-    /// A slave that was homing before this frame still counts as homing if an ABORT_HOME in an earlier slot has ended that
-    /// \[OURS]: so a command has the same result in either order of the slots.
+    /// A slave that was homing before this frame still counts as homing if an ABORT_HOME in an earlier slot has ended
+    /// its homing \[OURS]: so the order of the slots does not change the result of a command.
     pub(super) fn ignores_motion(&mut self, slave: usize) -> bool {
         let slave = slave as u8;
         let ignored = self.homing_before.contains(slave) || self.homing_phase(slave) != HomingPhase::Idle;
@@ -108,11 +108,12 @@ impl Engine {
         }
     }
 
-    /// Whether slaves that are homing exclude every GO_HOME of this frame, of which no slot is executed yet.
+    /// Whether every GO_HOME of this frame is to be rejected because slaves are homing. Called before any slot of the
+    /// frame is executed.
     ///
-    /// SK-7.27 \[OURS]: if an SV_OFF in the frame ends the homing of another slave, the GO_HOME is rejected all the same,
-    /// whichever slot is first. In a frame with an ABORT_HOME each GO_HOME is answered and none starts (SK-7.56), so none is
-    /// rejected there because other slaves are homing.
+    /// SK-7.27 \[OURS]: if an SV_OFF in the frame ends the homing of another slave, the GO_HOME is rejected all the
+    /// same, whichever slot is first. In a frame with an ABORT_HOME no GO_HOME is rejected for this reason, since none
+    /// of them starts: each is only answered (SK-7.56).
     pub(super) fn excludes_go_home(&self, frame: &Frame) -> bool {
         self.config.firmware.one_homing_at_a_time()
             && self.is_any_homing_of(self.homing_before)
@@ -202,7 +203,7 @@ impl Engine {
         }
     }
 
-    /// Ends the homing of a lost slave and stops restoring its mode, since it takes no SDO.
+    /// Ends the homing of a lost slave and stops restoring its mode, since the slave answers no SDO.
     pub(super) fn end_homing_of_lost(&mut self, slave: usize, at: Ns) {
         self.end_homing(slave, HomingEnd::Lost, at);
         for axis in 0..MAX_AXES {

@@ -1,13 +1,13 @@
-//! A handle by which scripts and tests cause faults of a running board, from any thread. For its network there is
-//! [`Cable`](crate::slave::cable::Cable).
+//! A handle by which scripts and tests cause faults of a running board, from any thread. Faults of its network are
+//! caused by [`Cable`](crate::slave::cable::Cable).
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use super::Engine;
 
-/// The value of `local_inputs` before the first call of [`BoardHandle::set_local_inputs`]. Six bits never have this value.
-/// While the field has it, the inputs stay as the bus gives them.
+/// The value of `local_inputs` before the first call of [`BoardHandle::set_local_inputs`]; six input bits cannot have
+/// it. While the field has this value, the board uses the inputs that the bus reports.
 const UNTOUCHED: u8 = u8::MAX;
 
 struct Shared {
@@ -37,8 +37,8 @@ impl BoardHandle {
         self.0.reports_suppressed.store(suppressed, Ordering::Relaxed);
     }
 
-    /// Stops the board from taking entries out of its FIFO, or ends that. The FIFO then fills up, and the full count
-    /// rises.
+    /// With `true` the board takes no entries out of its FIFO from now on, with `false` it takes them again. While it
+    /// takes none, the FIFO fills up and the full count rises.
     pub fn hold_fifo(&self, held: bool) {
         self.0.fifo_held.store(held, Ordering::Relaxed);
     }

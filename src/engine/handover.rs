@@ -111,8 +111,9 @@ impl Handover {
         }
     }
 
-    /// Called by the runner: takes the oldest frame out of the inbox, if there is one and it has arrived by the runner's time:
-    /// `is_there` gets its time of arrival and decides that. Returns the time of arrival.
+    /// Called by the runner: takes the oldest frame out of the inbox if it has arrived. `is_there` gets the arrival
+    /// time of the frame and decides whether this time is reached. Returns the arrival time; `None`: no frame has
+    /// arrived.
     pub(super) fn next_frame(&self, out: &mut Frame, is_there: impl FnOnce(Ns) -> bool) -> Option<Ns> {
         let mut inbox = lock(&self.inbox);
         if inbox.frames.front().is_none_or(|(_, at)| !is_there(*at)) {
@@ -157,8 +158,8 @@ impl Handover {
         self.news.notify_all();
     }
 
-    /// Returns why calls of the host have ended for good: the interface was closed, the board has rebooted, or the hardware of
-    /// the bus is gone. `Ok` while they go on. Does not wait.
+    /// `Ok` while the host interface is open. Otherwise the reason why all calls of the host fail for good: the
+    /// interface was closed, the board has rebooted, or the hardware of the bus is gone. Does not wait.
     pub(super) fn check(&self) -> Result<(), Stop> {
         match lock(&self.outbox).phase {
             Phase::Open => Ok(()),

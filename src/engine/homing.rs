@@ -2,27 +2,28 @@
 //! ended.
 //!
 //! **Which statuswords count** \[OURS]. When bit 4 rises, bits 10, 12 and 13 may still show an earlier homing or
-//! another mode. The inputs of a cycle were measured before its outputs arrived, so that the first statusword that
-//! counts is the one after the cycle that carried bit 4 to the drive, however many outputs a bus has queued. A result,
-//! attained or error, is accepted in three cases, in which it cannot be an old one:
+//! another mode. The inputs of a cycle were measured before its outputs arrived. So the first statusword that counts is
+//! in the answer of the cycle after the one that carried bit 4 to the drive, however many outputs a bus has queued. A
+//! result, attained or error, is accepted in three cases, in which it cannot be an old one:
 //! - A statusword that counts has shown bits 12 and 13 clear before.
 //! - The drive, enabled and in mode 6, has shown them clear in every answer of the last [`RESULT_SETTLE_NS`] before bit 4
 //!   reached it. So the result of a drive that is home at once, by methods 35 and 37, is accepted at once.
 //! - The same result was shown for [`RESULT_SETTLE_NS`].
 //!
-//! The time before bit 4 counts from the end of the write of 0x6060, and starts again whenever the drive shows one of the
-//! bits or is not enabled: a drive may change its mode, and show the result of an earlier homing with it, a little later
-//! than it confirms, and in CSP bit 12 means that the drive follows its target.
+//! The time before bit 4 counts from the end of the write of 0x6060, and starts again whenever the drive shows bit 12
+//! or 13 or is not enabled. For a drive may confirm the write before it changes its mode, and then show the result of
+//! an earlier homing. In CSP, bit 12 means that the drive follows its target.
 //!
-//! **When the next homing may start** \[OURS]. While the board still waits for a result to settle, the program that reads
-//! the slot sees bits 10 and 12 under GO_HOME and sends the next GO_HOME. So for the rule of one homing at a time the
-//! homing of an axis has ended as soon as a report has shown GO_HOME with bits 10 and 12, or with bit 13
-//! ([`AxisHoming::seems_over`]). Each axis of a pulse module of two channels counts by its own statusword; that of axis 2
-//! is not in the slot, but 0x6841 can be read.
+//! **When the next homing may start** \[OURS]. While the board still waits for a result to settle, reports already show
+//! GO_HOME with bits 10 and 12, and the program may send the next GO_HOME. So for the rule of one homing at a time,
+//! homing ends earlier: as soon as a report has shown GO_HOME with bits 10 and 12, or with bit 13
+//! ([`AxisHoming::seems_over`]). Each axis of a two-channel pulse module counts by its own statusword. The slot shows
+//! only the statusword of axis 1; a program can read the one of axis 2 as 0x6841.
 //!
-//! **What follows the end** \[OURS]. Bit 4 falls. When that has reached the drive, it gets time to come to a standstill.
-//! Then outputs with its actual position, in the coordinates after homing, hold it there. The mode may change only when
-//! these have reached it, too: so no target from before homing can make the axis jump.
+//! **What follows the end** \[OURS]. Bit 4 falls. Once the drive has received the clear bit, it gets time to come to a
+//! standstill. Then outputs with its actual position, in the coordinates after homing, hold the axis there. The mode
+//! may change only after the drive has received these outputs, too: so no target from before homing can make the axis
+//! jump.
 
 use std::fmt;
 
@@ -36,11 +37,11 @@ const START_BIT_LOW_SETS: u8 = 8;
 /// A homing result in the statusword is accepted if the drive has shown no result for this long before bit 4 rose, or
 /// shows the same result for this long after it \[OURS].
 const RESULT_SETTLE_NS: Ns = 20_000_000;
-/// The time [`RESULT_SETTLE_NS`] counts as passed only after at least this many answers of the drive, because with long cycles
-/// few answers come in it \[OURS].
+/// [`RESULT_SETTLE_NS`] counts as passed only after at least this many answers of the drive, because with long cycles
+/// only few answers come in that time \[OURS].
 const RESULT_SETTLE_ANSWERS: u64 = 4;
 
-/// How long a drive may take to come to a standstill after homing has ended; it shows a standstill by bit 10 \[OURS].
+/// How long the board waits for the drive to come to a standstill after homing; bit 10 shows the standstill \[OURS].
 const STANDSTILL_TIMEOUT_NS: Ns = 500_000_000;
 
 /// Why the homing of an axis has ended.
@@ -66,7 +67,7 @@ pub enum HomingEnd {
 
 impl HomingEnd {
     /// Whether the cause is a command in a FIFO entry. If SET_FIFO 1 clears this entry, the command is taken back, and
-    /// the homing goes on. All other causes stay.
+    /// the homing continues. A homing that has ended for another cause stays ended.
     const fn is_from_fifo_entry(self) -> bool {
         matches!(self, Self::ServoOff | Self::Aborted)
     }
@@ -238,8 +239,8 @@ impl AxisHoming {
         true
     }
 
-    /// Skips the wait for a standstill after homing, and holding the axis there: the slave is lost, or the mode of
-    /// operation was changed already, before which the axis should have come to a standstill.
+    /// Skips the steps after homing, which are the wait for a standstill and holding the axis at its position. Called
+    /// when the slave is lost, or when the mode of operation has changed already: these steps only prepare that change.
     pub(super) const fn skip_standstill(&mut self) {
         if self.is_ending() {
             self.phase = Phase::Idle;
@@ -253,9 +254,9 @@ impl AxisHoming {
         self.mode_since = at;
     }
 
-    /// Evaluates the answer of the cycle at `at` while bit 4 of the controlword (start homing) is clear. Counts consecutive
-    /// answers in which the drive is enabled, in mode 6, and shows neither homing attained nor homing error: after enough of
-    /// them bit 4 may be set.
+    /// Evaluates the answer of the cycle at `at` unless bit 4 of the controlword (start homing) is set. Counts
+    /// consecutive answers in which the drive is enabled, in mode 6, and shows neither bit 12 nor bit 13. With enough
+    /// of them before bit 4 rises, the first result after it is accepted at once.
     pub(super) fn observe_idle(&mut self, at: Ns, in_mode_6: bool, statusword: Statusword) {
         if matches!(self.phase, Phase::Running { .. }) {
             return;

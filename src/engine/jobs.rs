@@ -65,7 +65,7 @@ impl Engine {
             self.start_step(now, bus);
         }
         // SDO transfers of the host and those of the board, which restore modes after homing, alternate. But a host's
-        // write of a mode of operation goes first: after it the board has nothing to restore there.
+        // write of a mode of operation goes first: after it the board no longer has to restore the mode of that axis.
         if self.host_had_turn && self.volatile.sdo.waiting_write().and_then(mode_write).is_none() {
             self.start_restore_if_free(now, bus);
         }
@@ -80,8 +80,8 @@ impl Engine {
         }
     }
 
-    /// Called when SET_AXIS, SET_DC or DRIVE_MODE has declared settings: the bus gets them to prepare [`DECLARED_NS`]
-    /// after the last such command.
+    /// Called when SET_AXIS, SET_DC or DRIVE_MODE has declared settings. [`DECLARED_NS`] after the last such command
+    /// the bus gets the declared configuration, so that it can prepare it.
     pub(super) const fn declared(&mut self, at: Ns) {
         (self.volatile.has_declared, self.volatile.told_at) = (true, Some(at.saturating_add(DECLARED_NS)));
     }
@@ -152,8 +152,8 @@ impl Engine {
     /// board configures the slaves, so that the values that the board writes then (0x6060 and others) take precedence.
     fn start_earlier_sdo(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let Some(seen_at) = self.network().change_seen_at() else { return };
-        // Besides the waiting request, the SDO slot holds one more. The first one ends at once, without a transfer, if
-        // its slave is lost. So this runs twice.
+        // The SDO slot may hold a second request besides the waiting one. If the slave of the first is lost, the first
+        // ends at once without a transfer, and the second is next. So this runs twice.
         for _ in 0..2 {
             if self.sdo_owner.is_none() && self.volatile.sdo.waits_since(seen_at) {
                 self.start_host_sdo(now, bus);
@@ -230,8 +230,8 @@ impl Engine {
         slaves
     }
 
-    /// Whether SET_AXIS, DRIVE_MODE or SET_DC have declared a configuration other than the one that the network has, or
-    /// that the running change of state is giving it.
+    /// Whether SET_AXIS, DRIVE_MODE or SET_DC have declared a configuration that differs from the one in force: the one
+    /// that the network has, or that the running change of state applies.
     pub(super) fn has_new_declarations(&self) -> bool {
         let otherwise = |n: usize| {
             (self.volatile.roles[n], self.volatile.syncs[n]) != (self.declared_role(n), self.volatile.modes[n].1)
@@ -318,8 +318,8 @@ impl Engine {
         let Some(work) = self.job.take() else { return };
         self.network_job_done(work, done, now);
         if self.volatile.has_declared {
-            // This job was a configuration, which the bus had prepared, or slaves have left PreOP and have to be
-            // configured again. So the bus gets the declared configuration to prepare once more.
+            // The bus has to prepare the declared configuration again: this job has applied the prepared configuration,
+            // or slaves have left PreOP and must be configured again.
             self.declared(now);
         }
     }

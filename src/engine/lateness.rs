@@ -32,7 +32,7 @@ pub struct Lateness {
     /// from there up to the second, and so on. The last number counts longer delays. Cycles that are caught up on at
     /// once after a late one are not counted.
     pub within: [u64; RANGES],
-    /// The sum of these delays, nanoseconds of machine time.
+    /// The sum of the delays that `within` counts, nanoseconds of machine time.
     pub sum_ns: u64,
 }
 

@@ -1,6 +1,6 @@
 //! Lost slaves (SK-4, "Cable"). A slave that no longer answers in SafeOP or OP, or whose inputs are stale, is lost
-//! until a SET_STATE brings it back. Its slot keeps its values, commands for it are counted and not executed, and the
-//! other slaves go on.
+//! until a SET_STATE brings it back. Meanwhile its slot keeps its values, and commands for it are counted but not
+//! executed. The other slaves continue.
 
 use super::axis::AxisCheckpoint;
 use super::commands::check_kind;
@@ -58,8 +58,8 @@ impl Engine {
     /// Slaves that are in a lower state than the network while no change of state is under way: a failed change,
     /// refused by other slaves, has left them there.
     fn left_behind(&self) -> SlaveSet {
-        // During a change of state slaves may be behind, and a configuration names the slaves that it has disturbed only
-        // at its end. So no slave counts as left behind meanwhile.
+        // During a change of state some slaves change later than others, and a configuration names the slaves that it
+        // has disturbed only at its end. So no slave counts as left behind meanwhile.
         if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::RecoverConfigure)) {
             return SlaveSet::EMPTY;
         }
@@ -144,7 +144,8 @@ impl Engine {
     fn lose_slave(&mut self, slave: usize, at: Ns) {
         self.end_homing_of_lost(slave, at);
         if self.network().in_op() {
-            // Commands in outputs that the bus has queued and not sent do not reach the slave.
+            // Commands in outputs that the bus has queued and not sent do not reach the slave, so its slot must not
+            // show them.
             self.volatile.heads[slave - 1] = self.shown_heads[slave - 1];
         }
         // While the slave is lost, its slot keeps the values of the last report. From its return on, the slot has to show
@@ -239,8 +240,8 @@ impl Engine {
         awaits
     }
 
-    /// Whether a step may begin. Behind a bus that queues outputs, lost slaves return to OP only when no outputs from
-    /// before their loss are queued, so that old outputs switch on no motor and no digital output \[OURS].
+    /// Whether a step may begin. On a bus that queues outputs, lost slaves return to OP only when no outputs from
+    /// before their loss are queued: otherwise these could switch on a motor or a digital output \[OURS].
     pub(super) fn may_begin_step(&mut self, step: Step) -> bool {
         if step != Step::RecoverTo(MasterState::Op) {
             return true;
@@ -284,8 +285,8 @@ impl Engine {
         }
     }
 
-    /// The earliest time of a cycle whose answers were certainly measured after `now`, at which something has ended, such
-    /// as a change of state.
+    /// The time of the earliest cycle whose answers were certainly measured after `now`. The caller passes the time at
+    /// which, for example, a change of state has ended.
     pub(super) fn answers_valid_from(&self, now: Ns) -> Ns {
         match self.pacing {
             Pacing::Runner => now,

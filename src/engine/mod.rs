@@ -122,19 +122,20 @@ pub struct Engine {
     /// All outputs with a lower id are known to be sent. Ids of cleared outputs are reused.
     unconfirmed_from: u64,
     /// The id of the first outputs since OP was reached. Reports show no commands of earlier outputs, and a clear does
-    /// not return axes to them.
+    /// not return the axes to their state at earlier outputs.
     op_from: u64,
-    /// The id of the newest outputs of which an answered cycle has told that they were sent; `None`: none yet.
+    /// The id of the newest outputs that an answered cycle has reported as sent; `None`: none yet.
     newest_answered: Option<u64>,
     /// The slaves that the bus named as lost in the previous answered cycle, to find those that are named for the first
     /// time.
     lost_before: SlaveSet,
-    /// The slaves that were homing before the frame whose slots are being executed, and whether these exclude every
-    /// GO_HOME in it. Both are found before the first slot, so that the order of the slots makes no difference. Slaves that
-    /// start homing by one frame do not exclude each other.
+    /// The slaves that were homing before the frame whose slots are being executed. `homing_elsewhere`: whether they
+    /// exclude every GO_HOME in the frame. Both are determined before the first slot is executed, so that the order of
+    /// the slots makes no difference. Slaves that start homing by one frame do not exclude each other.
     homing_before: SlaveSet,
     homing_elsewhere: bool,
-    /// The slaves with a GO_HOME in the frame that is being executed, and whether that frame has an ABORT_HOME.
+    /// The slaves with a GO_HOME in the frame that is being executed. `aborts_homing`: whether that frame has an
+    /// ABORT_HOME.
     go_homes: SlaveSet,
     aborts_homing: bool,
     /// For each set of outputs that is not known to be sent, and for the newest one that was sent: the state from which
@@ -150,8 +151,8 @@ pub struct Engine {
     unconfirmed_max: u64,
     /// The slaves for which the next outputs carry an executed command.
     commanded: SlaveSet,
-    /// The commands that the slaves' slots in reports show (id, index, output image): those of the newest outputs that
-    /// were sent.
+    /// The commands that the slaves' slots in reports show (id, index, output image): the commands of the newest
+    /// outputs that were sent.
     shown_heads: [SlotHead; MAX_SLAVES],
     /// When the newest cycle of the bus ran, board time.
     last_passed: Ns,
@@ -168,8 +169,8 @@ pub struct Engine {
     /// Whether a frame of another master was seen and logged.
     has_told_other_master: bool,
     local_inputs: u8,
-    /// The local outputs that LIO_WR has set, as they were passed to the bus last: a chip that runs the bus has output pins for
-    /// them. They are passed again only when LIO_WR has changed them.
+    /// The local outputs that were passed to the bus last: a chip that runs the bus has output pins for them. They are
+    /// passed again only when LIO_WR has changed them.
     local_outputs_told: u8,
     reports_suppressed: bool,
     boots: u64,
@@ -264,8 +265,8 @@ impl Engine {
         self.job.is_some() || self.sdo_owner.is_some() || self.network().next_step().is_some()
     }
 
-    /// The target of a change to a higher state under way, and how long that has lasted at `now`, in nanoseconds.
-    /// `None`: no change is under way, or its target is a lower state.
+    /// If a change to a higher state is in progress: its target, and for how long it has been in progress at `now`, ns.
+    /// `None`: no change is in progress, or its target is a lower state.
     pub fn going_up(&self, now: Ns) -> Option<(crate::sk::MasterState, Ns)> {
         let (state, target, deadline) = (self.network().state()?, self.network().target()?, self.network().deadline()?);
         let since = deadline.saturating_sub(self.config.state_timeout_ns);
@@ -332,13 +333,14 @@ impl Engine {
         self.volatile.local_outputs
     }
 
-    /// Suppresses reports, or ends that. Everything else goes on. A fault for scripts and tests.
+    /// With `true` the board makes no reports, with `false` it makes them again. Everything else continues. A fault for
+    /// scripts and tests.
     pub(super) const fn suppress_reports(&mut self, suppressed: bool) {
         self.reports_suppressed = suppressed;
     }
 
-    /// Stops taking entries out of the FIFO, or ends that. The FIFO then fills up. A fault for scripts and tests, which
-    /// SW_RESET does not end.
+    /// With `true` the board takes no entries out of the FIFO, so that it fills up; with `false` it takes them again. A
+    /// fault for scripts and tests, which SW_RESET does not end.
     pub(super) const fn hold_fifo(&mut self, held: bool) {
         self.fifo.hold(held);
     }
@@ -386,8 +388,8 @@ impl Engine {
         self.log.push(Event { at, kind: EventKind::Incomplete { bytes: bytes as u16 } });
     }
 
-    /// Counts a command frame as incomplete whose rest is lost because the board has booted meanwhile. It is not logged:
-    /// the SW_RESET explains it.
+    /// Counts a command frame as incomplete that a boot of the board has cut off. This is not logged: the SW_RESET
+    /// explains the loss.
     fn frame_cut_off(&mut self) {
         self.counters.incomplete += 1;
     }

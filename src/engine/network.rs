@@ -23,8 +23,8 @@ pub(super) enum Step {
     RecoverTo(MasterState),
 }
 
-/// How long the first attempt of a recovery waits for all lost slaves together; then the recovery goes on without the
-/// silent ones \[OURS]. An SDO has the same timeout.
+/// How long the first attempt of a recovery waits for all lost slaves together; then the recovery continues without the
+/// silent slaves \[OURS]. An SDO has the same timeout.
 const RECOVERY_TIMEOUT_NS: Ns = 1_000_000_000;
 /// How long each further attempt waits for silent slaves \[OURS]. A slave that is connected and works answers within
 /// this time.
@@ -58,7 +58,7 @@ struct Change {
     /// The lost slaves that this change still has to bring back: those that were lost when the recovery began, without
     /// those that have refused. `None`: the recovery has not begun.
     to_recover: Option<SlaveSet>,
-    /// The slaves in `to_recover` that have not answered in this attempt: the others go on without them.
+    /// The slaves in `to_recover` that have not answered in this attempt: it continues without them.
     unanswered: SlaveSet,
     /// Whether a lost slave has refused a step of the recovery.
     refused: bool,
@@ -158,9 +158,11 @@ impl Network {
 
     /// Whether slaves that do not answer at present count as lost. In OP they always do, and in SafeOP except during a
     /// change to OP, which waits for them until its deadline. Below SafeOP no process data are exchanged, and the next
-    /// change of state finds missing slaves. SK-4 \[OURS]: `awaits` means that the first step of a change has not begun,
-    /// because it is not known yet which slaves an earlier, failed change has left behind. Such a change does not wait
-    /// for slaves yet.
+    /// change of state finds missing slaves.
+    ///
+    /// SK-4 \[OURS]: `awaits` means that the first step of the change has not begun, because it is not known yet which
+    /// slaves an earlier, failed change has left behind. Meanwhile silent slaves count as lost in SafeOP, whatever the
+    /// target is.
     pub(super) fn notices_losses(&self, awaits: bool) -> bool {
         match self.reached {
             Some(MasterState::Op) => true,
@@ -351,8 +353,9 @@ impl Network {
     }
 
     pub(super) fn scanned(&mut self, found: u8) {
-        // A scan without slaves is a failure, which the next scan with slaves ends. If slaves were found that have not reached
-        // PreOP (`found` is that of the scan before), the network counts as failed until they do, also after further scans.
+        // A scan without slaves is a failure, which the next scan with slaves ends. `self.found` is the result of the
+        // scan before: if it found slaves and the network has failed since, these have not reached PreOP. Then the
+        // network counts as failed until they reach PreOP, also after further scans.
         self.failed = found == 0 || self.failed && self.found > 0;
         self.found = found;
         self.scanned = found > 0;
@@ -393,8 +396,8 @@ impl Network {
     /// Called when an attempt of the recovery has ended: its slaves are back in the state of the network, `state`.
     fn recovered(&mut self, state: MasterState) {
         let Some(change) = &mut self.change else { return };
-        // If a new request has replaced the change meanwhile, its recovery has not begun and covers all lost slaves:
-        // the others are still to be recovered.
+        // If a new request has replaced the change meanwhile, the recovery of the new change has not begun and covers
+        // all lost slaves. Those that are not back yet are still to be recovered.
         let to_recover = change.to_recover.unwrap_or(self.lost).difference(self.recovering);
         change.to_recover = Some(to_recover);
         if !to_recover.is_empty() {

@@ -1,9 +1,9 @@
-//! Outputs: their way from the entries of the command FIFO into the process image and to the bus. If SET_FIFO 1 clears
-//! entries whose outputs a bus has queued and not sent, these outputs are taken back.
+//! Outputs: how commands get from the entries of the command FIFO into the process image and to the bus. If SET_FIFO 1
+//! clears entries whose outputs a bus has queued and not sent, these outputs are taken back.
 //!
-//! **Which outputs were sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. When
-//! the outputs of an entry are known to be sent, the entry counts as executed, and its slots for the board itself (slot 0
-//! and the SDO slot) act.
+//! **Which outputs were sent** is known from the ids that polled cycles report, some cycles later, and from the end of
+//! a clear. When the outputs of an entry are known to be sent, the entry counts as executed. Only then the commands in
+//! its slots for the board itself (slot 0 and the SDO slot) are executed.
 //!
 //! **How many sets of outputs a bus holds** can only be estimated. Each cycle since the newest polled one is assumed to
 //! have sent one set, if a set was in the queue by then. The estimate decides how many sets are pushed, never which were
@@ -102,8 +102,8 @@ impl Engine {
         }
     }
 
-    /// Executes the next FIFO entry. Returns whether there was one, and those of its slots that act only when its
-    /// outputs are sent.
+    /// Executes the next FIFO entry. Returns whether there was an entry, and the slots of the entry that act only when
+    /// its outputs are sent.
     fn take_entry(&mut self, now: Ns) -> (bool, Option<DeferredSlots>) {
         let Some(entry) = self.fifo.take(self.entries_ahead.len() as u16) else { return (false, None) };
         let size = self.config.slot;
@@ -195,7 +195,8 @@ impl Engine {
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
-    /// Records which outputs were sent: a cycle of the bus that has passed names the newest ones by their id.
+    /// Records which outputs were sent: `done`, a cycle of the bus that has passed, has the id of the newest sent
+    /// outputs.
     pub(super) fn note_confirmed(&mut self, done: &CycleDone) {
         let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
         let entries = self.confirm_sent(sent, done.at);
@@ -260,7 +261,7 @@ impl Engine {
     }
 
     /// Called when the bus has dropped the outputs that were not sent: their entries count as cleared. The axes return
-    /// to their state at the newest outputs that were sent, and the next outputs get the ids that follow those.
+    /// to their state at the newest outputs that were sent, and the next outputs get the ids after it.
     fn cleared(&mut self, Cleared { newest_sent }: Cleared, at: Ns) {
         let next = newest_sent.map_or(0, |id| id + 1).clamp(self.unconfirmed_from, self.next_output_id);
         self.confirm_sent(next, at);

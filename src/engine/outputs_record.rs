@@ -11,8 +11,7 @@ use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 /// The state of the board from which one set of outputs was made.
 #[derive(Clone, Debug)]
 pub(super) struct OutputsRecord {
-    /// The commands (id, index, output image) in the slaves' slots of reports, from the time on when this set is known to
-    /// be sent.
+    /// The commands (id, index, output image) that the slaves' slots in reports show once this set is known to be sent.
     pub(super) heads: [SlotHead; MAX_SLAVES],
     /// The checkpoints of the first axes of all slaves, then those of the second axes, since most slaves have only one
     /// axis.
@@ -40,9 +39,8 @@ impl OutputsRecord {
     }
 }
 
-/// The history of the slaves for which a set of outputs carries a command goes back this many sets further than the
-/// records. A bus may name lost slaves late: it may be busy with another slave for a second, which is 4000 cycles of
-/// 250 us. \[OURS]
+/// How many sets of outputs more than `records` the history `commanded_by` keeps. A bus may name lost slaves late: it
+/// may be busy with another slave for a second, which is 4000 cycles of 250 us. \[OURS]
 pub(super) const COMMANDED_SETS: usize = 4096;
 
 /// A ring buffer with a value for each of the newest sets of outputs, indexed by the id of the set.

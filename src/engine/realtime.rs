@@ -112,8 +112,8 @@ impl Rate {
         })
     }
 
-    /// Converts a span of the machine's time to the runner's clock. It is rounded down, so that the runner's clock never
-    /// shows a time before that time has passed.
+    /// Converts a span of the machine's time to the runner's clock. It is rounded down, so that the runner's clock is
+    /// never ahead of the exact time.
     pub(crate) fn slowed(self, span: Duration) -> Duration {
         if self.0 == Self::ONE {
             return span;
@@ -121,8 +121,8 @@ impl Rate {
         nanos(span.as_nanos() * u128::from(self.0) / u128::from(Self::ONE))
     }
 
-    /// Converts a span of the runner's clock to machine time, rounded up: when it has passed on the machine, it has
-    /// also passed on the runner's clock.
+    /// Converts a span of the runner's clock to machine time. It is rounded up, so that the span has passed on the
+    /// runner's clock, too, when the result has passed on the machine.
     pub(super) fn real(self, span: Duration) -> Duration {
         if self.0 == Self::ONE {
             return span;
@@ -158,7 +158,7 @@ impl Clock {
         self.rate
     }
 
-    /// The time on the runner's clock: what has passed since its start, at its rate.
+    /// The time on the runner's clock: the machine time since its start, at its rate.
     pub(super) fn now(&self) -> Duration {
         self.rate.slowed(self.start.elapsed())
     }

@@ -78,8 +78,8 @@ impl Engine {
         }
     }
 
-    /// Refreshes the slots of all slaves in OP. This happens in every cycle, whatever the commands were. The slots of
-    /// lost slaves keep their values.
+    /// Refreshes the slots of all slaves in OP. This happens in every cycle, also for slaves without a command. The
+    /// slots of lost slaves keep their values.
     fn refresh_slave_slots(&mut self) {
         let size = self.config.slot;
         let lost = self.network().lost();

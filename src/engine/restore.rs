@@ -164,9 +164,9 @@ impl Engine {
         self.axes[n][axis].mode_written(newest, in_mode);
     }
 
-    /// Decides whether the waiting transfer of the host has to wait longer: it writes the mode of an axis that has not
-    /// come to a standstill after homing. If the axis is still homing, the homing is ended first, because the host wants
-    /// another mode.
+    /// Returns whether the waiting SDO transfer of the host has to wait longer, because it writes the mode of an axis
+    /// that has not come to a standstill after homing. If the axis is still homing, this ends the homing first, because
+    /// the host wants another mode.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
         let Some((slave, axis)) = self.volatile.sdo.waiting_write().and_then(mode_write) else { return false };
         self.end_homing_of_axis(slave, axis, HomingEnd::ModeWritten, now);

@@ -50,8 +50,8 @@ pub(super) enum Accepted {
     New,
     /// The request repeats the host's newest one, which is still waiting or running: both count as one transfer.
     Repeats,
-    /// The board holds the request, in place of an older held one, which it has dropped without running: only one is
-    /// held. The id is the command id (SDO_RD or SDO_WR) of the dropped request.
+    /// The board holds the request, in place of an older held one: it holds only one, and has dropped the older one
+    /// without running it. The id is the command id (SDO_RD or SDO_WR) of the dropped request.
     Replaces(CommandId),
 }
 

@@ -18,8 +18,8 @@ pub struct SlaveFall {
     pub slave: u8,
     /// The AL status code (ETG.1000.6 table 11).
     pub al_status: u16,
-    /// If this machine was late just before the slave left its state, how long it sent no frames, ns; 0: it was not
-    /// late, or the bus does not know. Such a pause may have expired the slave's watchdog.
+    /// For how long this machine sent no frames just before the slave left its state, ns; 0: it was not late, or the
+    /// bus does not know. The slave's watchdog may have expired in such a pause.
     pub stood_still_ns: Ns,
 }
 
@@ -139,7 +139,7 @@ impl StateFailure {
         }
     }
 
-    /// The slave that has caused the failure, from 1; `None`: the failure is not that of one slave.
+    /// The slave that has caused the failure, from 1; `None`: no single slave has caused it.
     pub const fn slave(&self) -> Option<u8> {
         match *self {
             Self::Declared { slave, .. }

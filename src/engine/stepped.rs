@@ -91,9 +91,9 @@ impl Stepped {
     /// limit.
     ///
     /// # Errors
-    /// [`Stop::Timeout`] after `limit`. [`Stop::Silent`] as soon as a cycle passes without a report, since nothing
-    /// changes while this call waits. [`Stop::Rebooted`], [`Stop::Closed`] or [`Stop::BusGone`] if the interface is not
-    /// open.
+    /// [`Stop::Timeout`] after `limit`. [`Stop::Silent`] as soon as the board has stopped making reports
+    /// ([`Board::silence`]), since nothing can change that while this call waits. [`Stop::Rebooted`], [`Stop::Closed`]
+    /// or [`Stop::BusGone`] if the interface is not open.
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
         let State { board, reports, boots } = &mut *self.lock();
         let board = alive(board, *boots)?;

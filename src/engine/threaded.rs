@@ -29,8 +29,8 @@ const CATCH_UP_MAX: Duration = Duration::from_secs(1);
 /// microframe of board time \[OURS]. With a shorter wait, a second write right after the first would fail, since a
 /// frame occupies the wire for some time.
 const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
-/// How often a waiting read calls its caller back: a network that does not answer makes no reports, so the caller has
-/// to check for other reasons to stop. \[OURS]
+/// The interval at which a waiting [`Threaded::read_and`] calls `meanwhile`. While the network does not answer, there
+/// are no reports, so the caller has to check for other reasons to stop. \[OURS]
 pub const LOOK_INTERVAL: Duration = Duration::from_millis(20);
 /// How many events are kept for the host's log until it fetches them by [`Threaded::take_events`].
 const EVENTS_KEPT: usize = 32;
@@ -137,8 +137,10 @@ impl Threaded {
 
     /// Sends a frame to the board. The call waits until earlier frames have passed the simulated wire, and for room in
     /// the inbox, for at most `limit`. A `limit` below 125 us of board time counts as 125 us, so that a second write
-    /// right after the first does not fail. `None`: no limit. Returns the board time at which the frame arrives, but
-    /// not shortly before that of an earlier frame.
+    /// right after the first does not fail. `None`: no limit.
+    ///
+    /// Returns the board time at which the frame arrives. If that is up to 50 ms before the time returned for the
+    /// previous frame, the call returns the later time. So the times keep the order of the frames.
     ///
     /// # Errors
     /// [`Stop::Timeout`]; [`Stop::Cancelled`] by [`Self::cancel_writes`]; [`Stop::Rebooted`], [`Stop::Closed`] and

@@ -14,8 +14,8 @@ use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
 /// new state.
 pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
-/// The two switches that SET_EX sets: whether the board checks the CRC of commands, and whether it fills in that of
-/// responses.
+/// The two switches that SET_EX sets: whether the board checks the CRC of command frames, and whether it fills in the
+/// CRC of responses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CrcSwitches {
     pub(super) check_commands: bool,
@@ -58,8 +58,8 @@ pub(super) struct Volatile {
     pub(super) network: Network,
     /// Why the newest change of state failed, or which slave was lost since. `None`: no failure.
     pub(super) failure: Option<StateFailure>,
-    /// The cycle time in force: that of the last change to SafeOP. [`Self::roles`] and [`Self::syncs`] are in force
-    /// since the same change.
+    /// The cycle time in force: the last change to SafeOP has configured it. [`Self::roles`] and [`Self::syncs`] are in
+    /// force since the same change.
     pub(super) cycle_in_op: CycleTime,
     pub(super) roles: [Role; MAX_SLAVES],
     /// The pulse modules that have a second axis.

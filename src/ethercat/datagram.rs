@@ -233,7 +233,7 @@ pub struct Datagram<'a> {
 }
 
 impl<'a> Datagram<'a> {
-    /// Splits off the first datagram in `bytes`; also returns the bytes behind it.
+    /// Splits off the first datagram in `bytes`; also returns the bytes after it.
     ///
     /// # Errors
     /// [`WireError::Short`]: the bytes end before the datagram does.
@@ -259,7 +259,7 @@ pub struct Datagrams<'a> {
 }
 
 impl<'a> Datagrams<'a> {
-    /// Iterates over `bytes`, which begin with a datagram header. Bytes behind the last datagram are ignored.
+    /// Iterates over `bytes`, which begin with a datagram header. Bytes after the last datagram are ignored.
     pub const fn new(bytes: &'a [u8]) -> Self {
         Self { rest: Some(bytes) }
     }
@@ -287,7 +287,7 @@ pub struct DatagramMut<'a> {
 }
 
 impl<'a> DatagramMut<'a> {
-    /// Splits off the first datagram in `bytes`; also returns the bytes behind it.
+    /// Splits off the first datagram in `bytes`; also returns the bytes after it.
     ///
     /// # Errors
     /// [`WireError::Short`]: the bytes end before the datagram does.

@@ -76,12 +76,12 @@ pub enum FoeMessage<'a> {
         /// A progress text, possibly empty.
         text: &'a [u8],
     },
-    /// Any other operation code, with the bytes behind the reserved byte.
+    /// Any other operation code, with the bytes after the reserved byte.
     Unknown(u8, &'a [u8]),
 }
 
 impl<'a> FoeMessage<'a> {
-    /// Length in bytes of operation code, reserved byte, and the 32-bit field behind them: password, packet number,
+    /// Length in bytes of operation code, reserved byte, and the 32-bit field after them: password, packet number,
     /// error code or progress.
     const HEADER_LEN: usize = 6;
 

@@ -82,7 +82,7 @@ pub struct FrameHeader {
     pub destination: [u8; 6],
     /// Source MAC address. The first slave that a frame passes sets bit 1 of the first byte.
     pub source: [u8; 6],
-    /// Length of the EtherCAT payload in bytes, 0..=2047. Bytes behind the payload are padding.
+    /// Length of the EtherCAT payload in bytes, 0..=2047. Bytes after the payload are padding.
     pub len: u16,
     /// Bit 11 of the EtherCAT header, which is reserved.
     pub reserved: bool,
@@ -185,8 +185,8 @@ pub fn each_datagram(frame: &mut [u8], mut visit: impl FnMut(DatagramMut<'_>)) -
     }
 }
 
-/// Sets bit 1 of the first byte of a frame's source address, as the first slave does that a frame passes. Bytes that
-/// end before the source address are no frame, and stay unchanged.
+/// Sets bit 1 of the first byte of a frame's source address, as the first slave that a frame passes does. A slice that
+/// ends before the source address is no frame, and stays unchanged.
 pub fn mark_as_passed(frame: &mut [u8]) {
     const SOURCE: usize = 6;
     if let Some(byte) = frame.get_mut(SOURCE) {

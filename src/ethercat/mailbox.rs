@@ -116,8 +116,8 @@ const _: () = assert!(size_of::<Layout>() == MAILBOX_HEADER_LEN && align_of::<La
 /// is ignored when decoding and 0 when encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MailboxHeader {
-    /// The station address of a partner behind the master: of the sender in a message to a slave, of the receiver in a
-    /// message from a slave. 0 if the master itself is the partner.
+    /// The station address of the partner, if the master only forwards the message: the sender of a message to a slave,
+    /// or the receiver of a message from a slave. 0: the master itself is the partner.
     pub address: u16,
     /// The channel, 0..=63. The standard reserves it; it is usually 0.
     pub channel: u8,
@@ -146,7 +146,7 @@ pub struct MailboxMessage<'a> {
 }
 
 impl<'a> MailboxMessage<'a> {
-    /// Decodes the message at the beginning of a mailbox. Bytes behind the message are ignored.
+    /// Decodes the message at the beginning of a mailbox. Bytes after the message are ignored.
     ///
     /// # Errors
     /// [`WireError::Short`]: the mailbox is shorter than the header, or than the length in the header.
@@ -177,8 +177,8 @@ impl<'a> MailboxMessage<'a> {
     }
 }
 
-/// Writes a header into the first 6 bytes of a mailbox, and 0 behind the message. The `len` bytes of data already stand
-/// behind the place of the header.
+/// Writes a header into the first 6 bytes of a mailbox, and 0 after the message. The caller has already written the
+/// `len` bytes of data after the first 6 bytes.
 ///
 /// # Errors
 /// [`WireError::NoRoom`]: the mailbox is shorter than header and data.

@@ -1,8 +1,8 @@
 //! The macro for numeric codes of the standards that have names.
 
 /// Defines the named codes of an integer newtype: one constant per code, `ALL`, `text` (the meaning of a code), and a
-/// [`Display`](core::fmt::Display) that shows the number in the format behind `as`, and the meaning in parentheses. A
-/// value may also be a code without a name; it has no text.
+/// [`Display`](core::fmt::Display) that shows the number in the format given after `as`, and the meaning in
+/// parentheses. A value may also be a code without a name; it has no text.
 macro_rules! named_codes {
     ($type:ident as $format:literal; $($name:ident = $code:literal, $text:literal;)*) => {
         impl $type {

@@ -72,9 +72,9 @@ impl<'a> Sii<'a> {
         Ok(Self { bytes, fixed: split(bytes, "SII")?.0 })
     }
 
-    /// How many more bytes of an EEPROM have to be read, at least, when `bytes` have been read from its beginning. More
-    /// may be missing, since each category gives only its own length. 0: all categories and the end marker are
-    /// complete.
+    /// The minimum number of bytes that still have to be read from an EEPROM after `bytes` were read from its
+    /// beginning. More may be missing, since each category gives only its own length. 0: all categories and the end
+    /// marker are complete.
     ///
     /// # Errors
     /// A [`WireError`] if the bytes cannot be the beginning of a valid EEPROM.

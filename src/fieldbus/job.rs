@@ -64,11 +64,11 @@ pub type SdoDone = Result<u32, AbortCode>;
 /// What the bus has found out in a successful [`Job::Configure`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Configured {
-    /// Slaves of [`Role::Hsp`](super::Role::Hsp) that have a second axis: this is known because their controlword 0x6840 can be
-    /// read by SDO \[OURS].
+    /// The slaves in [`Role::Hsp`](super::Role::Hsp) that have a second axis: its controlword 0x6840 was readable by
+    /// SDO \[OURS].
     pub second_axes: SlaveSet,
-    /// Slaves that are not in [`BusConfig::selected`] but have left OP, because the bus could not configure the
-    /// selected slaves without that. They keep their mapping and stay below OP until a [`Job::State`] brings them back.
+    /// Slaves that are not in [`BusConfig::selected`] but have left OP, because the bus could configure the selected
+    /// slaves only that way. They keep their mapping and stay below OP until a [`Job::State`] brings them back.
     pub disturbed: SlaveSet,
 }
 
@@ -85,11 +85,11 @@ pub struct Refusal {
 }
 
 impl Refusal {
-    /// Stands in [`Self::al_status`] if the slave answers and is not in the requested state, but shows no AL status
-    /// code. \[OURS] No known slave uses this code.
+    /// The value of [`Self::al_status`] if the slave answers and is not in the requested state, but reports no AL
+    /// status code. \[OURS] No known slave reports this value itself.
     pub const WITHOUT_REASON: u16 = u16::MAX;
 
-    /// A refusal without an SDO transfer.
+    /// A refusal that does not concern an SDO transfer, with this AL status code.
     pub(crate) const fn of(slave: u8, AlStatus(al_status): AlStatus) -> Self {
         Self { slave, al_status, abort: None }
     }
@@ -121,7 +121,7 @@ pub enum HardwareLimit {
     ProcessData {
         /// The number of bytes of all outputs or of all inputs, whichever is larger.
         bytes: usize,
-        /// How many bytes of process data a packet can hold.
+        /// The maximum number of bytes of process data in a packet.
         most: usize,
     },
 }

@@ -10,13 +10,14 @@
 //! | `sim.rs` | the network of simulated slaves: cycles, working counter, lost slaves |
 //! | `sim/jobs.rs`, `sim/timing.rs` | the jobs and SDOs of the simulated network, and their durations |
 //! | `stale_inputs.rs` | after which time without new inputs a slave is lost |
-//! | `nic/` | the network at the end of a network card, over the EtherCAT master of this project |
+//! | `nic/` | the network behind a network card, over the EtherCAT master of this project |
 //! | `xf/` | the network behind an ECM-XF, over the driver of that chip |
 //!
-//! A bus never blocks and reads no clock. Operations that take long are started and polled: a scan, a configuration or a
-//! change of state as a [`Job`], an SDO as an [`SdoRequest`]. One of them runs at a time, but an SDO may run beside a
-//! change of state. Process data are pushed and polled once a cycle. A set of outputs is the outputs of one cycle to all
-//! slaves, one [`Outputs`]. [`Fieldbus::pacing`] returns who decides when a cycle runs:
+//! The engine passes its time to the bus as `now`. Long operations are started and then polled, so that no call waits
+//! for their end: a scan, a configuration or a change of state as a [`Job`], an SDO as an [`SdoRequest`]. One operation
+//! runs at a time, but an SDO may run beside a change of state. Process data are pushed and polled once a cycle. A set
+//! of outputs, one [`Outputs`], is the outputs of one cycle to all slaves. [`Fieldbus::pacing`] returns who decides
+//! when a cycle runs:
 //!
 //! - [`Pacing::Runner`]: the runner of the engine decides. Each cycle takes one [`Outputs`] and returns one [`CycleDone`].
 //! - [`Pacing::Bus`]: the bus runs its own cycle and queues outputs, up to a depth. Any number of cycles may have passed
@@ -56,7 +57,8 @@ pub const LEAVING_OP_NS: Ns = 20_000_000;
 /// \[OURS]
 pub const CHANGE_SLAVE_NS: Ns = 2_000_000;
 
-/// For how long the commands in the FIFO are still executed after SET_STATE, until `slaves` slaves leave OP, ns.
+/// The time from SET_STATE until `slaves` slaves leave OP, ns. The commands in the FIFO are still executed in this
+/// time.
 pub(crate) const fn leaving_op_ns(slaves: u8) -> Ns {
     LEAVING_OP_NS + CHANGE_SLAVE_NS * slaves as Ns
 }
@@ -72,12 +74,13 @@ pub enum Pacing {
         /// The maximum number of sets of outputs that the queue holds, however long the process data are; a set is the
         /// outputs of one cycle. [`Fieldbus::room`] returns how many sets the bus accepts now.
         depth: u16,
-        /// The maximum delay, in cycles, until the answer to a cycle can be polled and until a lost slave is named.
+        /// The maximum delay, in cycles, from a cycle until its answer can be polled, and from the loss of a slave
+        /// until the slave is in [`Inputs::lost`].
         answer_delay: u16,
     },
 }
 
-/// What a slave is used as, by SET_AXIS and DRIVE_MODE. The role decides which process data are mapped (SK-7, table).
+/// The role of a slave, set by SET_AXIS and DRIVE_MODE. It decides which process data are mapped (SK-7, table).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Role {
     /// The slave is not used and stays in PreOP.
@@ -112,8 +115,8 @@ impl Role {
         }
     }
 
-    /// Whether the board has process data for this role (SK-7, table). It has none for a pulse module in CST, and for a
-    /// stepper only those in CSP \[OURS]. True also for an unused slave, which needs none.
+    /// Whether the board has process data for this role (SK-7, table). It has none for a pulse module in CST, nor for a
+    /// stepper outside CSP \[OURS]. True also for an unused slave, which needs no process data.
     pub fn has_process_data(self) -> bool {
         self == Self::Unused || pdo::ProcessData::of(self, false).is_some()
     }
@@ -122,7 +125,7 @@ impl Role {
 /// The requested configuration of one slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveConfig {
-    /// What the slave is used as, which decides its process data.
+    /// The role of the slave, which decides its process data.
     pub role: Role,
     /// Synchronization type of the slave, written to 0x1C32:1 and 0x1C33:1.
     pub sync: DriveSync,
@@ -133,7 +136,7 @@ pub struct SlaveConfig {
 pub struct BusConfig {
     /// The EtherCAT cycle time in OP.
     pub cycle: CycleTime,
-    /// The slaves to be configured. All other slaves keep their configuration and their state: slaves that were lost are
+    /// The slaves to be configured. All other slaves keep their configuration and their state. So lost slaves can be
     /// configured again while the others stay in OP.
     pub selected: SlaveSet,
     /// The configuration of slave n is `slaves[n - 1]`; entries beyond the slaves found have no effect.
@@ -199,7 +202,8 @@ pub struct Inputs {
     pub lost: SlaveSet,
     /// For each slave in `lost` (slave n is `lost_from[n - 1]`), the id of the first outputs that may not have reached
     /// the slave. Set if the bus notices the loss only some cycles after these outputs, or has lost the answers of
-    /// those cycles. `None`: the outputs of the cycle that first names the slave as lost.
+    /// those cycles. `None`: the first missed outputs are those of the cycle in which the slave first appears in
+    /// `lost`.
     pub lost_from: [Option<u64>; MAX_SLAVES],
     /// Slaves that are not in OP, as far as the bus knows, and so used no outputs in this cycle: when a network leaves
     /// OP, some slaves leave it before others.
@@ -215,8 +219,8 @@ pub struct Inputs {
     /// For each slave in `lost` that answers, the AL status code with which it left its state; slave n is at index n - 1.
     /// 0: the slave has not left its state, or the code is unknown; for the engine both are a loss without a reason.
     pub left_with: [u16; MAX_SLAVES],
-    /// If this machine was late recently, and so sent no frames for some time, the length of that time, ns. 0: it was
-    /// not late, or the bus does not know.
+    /// The length of a recent gap without frames, ns: this machine was late and sent none. 0: there was no such gap, or
+    /// the bus does not know.
     pub stood_still_ns: Ns,
 }
 
@@ -247,8 +251,8 @@ pub struct CycleDone {
     /// on a bus that loses no answers, so that an earlier result has named them already.
     pub outputs: Option<u64>,
     /// The number of sets of outputs that the bus has accepted and then dropped since the previous result of
-    /// [`Fieldbus::poll`]: as far as the bus knows, they reach no slave. Outputs pushed after them have higher ids all
-    /// the same.
+    /// [`Fieldbus::poll`]: as far as the bus knows, they reach no slave. Later outputs have higher ids nevertheless, so
+    /// a higher id in `outputs` does not mean that the dropped sets were sent.
     pub outputs_lost: u32,
     /// The number of cycles directly before this one whose answers were lost because they were not polled in time.
     pub answers_lost: u32,
@@ -344,7 +348,7 @@ pub trait Fieldbus: Send {
     /// Starts a job.
     ///
     /// # Errors
-    /// [`Busy`] while a job or an SDO is running beside which the new job cannot run.
+    /// [`Busy`] while another job is running, or an SDO that cannot run beside the new job.
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy>;
 
     /// Starts an SDO transfer.
@@ -353,10 +357,10 @@ pub trait Fieldbus: Send {
     /// [`Busy`] while another SDO or a job is running. Whether an SDO may run beside a change of state depends on the bus.
     fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy>;
 
-    /// Announces the configuration that the next [`Job::Configure`] is expected to have, by the settings that programs
-    /// have declared so far. All slaves are in PreOP, and no job or SDO is running. A bus on which a configuration
-    /// takes long may begin it early. Programs must not notice that: their SDO transfers read the same values as
-    /// without the early start, and no job waits longer than the configuration itself would have taken.
+    /// Announces the configuration that the next [`Job::Configure`] will probably have, judged by the settings that
+    /// programs have made so far. Called while all slaves are in PreOP and no job or SDO is running. A bus on which a
+    /// configuration takes long may begin it early. Programs must not notice the early start: their SDO transfers read
+    /// the same values as without it, and no job waits longer than the configuration itself would have taken.
     fn prepare(&mut self, _config: &BusConfig, _now: Ns) {}
 
     /// Returns the result of the job once it has ended. Each result is returned once.
@@ -376,9 +380,9 @@ pub trait Fieldbus: Send {
     /// have passed since. With [`Pacing::Runner`] this is 1, or 0 while the bus is down.
     fn room(&self) -> u16;
 
-    /// An estimate of how many sets of outputs the bus holds beyond the few that are always in flight: these wait, and
-    /// could have been sent in earlier cycles. `None`: the bus has no estimate, and the engine computes one from the
-    /// cycles that have passed. The estimate does not show which outputs were sent.
+    /// An estimate of how many sets of outputs wait in the queue of the bus, beyond the few that are always in flight.
+    /// A waiting set could have been sent in an earlier cycle. `None`: the bus has no estimate, and the engine computes
+    /// one from the number of cycles that have passed. The estimate does not show which outputs were sent.
     fn held_estimate(&self) -> Option<u64> {
         None
     }
@@ -408,25 +412,24 @@ pub trait Fieldbus: Send {
     /// `now`, and catches up on its cycles.
     fn work_until(&mut self, _now: Ns, _until: Ns) {}
 
-    /// Whether a late runner runs its missed cycles one directly after the other. This is useless if the slaves run by
-    /// real clocks: of two sets of outputs that arrive within one cycle of its clock, a slave uses only the later one.
-    /// Such a bus returns false, and its missed cycles are skipped.
+    /// Whether a late runner runs its missed cycles one directly after the other. This is useless if the slaves have
+    /// real clocks: if two sets of outputs arrive within one cycle of its own clock, a slave uses only the later one.
+    /// Such a bus returns false, and the runner skips the missed cycles.
     fn catches_up(&self) -> bool {
         true
     }
 
-    /// Reports that a late runner has skipped cycles. `left_out_ns`: how long these cycles last together. The runner's
-    /// time does not include them, so it is now behind a clock of the bus by that much more.
+    /// Reports that a late runner has skipped cycles. `left_out_ns`: the total duration of the skipped cycles, ns. The
+    /// runner's time does not include it, so it falls behind a clock of the bus by another `left_out_ns`.
     fn leave_out(&mut self, _left_out_ns: Ns) {}
 
-    /// Whether the hardware that runs the bus does not answer: then nothing is sent, whatever is pushed.
+    /// Whether the hardware that runs the bus does not answer. Then pushed outputs are not sent.
     fn is_down(&self) -> bool {
         false
     }
 
-    /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no
-    /// slave has distributed clocks, the reference clock is not a slave's but that of an ECM-XF, or the bus has no way to
-    /// find out.
+    /// The slave with the reference clock: the first slave found that has distributed clocks (SK-11, UG15). `None`: no
+    /// slave has distributed clocks, the ECM-XF itself is the reference clock, or the bus cannot find out.
     fn reference_clock(&self) -> Option<u8> {
         None
     }
@@ -442,14 +445,14 @@ pub trait Fieldbus: Send {
         None
     }
 
-    /// Frames that the bus has received although they are not answers of slaves. The default value: there were none, or the bus
-    /// does not know.
+    /// Frames that the bus has received although they are not answers of slaves. The default value means that there
+    /// were none, or that the bus does not know.
     fn strangers(&self) -> Strangers {
         Strangers::default()
     }
 
     /// The six local inputs of the chip that runs the bus: bit k is input k (SK-8). `None`: the bus has no local inputs,
-    /// and the board shows those that scripts and tests set.
+    /// and the board shows the values that scripts and tests set.
     fn local_inputs(&self) -> Option<u8> {
         None
     }

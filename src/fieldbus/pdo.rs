@@ -18,7 +18,7 @@ use crate::sk::DriveSync;
 
 pub use downloads::{Download, Downloads, MappedDirection, MappingImage, NO_SUCH_MODE};
 
-/// The maximum length of a slave's process image in one direction, bytes: that of a pulse module with two channels.
+/// The maximum length of a slave's process image in one direction, bytes. A pulse module with two channels needs it.
 pub const IMAGE_BYTES_MAX: usize = MAX_AXES * longest(Table::LENGTHS);
 
 /// The object that shows whether a pulse module has a second axis: it can be read only if there is one \[OURS].

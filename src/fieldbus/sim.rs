@@ -1,7 +1,7 @@
 //! A network of simulated slaves; the runner of the engine decides when a cycle runs.
 //!
-//! A cycle is one [`Fieldbus::poll`] at a later time than the one before: the frame passes every slave (inputs are what
-//! was measured at the end of the previous cycle), then the time since the last poll passes in every slave.
+//! A cycle is one [`Fieldbus::poll`] at a later time than the previous poll. The frame passes every slave and returns
+//! the inputs as of the end of the previous cycle. Then each slave is simulated for the time since the previous poll.
 //!
 //! **Working counter.** It counts as for one LRW over the whole process image: 3 for a slave in OP (2 for its outputs, 1
 //! for its inputs), 1 for a slave in SafeOP, and 0 for every other slave.
@@ -55,7 +55,10 @@ pub struct SimBus {
     sent: Option<u64>,
     /// The time up to which the slaves have been simulated.
     clock: Ns,
-    job: Option<RunningJob>,
+    job: Option<Box<RunningJob>>,
+    /// The memory for the next job. A job is large, and the thread that polls it may be one of the program with a small
+    /// stack: so it is on the heap, in memory that is allocated once.
+    spare_job: Option<Box<RunningJob>>,
     sdo: Option<RunningSdo>,
 }
 
@@ -76,6 +79,7 @@ impl SimBus {
             sent: None,
             clock: 0,
             job: None,
+            spare_job: Some(Box::new(RunningJob::IDLE)),
             sdo: None,
         };
         bus.publish_shafts();
@@ -135,7 +139,7 @@ impl SimBus {
         let (mut without_outputs, mut without_inputs) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         let images = self.outputs.slaves.iter().zip(&mut inputs.slaves);
         // A scan exchanges no process data: after SW_RESET no slave gets outputs, even if it was in OP before.
-        let has_cycles = !matches!(self.job, Some(RunningJob { job: Job::Scan, .. }));
+        let has_cycles = !self.job.as_ref().is_some_and(|running| matches!(running.job, Job::Scan));
         let stations = &mut self.stations[..if has_cycles { usize::from(self.found) } else { 0 }];
         let (mut output_image, mut input_image) = ([0; IMAGE_BYTES_MAX], [0; IMAGE_BYTES_MAX]);
         for (slave, (station, (outputs, inputs))) in (1..).zip(stations.iter_mut().zip(images)) {
@@ -209,7 +213,9 @@ impl Fieldbus for SimBus {
         if self.job.is_some() || self.sdo.is_some() && !matches!(job, Job::State { .. }) {
             return Err(Busy);
         }
-        self.job = Some(self.begin(job, now));
+        let mut running = self.spare_job.take().unwrap_or_else(|| Box::new(RunningJob::IDLE));
+        *running = self.begin(job, now);
+        self.job = Some(running);
         Ok(())
     }
 
@@ -231,14 +237,16 @@ impl Fieldbus for SimBus {
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
         let mut job = self.job.take()?;
         let done = self.advance(&mut job, now);
-        if done.is_none() {
+        if done.is_some() {
+            self.spare_job = Some(job);
+        } else {
             self.job = Some(job);
         }
         done
     }
 
     fn cancel_job(&mut self) {
-        self.job = None;
+        self.spare_job = self.job.take().or(self.spare_job.take());
     }
 
     fn cancel_sdo(&mut self) {

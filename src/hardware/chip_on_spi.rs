@@ -2,7 +2,8 @@
 //!
 //! INT0 is active while the chip is ready for a packet, and inactive while it processes one (XF EN 1706). Right after
 //! an exchange INT0 may still have the active level from before the exchange, so the level does not show whether the
-//! chip is ready. The link waits for an edge to the active level since the beginning of the exchange.
+//! chip is ready. The link therefore waits for an edge to the active level, and forgets all edges from before the
+//! exchange.
 
 use std::time::Duration;
 
@@ -48,7 +49,7 @@ impl<W: EdgeWires> SpiChip<W> {
         Self { info, wires, resets_at_close: false }
     }
 
-    /// Resets the chip now, when the link is closed, or both, as `times` says.
+    /// Resets the chip now if `times.at_open` is set. `times.at_close`: the chip is also reset when the link is closed.
     ///
     /// # Errors
     /// [`ChipError::Wires`]: the reset line cannot be switched.
@@ -129,8 +130,8 @@ pub struct ResetTimes {
     pub at_close: bool,
 }
 
-/// The times at which a link resets its chip, by its key `reset_at=` or the default of that key. Without a reset line
-/// the link never does.
+/// Reads from the key `reset_at=`, or from its default, when a link resets its chip. Without a reset line (`reset=`)
+/// the link never resets it.
 ///
 /// # Errors
 /// [`UriError::BadValue`] if `reset_at=` asks for a reset at closing and the link names no reset line.
@@ -158,7 +159,7 @@ const SPI_MODE: u8 = 0;
 ///
 /// # Errors
 /// [`UriError::OtherScheme`] if it is not an `xf-spi:` link; [`UriError::BadPath`] without a device;
-/// [`UriError::BadValue`] if the link gives a level for INT0 but no line for it.
+/// [`UriError::BadValue`] if the link sets INT0 to active low but names no line for INT0.
 fn spi_settings(uri: &LinkUri) -> Result<EdgeSettings, UriError> {
     uri.expect_scheme(Scheme::XfSpi)?;
     let ready = uri.typed("int0", GpioLine::parse)?;

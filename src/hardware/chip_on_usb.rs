@@ -1,8 +1,8 @@
 //! `xf-usb:`: a real ECM-XFU on USB. An ECM-XFU is an ECM-XF with packets of 1024 bytes (XF EN 715).
 //!
-//! \[OURS] No source describes the chip's USB interface. Each packet is one transfer out and one transfer in, and the
-//! data in are the answer to the previous packet, as on SPI. USB ids and endpoints are keys of the link that have no
-//! default: `vid=`, `pid=`, `ep_out=`, `ep_in=`.
+//! \[OURS] No source describes the chip's USB interface. The link assumes one OUT and one IN transfer for each packet;
+//! the IN data are the answer to the previous packet, as on SPI. USB ids and endpoints are keys of the link that have
+//! no default: `vid=`, `pid=`, `ep_out=`, `ep_in=`.
 
 use std::time::Duration;
 
@@ -60,8 +60,8 @@ impl<W: PacketWires> UsbChip<W> {
         &mut self.wires
     }
 
-    /// Fills `from_chip` with received bytes while the driver searches them for the beginning of a packet. Meanwhile it
-    /// sends zeros: without a start word they are no packet for the chip.
+    /// Fills `from_chip` with received bytes while the driver searches them for the beginning of a packet. Meanwhile
+    /// the link sends zeros: the chip takes them for no packet, because they contain no start word.
     fn search(&mut self, from_chip: &mut [u8]) -> Result<(), UsbPacketError> {
         for byte in from_chip {
             if self.rest_len == 0 {

@@ -1,5 +1,5 @@
-//! Links to an ECM-XF: the trait [`ChipLink`], its errors and options. A program uses the chip directly through such a
-//! link, and a board can reach its slaves through it.
+//! Links to an ECM-XF: the trait [`ChipLink`], its errors and options. Through such a link a program uses the chip
+//! directly, or a board reaches its slaves.
 //!
 //! A chip has no frames. Its host transfers bytes in both directions at once ([`Wires`]), and
 //! [`Host`](crate::xf::host::Host) finds packets in them. The URI has the form of any link's, with schemes of its own,
@@ -22,7 +22,7 @@ use crate::xf::DataSize;
 use crate::xf::MAX_PACKET;
 use crate::xf::host::{HostConfig, HostPacing, Timeouts, Wires};
 
-/// Name, data size, SPI clock, INT0 line and clock of a link to a chip.
+/// The properties of a link to a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipInfo {
     /// The URI of the link in its normal form: keys in a fixed order, keys with their default values left out.
@@ -40,7 +40,7 @@ pub struct ChipInfo {
 
 /// A link to one chip, for exclusive use by its owner.
 pub trait ChipLink: Wires<Error = ChipError> + Send {
-    /// Name, data size, SPI clock, INT0 line and clock of the link.
+    /// The properties of the link.
     fn info(&self) -> ChipInfo;
 
     /// The level of the line INT1, by which the chip signals interrupts; `true` is high, `None`: the line is not
@@ -63,7 +63,7 @@ pub trait ChipLink: Wires<Error = ChipError> + Send {
 /// How long a chip's reset line is pulled low (OBS: seen in a program that uses the chip).
 pub const RESET_LOW: Duration = Duration::from_millis(100);
 
-/// Implements the traits of a link for a pointer to a link, so that it can be used as a link itself.
+/// Implements the traits of a link for a pointer to a link, so that the pointer can be used as a link.
 macro_rules! through {
     ($($pointer:ty),*) => {$(
         impl<L: Wires + ?Sized> Wires for $pointer {

@@ -95,9 +95,9 @@ pub enum LinkError {
         /// How the connection ended.
         reason: String,
     },
-    /// A target of an axis is beyond a limit of the machine file, which says that such a target is not sent. The board has
-    /// got the frame without its targets (CSP), so that axes in CSP hold their last ones; all other commands of the frame
-    /// were sent. The link works on.
+    /// A target of an axis is beyond a limit of the machine file, and the file says that such targets are not sent. The
+    /// board has got the frame without its CSP targets, so that all axes in CSP hold their last targets. All other
+    /// commands of the frame were sent. The link can be used further.
     #[error("{why}")]
     BeyondLimit {
         /// The board's time at which the rest of the frame was sent, in nanoseconds.

@@ -29,8 +29,8 @@
 //! - *corrupt*: one bit of a frame is flipped, anywhere in its slots.
 //! - *duplicate*: the board takes a frame twice; a report is read twice, with the same sequence number.
 //! - *delay*: a write takes longer by the delay, or reaches its time limit, in which case the frame was not taken. A
-//!   report and those behind it arrive later; if the limit of a read has passed by then, a later read gets them.
-//!   Reports keep their order.
+//!   report and all reports after it arrive later. A read whose time limit passes before that fails, and a later read
+//!   gets them. Reports keep their order.
 //! - *disconnect*: every call fails with [`LinkError::Lost`] and every wait ends with it, until the link is opened
 //!   again. `fault.disconnect_after` is the number of calls that succeed before. `fault.disconnect_ms` counts in real
 //!   time, or on a virtual clock in the board's time.
@@ -58,8 +58,8 @@ use clock::{Call, Clock, POLL_TIME};
 use random::FaultSequence;
 use stats::{Counters, count, read};
 
-/// The number of delayed reports for which memory is allocated at the opening. With so many, no report is duplicated
-/// any more. A thread that reads causes at most two: a report and its duplicate.
+/// The number of queued reports for which memory is allocated when the link is opened. If fewer than two places are
+/// free, a report is not duplicated. Each reading thread queues at most two: a report and its duplicate.
 const PENDING_MAX: usize = 64;
 
 /// A report that was read from the inner link and is not yet due.
@@ -238,7 +238,7 @@ impl FaultLink {
         }
     }
 
-    /// Queues a report behind the delayed ones; twice if it is duplicated.
+    /// Queues a report after the delayed reports; twice if it is duplicated.
     fn queue(&self, frame: &Frame, meta: ReadMeta, faults: random::FrameFaults) -> Result<(), LinkError> {
         let now = self.clock.now()?;
         let mut pending = self.pending.lock();
@@ -260,7 +260,7 @@ impl FaultLink {
     }
 
     /// Waits until the oldest delayed report is due, then removes and returns it; `None` at once if there is none.
-    /// Fails if the timeout `wait` of the read `call` passes before, or if the read is cancelled.
+    /// Fails if the timeout `wait` of the read `call` passes first, or if the read is cancelled.
     fn take_pending(&self, call: &Call, wait: Wait, out: &mut Frame) -> Result<Option<ReadMeta>, LinkError> {
         loop {
             let due = {

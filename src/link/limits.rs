@@ -1,12 +1,14 @@
 //! The machine file of a link (`axes=`, `machine=`): a [`Link`] around a link that checks the targets of a program against
 //! the soft limits of the file.
 //!
-//! A target beyond a limit is reported in the log, once for each excursion: until the axis has a target within its limits
-//! again. If the file says so (`[limits] program = "stop"`), a frame with a target that leads further out is sent without
-//! its targets, and the write fails with [`LinkError::BeyondLimit`]. So the axis holds its last target, and so do the
-//! others that run in CSP, while all other commands of the frame reach the board: a program may switch axes off, abort
-//! homing, clear the FIFO or brake an axis in CSV in that frame, and does not look at the result of a write. A target that
-//! leads back is sent, so that an axis that stands outside can return. \[OURS]
+//! A target beyond a limit is reported in the log, once for each excursion. The excursion ends when the axis gets a
+//! target within its limits again.
+//!
+//! If the file says so (`[limits] program = "stop"`), a frame with a target that leads further out is sent without its
+//! CSP targets, and the write fails with [`LinkError::BeyondLimit`]. So all axes in CSP hold their last targets. All
+//! other commands of the frame reach the board, because the frame may switch axes off, abort homing, clear the FIFO or
+//! brake an axis in CSV. A program that ignores the result of a write would not send these commands again. A target
+//! that leads back is sent, so that an axis outside its limits can return. \[OURS]
 
 #[cfg(test)]
 mod tests;
@@ -43,19 +45,19 @@ impl Axes {
         Ok(Some(Self { machine, carried: Arc::new(CarriedFile::new(path, &text)) }))
     }
 
-    /// The file as recordings carry it.
+    /// The file in the form in which recordings contain it.
     pub(crate) fn carried(&self) -> Arc<CarriedFile> {
         Arc::clone(&self.carried)
     }
 
-    /// The link with the limits of the file around it. The link itself if no axis has a limit.
+    /// Wraps `link` in a link that checks the limits of the file. Returns `link` itself if no axis has a limit.
     pub(crate) fn around(self, link: Arc<dyn Link>) -> Arc<dyn Link> {
         around(link, self.machine, Box::new(|line| log::warn!("{line}")))
     }
 }
 
-/// The link with the limits of a machine file around it. The link itself if no axis has a limit. `tell` gets a line for each
-/// excursion; it is called in a write of the program, and must not wait.
+/// Wraps `link` in a link that checks the limits of a machine file. Returns `link` itself if no axis has a limit.
+/// `tell` gets a line for each excursion; it is called in a write of the program, and must not wait.
 pub(crate) fn around(link: Arc<dyn Link>, machine: MachineFile, tell: Tell) -> Arc<dyn Link> {
     let MachineFile { path, axes, program_limits, .. } = machine;
     let axes: Vec<MachineAxis> = axes.into_iter().filter(|axis| axis.limits != SoftLimits::NONE).collect();
@@ -70,8 +72,8 @@ pub(crate) fn around(link: Arc<dyn Link>, machine: MachineFile, tell: Tell) -> A
     Arc::new(LimitLink { inner: link, file: path, axes, program_limits, tell, state: Mutex::new(state) })
 }
 
-/// As [`around`], for the link of a server with a machine file, unless the link names one itself (`axes=`, `machine=`). Of a
-/// file that cannot be used `tell` gets a line.
+/// As [`around`], for the machine file of a server. Returns `link` itself if the link names a machine file of its own
+/// (`axes=`, `machine=`), or if the server's file cannot be used; in the latter case `tell` gets a line.
 pub(crate) fn around_served(link: Arc<dyn Link>, file: &CarriedFile, tell: Tell) -> Arc<dyn Link> {
     let names_file = |uri: LinkUri| uri.value("axes").or_else(|| uri.value("machine")).is_some();
     if LinkUri::parse(&link.info().name).is_ok_and(names_file) {
@@ -86,7 +88,7 @@ pub(crate) fn around_served(link: Arc<dyn Link>, file: &CarriedFile, tell: Tell)
     }
 }
 
-/// Reports a line.
+/// Reports a line of text to the user.
 pub(crate) type Tell = Box<dyn Fn(String) + Send + Sync>;
 
 /// A link around another one that checks the targets of axes against their limits.
@@ -105,32 +107,32 @@ struct State {
     sizes: SizeFinder,
     /// The time of the newest report.
     now: Stamp,
-    /// For each of [`LimitLink::axes`].
+    /// The state of each axis in [`LimitLink::axes`], in the same order.
     axes: Vec<AxisState>,
 }
 
 /// How far an axis is beyond its limits, see [`SoftLimits::excess`].
 #[derive(Clone, Copy, Debug, Default)]
 struct AxisState {
-    /// The last target that was sent.
+    /// How far the last target that was sent is beyond the limits; 0 within them.
     target: i64,
-    /// The position of the newest report.
+    /// How far the position in the newest report is beyond the limits; 0 within them.
     position: i64,
     /// Whether the present excursion was reported.
     is_reported: bool,
 }
 
 impl AxisState {
-    /// Whether a target with this excess leads no further out: the axis stands, or is on its way, at least as far out on
-    /// the same side.
+    /// Whether a target with this excess leads no further out: the position or the last target of the axis is at least
+    /// as far out, on the same side.
     fn allows(self, excess: i64) -> bool {
         let covers = |known: i64| known.signum() == excess.signum() && known.abs() >= excess.abs();
         excess == 0 || covers(self.target) || covers(self.position)
     }
 }
 
-/// A copy of a frame without the targets of axes (CSP). A slot keeps its index, by which reports show that the board has
-/// executed the frame. A CRC that was right, is right.
+/// A copy of a frame without the targets of axes (CSP). A slot keeps its index, by which reports show that the board
+/// has executed the frame. If the CRC of the frame is right, the CRC of the copy is right as well.
 fn without_targets(frame: &Frame, size: SlotSize) -> Frame {
     let mut rest = frame.clone();
     for slave in 1..=size.max_slaves() {
@@ -145,8 +147,8 @@ fn without_targets(frame: &Frame, size: SlotSize) -> Frame {
     rest
 }
 
-/// What a board has got of a frame, by the result of its write, and when; `None`: nothing. After
-/// [`LinkError::BeyondLimit`] it is the frame without its targets. `size` is asked for then alone.
+/// The frame that the board has got after a write with the result `written`, and when; `None`: it has got none. After
+/// [`LinkError::BeyondLimit`] it is the frame without its CSP targets. Only in that case `size` is called.
 pub(crate) fn taken<'f>(
     frame: &'f Frame,
     written: &Result<Stamp, LinkError>,
@@ -160,21 +162,15 @@ pub(crate) fn taken<'f>(
 }
 
 impl LimitLink {
-    /// The slots of the axes in a frame, with their places in [`Self::axes`].
+    /// The axes that have a slot in frames of this slot size, with their indices in [`Self::axes`].
     fn slots(&self, size: SlotSize) -> impl Iterator<Item = (usize, &MachineAxis)> {
         self.axes.iter().enumerate().filter(move |(_, axis)| usize::from(axis.slave) <= size.max_slaves())
     }
 
-    /// What a target beyond a limit is reported as: axis, target and limit in the unit of the axis, and the time since the
-    /// link was opened.
+    /// The message about a target beyond a limit: axis, target and limit in the unit of the axis, and the time since
+    /// the link was opened.
     fn words(&self, axis: &MachineAxis, target: i32, at: Stamp) -> String {
-        // Six decimals are more than any unit needs, and hide the rounding errors of the division.
-        let rounded = |counts: i32| (axis.scale.to_units(counts) * 1e6).round() / 1e6;
-        let (target, ends) = (rounded(target), [rounded(axis.limits.min), rounded(axis.limits.max)]);
-        let (name, limit) = match target > ends[0].max(ends[1]) {
-            true => ("max", ends[0].max(ends[1])),
-            false => ("min", ends[0].min(ends[1])),
-        };
+        let (target, name, limit) = axis.beyond(target);
         let seconds = Seconds(at.0.saturating_sub(self.inner.info().opened_at.0));
         let MachineAxis { name: axis, unit, .. } = axis;
         format!(
@@ -183,8 +179,8 @@ impl LimitLink {
         )
     }
 
-    /// Checks the targets of a frame that is to be sent. If one of them leads further out, and the file says that such
-    /// targets are not sent: what the write fails with, and what is sent instead of the frame.
+    /// Checks the CSP targets of a frame that is to be sent. If one of them leads further out, and the file forbids
+    /// that, returns the text of the write's error and the frame that is sent instead.
     fn refused(&self, frame: &Frame) -> Option<(String, Frame)> {
         if self.program_limits != ProgramLimits::Stop {
             return None;
@@ -215,7 +211,7 @@ impl LimitLink {
             let slot = frame.slot(size, usize::from(axis.slave));
             let known = &mut state.axes[place];
             if slot.id == CommandId::GoHome.code() {
-                // The axis gets new coordinates.
+                // Homing gives the axis new coordinates, so both values are out of date.
                 (known.target, known.position) = (0, 0);
             }
             if slot.id != CommandId::Csp.code() {
@@ -258,7 +254,7 @@ impl Layer for LimitLink {
             let known = &mut state.axes[place];
             known.position = axis.limits.excess(position);
             if !statusword.is_enabled() {
-                // It is not on its way to the last target any more, and may have been moved by hand.
+                // An axis that is off no longer moves to its last target, and may be moved by hand.
                 known.target = 0;
             }
         }

@@ -167,9 +167,9 @@ pub trait Link: Send + Sync {
     ///
     /// # Errors
     /// The board has not taken the frame: [`LinkError::Timeout`], [`LinkError::Lost`], [`LinkError::Closed`],
-    /// [`LinkError::Cancelled`], [`LinkError::WrongSlot`], [`LinkError::Io`]. Only after [`LinkError::Unsure`], which
-    /// occurs on a network, the board may have taken it or not; and after [`LinkError::BeyondLimit`] it has taken the frame
-    /// without its targets.
+    /// [`LinkError::Cancelled`], [`LinkError::WrongSlot`], [`LinkError::Io`]. There are two exceptions. After
+    /// [`LinkError::Unsure`], which occurs on a network, it is not known whether the board has taken the frame. After
+    /// [`LinkError::BeyondLimit`] it has taken the frame without its CSP targets.
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError>;
 
     /// Reads the oldest unread report into `out`. Without a report `out` stays unchanged.

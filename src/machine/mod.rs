@@ -22,7 +22,7 @@ pub use windows::{Board, Machine};
 /// \[OURS] The most characters that are shown of a text from a device or a file: as many as a USB string can have.
 const SHOWN_MAX: usize = 126;
 
-/// A text from outside that is safe to print: without control characters, and of limited length.
+/// Makes a text from a device or a file safe to print: without control characters, and of limited length.
 pub fn printable(text: &str) -> String {
     let shown = text.chars().take(SHOWN_MAX);
     shown.map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }).collect()

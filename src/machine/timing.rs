@@ -1,4 +1,4 @@
-//! Measures how exactly this machine wakes threads, which limits the cycles that a program can keep by itself.
+//! Measures how late this machine wakes threads, which limits how short a cycle a program can keep by itself.
 
 #[cfg(target_os = "linux")]
 mod linux;
@@ -42,7 +42,8 @@ impl TimerLateness {
     /// runs the cycles of a board modelled in this process, so the result also holds for that thread. `None` if the
     /// system cannot create the measuring thread.
     pub fn measure(period: Duration, times: usize) -> Option<Self> {
-        // In a thread of its own, because the setting that makes sleeps exact belongs to the thread.
+        // The measurement runs in a thread of its own, because the timer slack that makes sleeps exact is a setting of
+        // the thread.
         let sleeper = move || system::late(period, times);
         let late = crate::threads::spawn("ecmsk-sleeper", sleeper).ok()?.join().ok()?;
         Self::of(period, late)

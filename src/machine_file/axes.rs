@@ -72,7 +72,8 @@ fn axis(
     })
 }
 
-/// Whether an axis turns: as the file says, else if its unit is an angle.
+/// The kind of an axis: as the file says, otherwise rotary if the unit is an angle, and linear if not. It is an error
+/// if the file makes an axis rotary whose unit is no angle.
 fn kind(given: Option<AxisKind>, unit: Unit) -> Result<AxisKind, Fault> {
     let of_unit = if unit.per_turn().is_some() { AxisKind::Rotary } else { AxisKind::Linear };
     if given == Some(AxisKind::Rotary) && of_unit == AxisKind::Linear {
@@ -114,8 +115,8 @@ fn scale(fields: &AxisFields) -> Result<(Unit, Scale), FieldFault> {
     Ok((unit, scale))
 }
 
-/// Converts a position of the axis, as the file has it, to counts. Fails if it is not a whole number of counts, for an
-/// axis in counts, or if it does not fit into 32 bits.
+/// Converts a position of the axis from the file to counts. Fails if the position of an axis in counts is not a whole
+/// number, or if the counts do not fit into 32 bits.
 fn counts(value: f64, unit: Unit, scale: Scale) -> Result<i32, Fault> {
     if unit == Unit::Counts && value.fract() != 0.0 {
         return Err(fault(format!("{value} is no whole number of counts"), "write one, or add the unit of the axis"));
@@ -128,7 +129,8 @@ fn counts(value: f64, unit: Unit, scale: Scale) -> Result<i32, Fault> {
     })
 }
 
-/// As [`counts`], for a limit: it fails also if the nearest count is another place, which is so with a scale that is upside down.
+/// Converts a soft limit like [`counts`], but also fails if rounding to the nearest count changes the limit by more
+/// than a tenth of its value. This happens if `per` is inverted, or if the limit is shorter than a count.
 fn limit(value: f64, unit: Unit, scale: Scale) -> Result<i32, Fault> {
     let counts = counts(value, unit, scale)?;
     let Some(place) = scale.rounds_to(value) else { return Ok(counts) };
@@ -179,7 +181,7 @@ fn homing(fields: &HomingFields, unit: Unit, scale: Scale, limits: SoftLimits) -
     })
 }
 
-/// Checks that a number of the file is in the range `allowed`, which must lie within 32 bits.
+/// Checks that a number of the file is in the range `allowed`, which must be within `u32`.
 pub(super) fn number(value: i64, allowed: RangeInclusive<i64>) -> Result<u32, Fault> {
     let number = u32::try_from(value).ok().filter(|_| allowed.contains(&value));
     number.ok_or_else(|| {
@@ -188,8 +190,8 @@ pub(super) fn number(value: i64, allowed: RangeInclusive<i64>) -> Result<u32, Fa
     })
 }
 
-/// Checks the name of an axis, an input or an output. On command lines names stand beside numbers and signs (`X=12.5`),
-/// so they begin with a letter and have no signs but `_` and `-`.
+/// Checks the name of an axis, an input or an output. On command lines a name is followed by signs and numbers
+/// (`X=12.5`), so a name begins with a letter and contains no signs but `_` and `-`.
 pub(super) fn check_name<'a>(name: &str, mut others: impl Iterator<Item = &'a str>) -> Result<(), Fault> {
     let begins = name.chars().next().is_some_and(char::is_alphabetic);
     let plain = name.chars().all(|letter| letter.is_alphanumeric() || matches!(letter, '_' | '-'));

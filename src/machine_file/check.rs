@@ -22,7 +22,7 @@ const SLAVES_MAX: usize = SlotSize::Bytes12.max_slaves();
 const BITS: i64 = 16;
 /// The longest text of an alarm, characters. \[OURS]
 const ALARM_TEXT_MAX: usize = 200;
-/// The word in a machine file for a slave that is on the cable and not used.
+/// The value of `kind` for a slave that is on the cable but is not used.
 const UNUSED: &str = "none";
 
 /// The text of a machine file with the lines of its fields, which errors name.

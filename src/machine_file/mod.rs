@@ -1,6 +1,6 @@
-//! The machine file, `machine.toml`: facts about a machine that a person knows and the network does not tell. It has
-//! the axes by their names, with unit, scale, soft limits and homing; which device each slave has to be; inputs and
-//! outputs by their names; what the error codes of a maker mean; the link.
+//! The machine file, `machine.toml`: facts about a machine that a person knows and the network cannot report. It names
+//! the axes, with unit, scale, soft limits and homing; the device that each slave has to be; inputs and outputs; the
+//! meanings of a vendor's error codes; and the link.
 //!
 //! ```
 //! use ecmsk::machine_file::MachineFile;
@@ -98,7 +98,7 @@ pub struct MachineSlave {
     pub mode: Mode,
     /// Vendor, product code and revision that the slave has to have; `None` for a value that the file does not give.
     pub expected: IdentitySpec,
-    /// How the slave is simulated. It has the identity of [`Self::expected`].
+    /// How the slave is simulated, with the identity of [`Self::expected`].
     pub simulated: SlaveSpec,
 }
 
@@ -115,8 +115,8 @@ pub struct MachineAxis {
     pub kind: AxisKind,
     /// How many counts one unit has.
     pub scale: Scale,
-    /// The range in which targets of the axis have to be, counts. The tool refuses other targets. Those of programs are
-    /// treated as [`MachineFile::program_limits`] says, if their link names the file (`axes=`, `machine=`).
+    /// The range in which targets of the axis have to be, counts. The tool refuses other targets. If the link of a
+    /// program names the file (`axes=`, `machine=`), [`MachineFile::program_limits`] applies to the program's targets.
     pub limits: SoftLimits,
     /// The highest speed of a move, units per second; above 0.
     pub max_velocity: Option<f64>,
@@ -126,7 +126,19 @@ pub struct MachineAxis {
     pub homing: AxisHoming,
 }
 
-/// How an axis finds its home position. A value of `None` stays as the drive has it.
+impl MachineAxis {
+    /// What messages say of a position beyond the soft limits: the position, `min` or `max`, and the value of that limit, both
+    /// in the unit of the axis. They have at most six decimals: more are of no use in any unit, and show the rounding errors of
+    /// the division.
+    pub fn beyond(&self, counts: i32) -> (f64, &'static str, f64) {
+        let rounded = |units: f64| (units * 1e6).round() / 1e6;
+        let [position, min, max] = [counts, self.limits.min, self.limits.max].map(|counts| self.scale.to_units(counts));
+        let (word, limit) = if position > min.max(max) { ("max", min.max(max)) } else { ("min", min.min(max)) };
+        (rounded(position), word, rounded(limit))
+    }
+}
+
+/// How an axis finds its home position. For a value of `None` the drive keeps its own setting.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisHoming {
     /// The homing method, 0x6098.
@@ -173,7 +185,7 @@ impl MachineFile {
     /// Reads a machine file, and returns its text, too.
     ///
     /// # Errors
-    /// As [`Self::load`].
+    /// The errors of [`Self::load`].
     pub fn load_with_text(path: &Path) -> Result<(Self, String), MachineFileError> {
         let file = path.display().to_string();
         let unreadable = |message: String| MachineFileError::Unreadable { file: file.clone(), message };
@@ -193,7 +205,7 @@ impl MachineFile {
         check::machine(file, text)
     }
 
-    /// The axis with this name. Upper and lower case are the same, as no two names differ in that alone.
+    /// The axis with this name. Case is ignored, since no two names in a file differ only in case.
     pub fn axis(&self, name: &str) -> Option<&MachineAxis> {
         self.axes.iter().find(|axis| same_name(&axis.name, name))
     }
@@ -203,12 +215,12 @@ impl MachineFile {
         self.axes.iter().find(|axis| axis.slave == slave)
     }
 
-    /// The input with this name. Upper and lower case are the same.
+    /// The input with this name; case is ignored.
     pub fn input(&self, name: &str) -> Option<&IoLine> {
         self.inputs.iter().find(|line| same_name(&line.name, name))
     }
 
-    /// The output with this name. Upper and lower case are the same.
+    /// The output with this name; case is ignored.
     pub fn output(&self, name: &str) -> Option<&IoLine> {
         self.outputs.iter().find(|line| same_name(&line.name, name))
     }
@@ -218,8 +230,9 @@ impl MachineFile {
         self.slaves.get(usize::from(slave).checked_sub(1)?)
     }
 
-    /// What an error code of a slave means, if the file says it. The file may have texts for a product, for a vendor,
-    /// and for all drives, in this order of precedence. Vendor and product of the slave are those in the file.
+    /// The meaning of an error code of a slave; `None` if the file does not give one. A text for the slave's product
+    /// takes precedence over one for its vendor, and that over one for all drives. The file also gives vendor and
+    /// product of the slave.
     pub fn alarm_text(&self, slave: u8, code: u16) -> Option<&str> {
         let expected = self.slave(slave).map(|slave| slave.expected).unwrap_or_default();
         let fits = |wanted: Option<u32>, found: Option<u32>| wanted.is_none() || wanted == found;
@@ -253,7 +266,7 @@ impl MachineFile {
     }
 }
 
-/// The machine file with the axes of a link, and its text.
+/// Loads the machine file that the key `axes=` of a link names; returns the file's content and its text.
 ///
 /// # Errors
 /// [`UriError::BadValue`] if the file cannot be used.

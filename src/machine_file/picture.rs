@@ -1,4 +1,5 @@
-//! How a machine is drawn where it is shown in motion: which axes turn, and which move one table or one bridge.
+//! How a machine is drawn where it is shown in motion: which axes are rotary, and which together move one table or one
+//! bridge.
 
 use serde::Deserialize;
 
@@ -36,8 +37,8 @@ pub struct Gantry {
     pub bridge: Option<u8>,
 }
 
-/// Checks the table `picture`, and finds the slaves of the axes that it names. It is an error if an axis is not there or named
-/// twice, turns, or has another unit than those that are drawn with it.
+/// Checks the table `picture`, and finds the slaves of the axes that it names. It is an error if an axis does not
+/// exist, is named twice, is rotary, or has another unit than the axes drawn with it.
 pub(super) fn picture(
     source: &Source<'_>,
     fields: &PictureFields,
@@ -61,7 +62,7 @@ pub(super) fn picture(
     Ok(picture)
 }
 
-/// The slaves of axes that are drawn together. `drawn` are the slaves of the axes that the table has named before.
+/// The slaves of axes that are drawn together. `drawn` has the slaves of all axes that the table has named so far.
 fn together(names: &[&String], axes: &[MachineAxis], drawn: &mut Vec<u8>) -> Result<Vec<u8>, Fault> {
     let mut slaves = Vec::new();
     let mut first: Option<&MachineAxis> = None;

@@ -1,4 +1,4 @@
-//! Where the fields of a TOML text are: their lines, and the field at a position.
+//! Finds the line of a field in a TOML text, and the field at a position of the text.
 
 use std::ops::Range;
 
@@ -33,8 +33,8 @@ impl<'t> Places<'t> {
         self.root.iter().find(|(key, _)| key.get_ref() == name).map(|(_, value)| value.get_ref())
     }
 
-    /// The line of a field, or of the innermost table around it that is there; 1 if none is. Elements of an array have
-    /// numbers from 1.
+    /// The line of a field. If the text does not have the field, the line of the innermost table that would contain it;
+    /// 1 if there is no such table either. In `path`, elements of an array are numbered from 1.
     pub(super) fn line(&self, path: &[&str]) -> usize {
         let mut line = 1;
         let mut value: Option<&DeValue<'_>> = None;

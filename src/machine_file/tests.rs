@@ -1,4 +1,4 @@
-//! Machine files that are right, and files with each field wrong.
+//! Valid machine files, and a fault in each field.
 
 use super::*;
 use crate::address::slaves;
@@ -120,7 +120,8 @@ xy = [["X", "y"]]
 gantries = [{ sides = ["Y1", "Y2"], bridge = "Z" }]
 "#;
 
-/// An axis turns if its unit is an angle, unless the file says otherwise. Axes that are drawn together are slaves.
+/// An axis is rotary if its unit is an angle, unless the file says otherwise. The picture refers to its axes by their
+/// slaves.
 #[test]
 fn a_picture_has_the_axes_of_the_file() {
     let machine = parse(PORTAL).unwrap();
@@ -151,7 +152,7 @@ fn a_picture_has_the_axes_of_the_file() {
     }
 }
 
-/// A text for the product goes before one for the vendor, and that before one for all.
+/// A text for the product takes precedence over one for the vendor, and that over one for all drives.
 #[test]
 fn texts_of_alarms_are_those_of_the_nearest_device() {
     let machine = parse(WHOLE).unwrap();
@@ -175,7 +176,8 @@ fn an_axis_alone_is_a_machine() {
     assert_eq!(machine.link(None), None);
 }
 
-/// A link that lists its slaves keeps them; only a simulated board gets those of the file.
+/// A link that lists its slaves keeps them. Only a link to a simulated board without such a list gets the slaves of the
+/// file.
 #[test]
 fn the_slaves_of_the_file_are_simulated_where_a_link_lists_none() {
     let machine = parse(WHOLE).unwrap();
@@ -313,7 +315,7 @@ fn each_wrong_field_is_named_with_its_line() {
     ] {
         assert!(WHOLE.contains(replaced), "line {line}: {replaced}");
         let said_now = error(&WHOLE.replacen(replaced, by, 1));
-        // The first `product` in the file is that of slave 1, which has to be changed as well.
+        // The first `product` in the file belongs to slave 1, and has to be changed too.
         let said_now = if line == 52 { error(&WHOLE.replace(replaced, by)) } else { said_now };
         assert!(said_now.contains(said), "{replaced} -> {by}\n  {said_now}\n  {said}");
         assert!(said_now.starts_with("m.toml, line ") && said_now.contains("; "), "{said_now}");
@@ -364,8 +366,8 @@ fn the_page_shows_a_machine_file() {
     assert_eq!(drawn.picture.gantries, [Gantry { sides: [1, 2], bridge: Some(3) }]);
 }
 
-/// A limit that the nearest count puts to another place is refused: the scale is upside down, or the limit is below a count. One
-/// between two counts of a fine scale is rounded.
+/// A limit that rounding to the nearest count would move noticeably is refused: the scale is inverted, or the limit is
+/// shorter than a count. With a fine scale, a limit between two counts is rounded.
 #[test]
 fn a_limit_is_where_it_is_written() {
     let parse =

@@ -32,7 +32,7 @@ impl Unit {
     /// All units, in the order of the documentation.
     pub const ALL: [Self; 8] = [Self::Mm, Self::Um, Self::M, Self::In, Self::Deg, Self::Rad, Self::Turn, Self::Counts];
 
-    /// The word for the unit in a machine file and behind a number: `mm`.
+    /// The word for the unit in a machine file and after a number, such as `mm`.
     pub const fn word(self) -> &'static str {
         match self {
             Self::Mm => "mm",

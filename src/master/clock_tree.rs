@@ -76,7 +76,8 @@ impl Clocks {
         self.set.difference(missing).iter().next()
     }
 
-    /// Marks a port as closed while delays are measured, so that no frame leaves the slave by it.
+    /// Marks a port as closed in the tree of cables: while the master measures delays, no frame leaves the slave by
+    /// this port.
     pub(super) fn close(&mut self, Upstream { slave, port }: Upstream) {
         if let Some(place) = self.places.get_mut(usize::from(slave) - 1) {
             place.ports = place.ports.with_port(port.into(), true, true);
@@ -118,8 +119,8 @@ pub(super) fn put_delays(places: &[Place], passed: &[Option<Passed>], delays: &m
 fn delay(places: &[Place], passed: &[Option<Passed>], delays: &[u32], n: usize, place: &Place) -> Option<u32> {
     let own = passed.get(n).copied()??;
     if !is_open(place.ports, 0) {
-        // The slave is behind the gap of a ring: the frame has reached it from the other end, so its receive times show
-        // no delay from the first slave.
+        // The slave is beyond the gap of an open ring: the frame has reached it from the other end, so its receive
+        // times show no delay from the first slave.
         return None;
     }
     // Skip slaves without a clock on the way to the master.
@@ -132,8 +133,8 @@ fn delay(places: &[Place], passed: &[Option<Passed>], delays: &[u32], n: usize, 
         upstream = places[at].upstream?;
     };
     let open = |ports| PORT_ORDER.into_iter().filter(move |port| is_open(ports, *port));
-    // When the frame left the parent towards this branch: the time at which the parent received it at the port before,
-    // in port order. That is port 0, or the port by which it came back from the branch before.
+    // The frame left the parent towards this branch when the parent received it at the open port before, in port order:
+    // at port 0, or at the port by which the frame came back from the branch before.
     let before = open(places[at].ports).take_while(|port| *port != usize::from(upstream.port)).last().unwrap_or(0);
     let left = parent.ports[before];
     let around = parent.ports[usize::from(upstream.port)].wrapping_sub(left);

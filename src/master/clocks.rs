@@ -235,7 +235,8 @@ pub(super) async fn start_sync(
     stop_sync(bus, slave, station).await?;
     let (is_set, is_reference) =
         bus.with(|shared| (shared.clocks.set.contains(slave), shared.clocks.reference(shared.missing) == Some(slave)));
-    // A clock that has missed the frame by which it was set would never come close to the reference.
+    // A clock can be far off because it has missed the frame by which it was set. It would never come close to the
+    // reference, so it is set again.
     if !is_set || !is_reference && difference_ns(bus, station).await?.abs() > FAR_NS {
         set(bus, [slave].into_iter().collect()).await?;
     }
@@ -249,8 +250,8 @@ pub(super) async fn start_sync(
     cycles[4..].copy_from_slice(&sync1_ns.to_le_bytes());
     bus.write(station, SYNC0_CYCLE, &cycles).await?;
     let shown = u64::from_le_bytes(bus.read(station, SYSTEM_TIME).await?);
-    // A clock of 32 bits compares the start time with its own 32 bits. The multiples of the cycle are those of the 64 bits
-    // in which the frames are paced.
+    // A clock of 32 bits compares only the lower 32 bits of the start time. But the start is a multiple of the cycle in
+    // the 64-bit time by which the frames are paced, so the time of this clock is extended first.
     let now = bus.with(|shared| shared.system_time(slave, shown));
     let cycle = u64::from(cycle_ns);
     let earliest = now.wrapping_add(START_NS.max(10 * cycle));

@@ -32,8 +32,8 @@ impl Master {
         self.configure_managers(slave, described, described)
     }
 
-    /// Configures the process data sync managers of a slave. `output_len` and `input_len` give the length of the n-th one
-    /// (from 0) of their direction, bytes.
+    /// Configures the process data sync managers of a slave. `output_len` and `input_len` give the length in bytes of
+    /// the n-th sync manager (from 0) for outputs and for inputs.
     fn configure_managers(
         &mut self,
         slave: u8,
@@ -63,11 +63,13 @@ impl Master {
         Ok(())
     }
 
-    /// Sets the start address and control byte of a sync manager, in place of those in the EEPROM. They take effect
-    /// when the slave goes to PreOP the next time (0 and 1, the mailbox), or to SafeOP (process data). For process data
-    /// that the EEPROM does not describe, the control byte gives the direction. Another scan resets this.
+    /// Sets the start address and control byte of a sync manager, in place of those in the EEPROM. They take effect at
+    /// the slave's next change to PreOP for sync managers 0 and 1, the mailbox, and at its next change to SafeOP for
+    /// process data. For process data that the EEPROM does not describe, the control byte gives the direction. Another
+    /// scan resets this.
     ///
-    /// The length of process data is that of [`Self::configure`]. A mailbox keeps the usual control byte.
+    /// The length of process data comes from [`Self::configure`], not from `registers`. A mailbox keeps the usual
+    /// control byte.
     ///
     /// # Errors
     /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`]: the slave has no such sync manager, or it belongs to

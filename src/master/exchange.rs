@@ -2,8 +2,8 @@
 //!
 //! Each frame has one of 256 indices, which all its datagrams carry. An answer is accepted if its frame is in flight
 //! and each datagram has the command, length and address that were sent, except for address bits that slaves change.
-//! All other frames are counted and dropped. The index of a lost frame is not reused for a while, so that a late answer
-//! cannot be taken for that of a newer frame.
+//! All other frames are counted and dropped. The index of a lost frame is not reused for a while: otherwise the late
+//! answer of that frame could be taken for the answer of a newer frame.
 
 use std::collections::VecDeque;
 
@@ -15,8 +15,9 @@ use crate::ethercat::{
 
 /// \[OURS] The number of frames that may be in flight.
 const FLIGHTS: usize = 32;
-/// \[OURS] How many acyclic datagrams have preallocated memory. Short ones: for each slave one of the watch, one of a
-/// change of state and one of an abandoned change, and some more. Long ones: two for each mailbox, and some more.
+/// \[OURS] How many acyclic datagrams have preallocated memory. Short datagrams: for each slave one of the watch, one
+/// of a change of state and one of an abandoned change, and some more. Long datagrams: two for each mailbox, and some
+/// more.
 const SHORT_REQUESTS: usize = 3 * MAX_SLAVES + 16;
 const LONG_REQUESTS: usize = 2 * MAX_SLAVES + 16;
 /// \[OURS] The most bytes of data in a short datagram. Register accesses have fewer.
@@ -156,7 +157,7 @@ impl Unused {
         if is_long { &mut self.long } else { &mut self.short }
     }
 
-    /// Puts a request that is no longer needed back among the unused ones.
+    /// Puts a request that is no longer needed back into the list of unused requests.
     fn take_back(&mut self, number: usize, request: &mut Request) {
         request.state = RequestState::Unused;
         self.of(request.is_long).push(number);
@@ -240,7 +241,7 @@ impl Exchange {
         self.reserve((SHORT_REQUESTS + more).saturating_sub(has), false);
     }
 
-    /// Allocates memory for `more` datagrams, long or short ones.
+    /// Allocates memory for `more` datagrams: all of them long (`is_long`), or all of them short.
     fn reserve(&mut self, more: usize, is_long: bool) {
         let has = self.requests.len();
         let all = has + more;
@@ -299,7 +300,8 @@ impl Exchange {
         self.flights.iter().any(|flight| flight.is_used && !flight.is_cyclic)
     }
 
-    /// Claims a frame index, and a place in `flights` for its frame. `None`: [`FLIGHTS`] frames are in flight already.
+    /// Claims a frame index, and an unused element of `flights` for its frame. `None`: [`FLIGHTS`] frames are in flight
+    /// already.
     fn claim(&mut self, now: Ns, is_cyclic: bool) -> Option<usize> {
         let place = self.flights.iter().position(|flight| !flight.is_used)?;
         let is_free = |index: &u8| match self.indices[usize::from(*index)] {
@@ -366,7 +368,8 @@ impl Exchange {
         true
     }
 
-    /// Handles a received frame. Calls `cycle` with the number of each datagram of the cycle in it.
+    /// Handles a received frame. For each datagram of the process data cycle in the frame, calls `cycle` with the
+    /// number of the datagram in its cycle.
     pub(super) fn receive(&mut self, bytes: &[u8], mut cycle: impl FnMut(u8, &Datagram<'_>)) {
         let Ok(frame) = Frame::decode(bytes) else {
             self.counters.malformed += 1;

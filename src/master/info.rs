@@ -13,9 +13,9 @@ pub const MAILBOX_BYTES_MIN: u16 = 16;
 /// The longest mailbox, bytes: the data of one datagram.
 pub const MAILBOX_BYTES_MAX: u16 = DATA_LEN_MAX as u16;
 
-/// \[OURS] The alignment, bytes, of process data of a slave whose EEPROM has no sync managers for them. The areas are
-/// placed behind the mailboxes in the order of their sync managers, each with room for three buffers of at least 128
-/// bytes.
+/// \[OURS] The alignment, bytes, of the process data areas of a slave whose EEPROM describes no sync managers for
+/// process data. These areas follow the mailboxes in the order of their sync managers, each with room for three buffers
+/// of at least 128 bytes.
 const AREA_ALIGN: u16 = 0x80;
 const AREA_ROOM: u16 = 3 * 128;
 
@@ -35,8 +35,8 @@ pub struct MailboxInfo {
 pub struct ProcessManager {
     /// The number of the sync manager.
     pub number: u8,
-    /// The registers of the sync manager. The length is that of the PDOs that the EEPROM assigns to it, or without such
-    /// PDOs the one that the EEPROM gives for the sync manager.
+    /// The registers of the sync manager. The length is the sum of the PDOs that the EEPROM assigns to the sync
+    /// manager. If the EEPROM assigns none, the length is the one that it gives for the sync manager itself.
     pub registers: SyncManager,
 }
 
@@ -66,7 +66,7 @@ pub struct SlaveInfo {
     /// The port by which frames enter the slave, from the receive times of its clock. It is 0 unless IN and OUT are
     /// swapped, and for a slave without a clock.
     pub entry_port: u8,
-    /// The mailbox; `None`: the slave has none, or none that can be used.
+    /// The mailbox; `None`: the slave has no mailbox, or none that the master can use.
     pub mailbox: Option<MailboxInfo>,
     /// The sync managers for outputs.
     pub outputs: Vec<ProcessManager>,
@@ -80,7 +80,7 @@ pub struct SlaveInfo {
 }
 
 impl SlaveInfo {
-    /// A slave of which only the station address and the EEPROM are known; all values of registers are 0 or empty.
+    /// A slave with this station address and EEPROM. All values that a scan reads from registers are 0 or empty.
     pub(super) fn new(station: u16, eeprom: Result<Vec<u8>, SiiError>) -> Self {
         let mut info = Self {
             station,
@@ -170,7 +170,7 @@ impl SlaveInfo {
     }
 
     /// The lengths of the slave's default outputs and inputs, bytes, as its EEPROM gives them. `None`: the EEPROM was
-    /// not read, or it does not give them and the slave has CoE, whose objects do.
+    /// not read, or it gives no lengths and the slave has CoE, whose objects give them.
     pub fn described_bytes(&self) -> [Option<u16>; 2] {
         let is_read = self.eeprom.is_ok();
         [&self.outputs, &self.inputs].map(|managers| {
@@ -278,7 +278,7 @@ fn pdos<'s>(sii: &Sii<'s>, kind: CategoryKind) -> impl Iterator<Item = SiiPdo<'s
     sii.all_of(kind).flat_map(|category| category.pdos().map_while(Result::<_, WireError>::ok))
 }
 
-/// The sum of the PDOs that an EEPROM assigns to a sync manager, bytes; `None`: it assigns none.
+/// The sum of the PDOs that an EEPROM assigns to a sync manager, bytes; `None`: it assigns no PDO to it.
 fn pdo_bytes(sii: &Sii<'_>, kind: CategoryKind, manager: u8) -> Option<u16> {
     let mut bits = None;
     for pdo in pdos(sii, kind).filter(|pdo| pdo.sync_manager == manager) {

@@ -101,7 +101,8 @@ fn number_place(bus: &Bus) -> NumberPlace {
 }
 
 impl Master {
-    /// Converts the result of a sequence into that of the job. After a scan the slaves that it found are taken over.
+    /// Converts the result of a sequence into the result of its job. After a scan, the master takes over the slaves
+    /// that the scan has found.
     pub(super) fn end(&mut self, output: Output) -> End {
         match output {
             Output::Done(done) => done,
@@ -180,10 +181,10 @@ impl Master {
         self.begin(Work::Once(Box::pin(async move { Output::Scan(scan::scan(bus).await) })))
     }
 
-    /// Uses a network that another master has scanned and goes on to run: takes the station addresses of its slaves and
-    /// the contents of their EEPROMs. The call sends nothing and changes nothing in the slaves, and no watch starts.
-    /// Mailboxes can be used while the other master does not use them. Requests to them have counter 0, so that the
-    /// counters of the other master stay right. All running jobs are cancelled.
+    /// Uses a network that another master has scanned and continues to run: takes the station addresses of its slaves
+    /// and the contents of their EEPROMs. The call sends nothing and changes nothing in the slaves, and no watch
+    /// starts. Mailboxes can be used while the other master does not use them. Requests to them have counter 0, so that
+    /// they do not disturb the counters of the other master. All running jobs are cancelled.
     pub fn join<'s>(&mut self, slaves: impl IntoIterator<Item = (u16, &'s [u8])>) {
         self.forget();
         let slaves = slaves.into_iter().map(|(station, eeprom)| SlaveInfo::new(station, Ok(eeprom.to_vec())));
@@ -238,7 +239,7 @@ impl Master {
         self.station(slave).ok_or(DatagramError::NoSlave(slave))
     }
 
-    /// Starts to read `count` words of a slave's EEPROM from word `first` on; behind the end an EEPROM mostly reads as
+    /// Starts to read `count` words of a slave's EEPROM from word `first` on; beyond the end an EEPROM mostly reads as
     /// 0xFFFF. Only one job at a time may use an EEPROM, and none while the slave changes its state.
     pub fn read_eeprom(&mut self, slave: u8, first: u16, count: usize) -> Job<Result<Vec<u16>, SiiError>> {
         let eeprom = Eeprom::open(self.bus.clone(), slave, self.station(slave));
@@ -275,8 +276,8 @@ impl Master {
         })
     }
 
-    /// Starts to read the message in a slave's mailbox as it is, with its header. The master sends no request before,
-    /// so that the message is an unsolicited one; see [`Self::keep_mail`].
+    /// Starts to read the message in a slave's mailbox, undecoded and with its header. The master sends no request
+    /// before it, so the message is an unsolicited one; see [`Self::keep_mail`].
     pub fn receive_mail(&mut self, slave: u8) -> Job<Result<Option<Vec<u8>>, MailboxError>> {
         let (bus, peer) = (self.bus.clone(), self.peer(slave, 0));
         self.start(async move {

@@ -1,5 +1,5 @@
 //! The watch over the slaves: detects slaves that are missing, are back, have left a state, or send no inputs, and
-//! reads unsolicited mailbox messages. How soon its reads are sent is decided in `acyclic.rs`.
+//! reads unsolicited mailbox messages. `acyclic.rs` decides how soon the datagrams of the watch are sent.
 
 use super::bus::{Bus, Ticket};
 use super::mailbox::Mailbox;
@@ -89,9 +89,9 @@ impl Watch {
         self.slaves.get(usize::from(slave).checked_sub(1)?).map(|info| info.station)
     }
 
-    /// Finds slaves whose inputs cannot be read, if missing slaves do not explain a wrong working counter. It reads the
-    /// inputs of each slave alone, outside the cycle, at their logical address. Nothing is written, and the inputs stay
-    /// in the slave for the cycle. Returns whether all reads were answered.
+    /// Finds slaves whose inputs cannot be read, when a cycle had a wrong working counter that missing slaves do not
+    /// explain. It reads the inputs of each doubtful slave alone, outside the cycle, at their logical address. Nothing
+    /// is written, and the inputs stay in the slave for the cycle. Returns whether all reads were answered.
     async fn find_mute(&mut self) -> bool {
         self.bus.with(|shared| {
             let asked = shared.doubtful.union(shared.mute).intersection(shared.active).difference(shared.missing);
@@ -202,10 +202,11 @@ impl Watch {
         Some(())
     }
 
-    /// The candidate with that identity and alias, if it is missing. Several candidates may have the same identity and
-    /// alias. Then the slave is the one whose upstream slave answers with an open port towards it. `None`: this is so
-    /// for none or for several of them, so that the slave can be identified only when others have got their addresses
-    /// back; or the slave was not known to be missing.
+    /// The candidate with that identity and alias, if it is missing. If several candidates have the same identity and
+    /// alias, the slave is the one whose upstream slave answers with an open port towards it.
+    ///
+    /// `None` if this holds for no candidate or for several: then other slaves have to get their addresses back first.
+    /// Also `None` if the slave was not known to be missing.
     async fn one_of(&self, candidates: SlaveSet, absent: SlaveSet, identity: SiiIdentity, alias: u16) -> Option<u8> {
         let is_equal = |slave: &u8| {
             let info = self.slaves.get(usize::from(*slave) - 1);
@@ -235,15 +236,15 @@ impl Watch {
     }
 }
 
-/// The slaves that the unidentified one at position `place` (from 1) can be. In network order they are between its
-/// nearest known neighbours; with several unknown positions there, each is behind the one before it.
+/// The slaves that can be at position `place` (from 1), whose slave is not identified. In network order they are
+/// between the nearest known neighbours. If several positions there are unknown, their slaves are in ascending order.
 fn candidates(order: &[u8], place: u8, slaves: u8) -> SlaveSet {
     let at = usize::from(place) - 1;
     let begin = order[..at].iter().rposition(|slave| *slave != 0).map_or(0, |known| known + 1);
     let end = order[at..].iter().position(|slave| *slave != 0).map_or(order.len(), |known| known + at);
     let before = begin.checked_sub(1).map_or(0, |known| order[known]);
     let behind = order.get(end).copied().unwrap_or(slaves + 1);
-    // Unknown positions before and behind this one, between the same known slaves, belong to other slaves.
+    // Unknown positions before and after this one, between the same known slaves, belong to other slaves.
     let (first, last) = (before + 1 + (at - begin) as u8, behind.saturating_sub((end - at) as u8));
     (first..=last).collect()
 }

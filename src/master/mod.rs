@@ -21,8 +21,8 @@
 //! - [`Master::cycle`] once per cycle, from SafeOP on: it sends the process data. When its frames have come back,
 //!   [`Master::take_cycle`] returns the working counters. [`Master::outputs_mut`] sets outputs at any time before, and
 //!   [`Master::inputs`] reads inputs after it. On its way to OP a slave waits for outputs.
-//! - [`CycleDone::fresh`] has the slaves whose inputs are those of that cycle. With a wrong working counter inputs stay as
-//!   they were.
+//! - [`CycleDone::fresh`] has the slaves whose inputs are those of that cycle. After a wrong working counter, inputs
+//!   keep their previous values.
 //! - With distributed clocks: [`Master::set_sync`] before a slave goes to SafeOP, and [`Master::set_pace`] once.
 //!   [`CycleDone::next_deadline`] is then the time for the next cycle.
 //! - [`Master::take_event`] returns what happens without a request: emergencies, slaves that are lost or come back, states
@@ -30,8 +30,8 @@
 //!   a slave that was cut off. A slave that was without power ([`Event::PowerCycled`]) first has to be mapped by SDO, as
 //!   at the start.
 //!
-//! While there are cycles, the datagrams of jobs share one frame behind those of each cycle. Otherwise jobs go as fast as
-//! answers come back.
+//! While the user runs cycles, the datagrams of jobs share one frame, which follows the frames of each cycle. Otherwise
+//! they are sent as fast as answers come back.
 //!
 //! ```
 //! # #[cfg(feature = "sim")] {
@@ -125,7 +125,7 @@
 //! | `process_data.rs`, `process_data/slave.rs` | logical addresses of process data, frames of a cycle; the part of one slave |
 //! | `process_data/expected.rs` | the right working counters |
 //! | `lost_slaves.rs` | the watch: missing slaves, returned slaves, unsolicited messages |
-//! | `acyclic.rs` | when the datagrams of jobs, mailboxes and the watch are sent: while there are cycles behind the next one ([`Master::cycle`]) |
+//! | `acyclic.rs` | when the datagrams of jobs, mailboxes and the watch are sent: after the frames of a cycle |
 
 mod acyclic;
 mod bus;
@@ -345,8 +345,8 @@ impl Master {
     }
 
     /// When the newest complete search for missing slaves began; `None`: there was none yet. A search reads the AL
-    /// states of all slaves and, if these do not explain a wrong working counter, the inputs of each slave. A slave
-    /// that has not answered the search is missing.
+    /// states of all slaves and, if these do not explain a wrong working counter, the inputs of the slaves whose
+    /// datagram had it. A slave that does not answer the read of its state is missing.
     pub fn searched(&self) -> Option<Ns> {
         self.bus.with(|shared| shared.searched)
     }
@@ -372,7 +372,8 @@ impl Master {
         self.bus.with(|shared| shared.clocks.reference(shared.missing))
     }
 
-    /// The slaves that do not answer, as far as known: about a cycle after the one with the wrong working counter.
+    /// The slaves that are known not to answer. This is known about one cycle after the cycle with the wrong working
+    /// counter.
     pub fn missing(&self) -> SlaveSet {
         self.bus.with(|shared| shared.missing)
     }

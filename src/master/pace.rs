@@ -17,7 +17,7 @@ const STEP_DIVISOR: i64 = 50;
 /// \[OURS] Gains of the PLL: 1/16 of the phase error, and 1/512 of it for the frequency.
 const TIME_GAIN: i64 = 16;
 const SPEED_GAIN: i64 = 512;
-/// \[OURS] A phase error above this means that the reference clock was stepped: lock anew, ns.
+/// \[OURS] A phase error above this, ns, means that the reference clock was stepped: the PLL locks anew.
 const JUMP_NS: i64 = 1_000_000;
 /// [`Pacer::speed`] counts in this fraction of a nanosecond, 2^-20 ns, per cycle.
 const SPEED_UNIT: i64 = 1 << 20;

@@ -1,14 +1,14 @@
 //! Preallocated, reusable slots for futures, so that jobs started while cycles run do not allocate.
 //!
-//! The future of an `async fn` has no name for its type, so that it is stored in a box. A new box for each future would
-//! be an allocation on the thread that runs the cycles. A slot is allocated once, for one kind of future, and stores
-//! one after the other.
+//! The type of the future of an `async fn` has no name, so the future is stored in a box. A new box for each future
+//! would be an allocation on the thread that runs the cycles. A slot is allocated once, for one kind of future, and
+//! holds one future after the other.
 
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// A slot for one sequence at a time. A sequence is made from a `Q` and results in an `R`.
+/// A slot for one sequence at a time. `Q`: the arguments from which a sequence is made; `R`: its result.
 pub(crate) type Place<Q, R> = Box<dyn Sequences<Q, R>>;
 
 /// The operations of a [`Place`].

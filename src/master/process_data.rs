@@ -5,10 +5,10 @@
 //! them. An outgoing frame contains the newest inputs of each slave, so that the inputs of a slave that does not answer
 //! come back unchanged.
 //!
-//! **A working counter is right** if it is the sum of what the certain participants add, and of what others may add.
-//! These others are slaves that are lost, that are changing their state, or whose inputs are known not to come
-//! ([`Standing`]). The inputs of a datagram with any other working counter are ignored, whether it is too low or too
-//! high.
+//! **A working counter is right** if it is the sum of what the certain participants add, plus an amount that the other
+//! slaves together may add. The other slaves are those that are lost, that are changing their state, or whose inputs
+//! are known not to come ([`Standing`]). The inputs of a datagram with any other working counter are ignored, whether
+//! it is too low or too high.
 
 mod expected;
 mod segment;
@@ -46,7 +46,8 @@ const SEGMENTS: u8 = 2;
 const SEGMENTS_MAX: usize = 64;
 /// \[OURS] For how many datagrams with process data memory is allocated in advance.
 const SEGMENTS_USUAL: usize = 4;
-/// With LRW off, the outputs of a segment are in a second datagram (LWR). Its number is that of the segment plus this.
+/// With LRW off, the outputs of a segment are in a second datagram (LWR). The number of the LWR is the number of the
+/// first datagram plus this constant.
 const WRITES: u8 = SEGMENTS_MAX as u8;
 
 /// Why process data cannot be configured.
@@ -91,7 +92,7 @@ pub struct CycleDone {
     /// The sum of the working counters of all datagrams with process data.
     pub working_counter: u16,
     /// The part of `working_counter` that comes from LWRs, if LRW is not used. Other masters count outputs twice in any
-    /// case, as LRW does: their working counter is higher by this.
+    /// case, as LRW does: their working counter is higher by this part.
     pub written: u16,
     /// The working counter if all slaves in SafeOP or OP take part.
     pub expected_working_counter: u16,
@@ -148,8 +149,8 @@ pub(super) const fn with_len(manager: SyncManager, len: u16) -> SyncManager {
 }
 
 impl ProcessData {
-    /// Begins anew with the slaves that a scan has found: without process data and without a cycle. Only the setting of
-    /// LRW stays.
+    /// Resets everything for the slaves that a scan has found: they have no process data, and no cycle is open. Only
+    /// the LRW setting is kept.
     pub(super) fn reset(&mut self, slaves: &[SlaveInfo]) {
         let (slaves, is_lrw_off) = (slaves.iter().map(SlaveData::of).collect(), self.is_lrw_off);
         *self = Self { slaves, is_lrw_off, ..Self::default() };

@@ -21,9 +21,9 @@ const INIT_MAX_NS: Ns = 2_000_000_000;
 /// takes no request for Init.
 const UNREAD_MAX_NS: Ns = 100_000_000;
 
-/// \[OURS] How often the scan begins anew to open all ports after no frame has come back in any of
-/// [`Settings::tries`](super::Settings::tries). When a slave opens a port without a link, it loses the frame of this
-/// write, although it has executed the write; so the next attempt may succeed.
+/// \[OURS] How often the scan tries again to open all ports after no frame has come back in any of
+/// [`Settings::tries`](super::Settings::tries). A slave that opens a port without a link executes the write, but loses
+/// the frame that carried it; so the next attempt may succeed.
 const LOST_MAX: u32 = 2;
 
 /// Why a scan has failed.
@@ -119,9 +119,9 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     bus.with(|shared| shared.begin(&slaves));
     let clocks = bus.with(|shared| shared.clocks.all);
     if !clocks.is_empty() {
-        // In a ring a frame comes back by another way than it went, but delays are measured on frames that return the
-        // same way: so the ring is opened. If the ring is broken already, slaves behind the gap can be reached by that
-        // end alone, so it stays open.
+        // In a closed ring a frame returns by another path than it went, but delays are measured with frames that
+        // return by the same path. So the ring is opened by closing the ports `ends`. If the ring is broken already, no
+        // port is closed, because the slaves beyond the gap can be reached only by that end.
         let mut ends = if ports.iter().all(|ports| is_open(*ports, 0)) { loose_ends(&ports) } else { Vec::new() };
         if !ends.is_empty() {
             let entries = clocks::entries(&bus).await?;

@@ -19,7 +19,8 @@ pub struct Settings {
     /// \[OURS] The interval in which the master checks whether slaves are missing or have left their AL state, and whether mailboxes
     /// have messages that nobody has requested (emergencies).
     pub watch_ns: Ns,
-    /// \[OURS] The longest frame with acyclic datagrams beside cycles, bytes. A single longer datagram is still sent.
+    /// \[OURS] The longest frame with acyclic datagrams while cycles run, bytes. A single longer datagram is still
+    /// sent.
     pub acyclic_bytes_max: usize,
 }
 

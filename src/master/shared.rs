@@ -16,7 +16,7 @@ use crate::ethercat::{AlState, AlStatus, Command, Ns, SlaveSet};
 
 /// \[OURS] The most events in the queue; when it is full, the oldest one is dropped.
 pub const EVENTS_MAX: usize = 64;
-/// \[OURS] How long after a cycle acyclic datagrams still wait for the next cycle.
+/// \[OURS] If the newest cycle was sent less than this ago, acyclic datagrams wait for the next cycle.
 const CYCLIC_NS: Ns = 20_000_000;
 
 /// Something that has happened without a request of the user.
@@ -123,7 +123,7 @@ pub(super) struct Standing {
     /// Slaves that do not answer, but may be back: they add all of their data to the working counter, or nothing.
     pub(super) gone: SlaveSet,
     /// Slaves that may add any part of their data to the working counter: their sync managers and FMMUs are being
-    /// changed or were left as they were, they have left their state, or their inputs do not come.
+    /// changed or may still be enabled from before, they have left their state, or their inputs do not come.
     pub(super) unsure: SlaveSet,
 }
 
@@ -169,8 +169,8 @@ pub(super) struct Shared {
     pub(super) live: Vec<Live>,
     /// The slaves in SafeOP or OP, which exchange process data.
     pub(super) active: SlaveSet,
-    /// The slaves in `active` that are in OP and in SafeOP without an error, and for which no lower state was requested
-    /// since.
+    /// The slaves in `active` that are in OP, and in `in_safe_op` those in SafeOP. They have no error, and no lower
+    /// state was requested of them since.
     pub(super) in_op: SlaveSet,
     pub(super) in_safe_op: SlaveSet,
     /// The slaves that do not answer.
@@ -183,8 +183,8 @@ pub(super) struct Shared {
     pub(super) doubtful: SlaveSet,
     /// When the last reading of all AL states began in which every slave has answered or was found to be missing.
     pub(super) states_read: Option<Ns>,
-    /// When the last complete search for missing slaves began: of all states and, where these explain nothing, of
-    /// inputs.
+    /// When the last complete search for missing slaves began. A search reads all AL states and, if these do not
+    /// explain a wrong working counter, the inputs of the doubtful slaves.
     pub(super) searched: Option<Ns>,
     /// Whether the newest cycle has shown that all slaves are in OP and take part. The watch then has no states to
     /// read.
@@ -192,7 +192,8 @@ pub(super) struct Shared {
     /// Whether the watch has to check the slaves at once, because a cycle had wrong working counters. They must also
     /// differ from those of the cycle before, so that a lasting fault causes one check and not one in each cycle.
     pub(super) is_alarmed: bool,
-    /// The working counters of the newest cycle: of process data, the expected one, and the number of slaves passed.
+    /// Of the newest cycle: the working counter of process data, the expected one, and the number of slaves that the
+    /// first frame has passed.
     pub(super) last_counters: (u16, u16, Option<u16>),
     pub(super) clocks: Clocks,
     /// Preallocated memory for measurements of propagation delays, while these do not run.
@@ -300,12 +301,12 @@ impl Shared {
         self.live.get_mut(usize::from(slave).checked_sub(1)?)
     }
 
-    /// Whether cycles are running, so that acyclic datagrams wait for their turn behind the frames of a cycle.
+    /// Whether cycles are running, so that acyclic datagrams have to wait until the frames of a cycle are sent.
     pub(super) fn has_cycles(&self) -> bool {
         self.last_cycle.is_some_and(|last| self.now.saturating_sub(last) < CYCLIC_NS)
     }
 
-    /// Takes an AL status that was read during a change of the slave's state.
+    /// Takes a newly read AL status of a slave. A slave that was missing is back; no other change becomes an event.
     pub(super) fn note_status(&mut self, slave: u8, status: AlStatusWithCode) {
         let Some(live) = self.live_mut(slave) else { return };
         let was_present = std::mem::replace(&mut live.status.is_present, true);
@@ -350,7 +351,8 @@ impl Shared {
         }
     }
 
-    /// Notes that a state is requested of a slave, so that the slave may leave its present state.
+    /// Notes that a state is requested of a slave. If it is a lower state, the slave no longer counts as one that is in
+    /// SafeOP or OP.
     pub(super) fn expect_state(&mut self, slave: u8, target: AlState) {
         if target < AlState::SafeOp {
             self.active.remove(slave);

@@ -6,8 +6,8 @@ use crate::ethercat::Ns;
 use crate::ethercat::registers::{SII_ADDRESS, SII_CONFIGURATION, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
 use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity, SiiInfo, VENDOR_WORD};
 
-/// \[OURS] How long a command without acknowledgement is repeated. While an EEPROM stores a written word it
-/// acknowledges nothing, for as long as any command may take.
+/// \[OURS] How long a command without acknowledgement is repeated. An EEPROM that is storing a written word
+/// acknowledges nothing, and this may take as long as any command.
 const SILENT_MAX_NS: Ns = BUSY_MAX_NS;
 /// \[OURS] The pause before a command without acknowledgement is repeated, about the time in which an EEPROM stores a
 /// word.
@@ -54,12 +54,12 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
                     return Ok(bytes);
                 }
             }
-            // The EEPROM has ended: addresses behind its end are not acknowledged. What was read until here counts.
+            // The EEPROM has ended: addresses beyond its end are not acknowledged. What was read until here counts.
             Err(SiiError::Command(_)) => return Ok(bytes),
             Err(error) => return Err(error),
         }
     }
-    // Bytes that were read behind the end marker of the categories are cut off. Their number depends on the bytes per
+    // Bytes that were read after the end marker of the categories are cut off. Their number depends on the bytes per
     // read, 4 or 8.
     while Sii::lacks(&bytes[..bytes.len() - 2]) == Ok(0) {
         bytes.truncate(bytes.len() - 2);
@@ -89,7 +89,7 @@ pub(super) async fn identity(bus: &Bus, station: u16) -> Result<SiiIdentity, Sii
         bytes[at..].iter_mut().zip(&data[..count]).for_each(|(to, byte)| *to = *byte);
         at += count;
     }
-    // Only the identity counts: how much is read behind it depends on the bytes per read, 4 or 8.
+    // Only the identity counts: how much is read after it depends on the bytes per read, 4 or 8.
     Ok(SiiInfo::decode(&bytes).identity)
 }
 
@@ -139,9 +139,9 @@ async fn command(
         let until = bus.now() + BUSY_MAX_NS;
         let is_taken = match bus.write(station, SII_CONTROL, written).await {
             Ok(()) => true,
-            // The EEPROM interface runs a command already. It may be one of another master, whose data would be read,
-            // or this one, if the frame that started it was lost on the way back. So the command is sent again, which
-            // does no harm.
+            // The EEPROM interface is already running a command. If it is a command of another master, the data
+            // registers would show the data of that command. If it is this command, the frame that started it was lost
+            // on the way back. In both cases the command is sent again, which does no harm.
             Err(Unanswered::Counter(_)) => false,
             Err(Unanswered::Lost) => return Err(SiiError::NoAnswer),
         };
@@ -196,7 +196,8 @@ impl Eeprom {
             return Err(SiiError::InUse(slave));
         }
         let eeprom = Self { bus, slave, station };
-        // Takes the EEPROM back: for a change of state it is assigned to the slave's PDI, and after a refused one it may still be.
+        // Takes the EEPROM back: a change of state assigns it to the slave's PDI, and a refused change may leave it
+        // there.
         offer(&eeprom.bus, station, false).await?;
         Ok(eeprom)
     }

@@ -4,7 +4,8 @@ use crate::ethercat::Ns;
 use crate::ethercat::registers::SiiControl;
 use crate::ethercat::sii::{SII_INFO_LEN, Sii};
 
-/// How long an EEPROM command may take (TwinCAT): the controllers of some slaves emulate the EEPROM in flash memory.
+/// How long an EEPROM command may take, as in TwinCAT: the controllers of some slaves emulate the EEPROM in flash
+/// memory.
 pub(super) const BUSY_MAX_NS: Ns = 100_000_000;
 
 /// Why an EEPROM was not read, or what is wrong with its content.
@@ -63,7 +64,7 @@ pub(crate) fn fault(content: &[u8]) -> Option<SiiError> {
     }
     let whole: usize = sii.categories().map_while(Result::ok).map(|category| 2 + category.data.len() / 2).sum();
     let word = u16::try_from(SII_INFO_LEN / 2 + whole).unwrap_or(u16::MAX);
-    // Content that ends exactly behind a category needs no end mark.
+    // Content that ends exactly after a category needs no end mark.
     let is_cut = Sii::lacks(content) != Ok(0) && content.len() > 2 * usize::from(word);
     is_cut.then_some(SiiError::NoEnd { word })
 }

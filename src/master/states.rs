@@ -19,8 +19,8 @@ pub(super) const STATE_POLL_NS: Ns = 200_000;
 /// \[OURS] How long a device has to act on an acknowledgement before it gets another one. Devices poll AL control every
 /// 1 to 10 ms.
 const ACKNOWLEDGE_AGAIN_NS: Ns = 20_000_000;
-/// \[OURS] How many errors on the way to a lower state are acknowledged, each followed by another request. Its watchdog may
-/// expire before the device reads the request, which it then ignores.
+/// \[OURS] How many errors on the way to a lower state are acknowledged, each followed by another request. The slave's
+/// watchdog may expire before the device reads the request; the device then ignores the request.
 const ERRORS_ON_THE_WAY_DOWN: u32 = 3;
 
 /// What a change of state writes into the registers of one slave.
@@ -165,8 +165,8 @@ async fn status(bus: &Bus, plan: &Plan) -> Result<AlStatusWithCode, StateReason>
     Ok(status)
 }
 
-/// Writes AL control. Returns false if the controller takes no request yet: the device has not read the one before.
-/// Neither does a slave that is gone take one, so the caller reads the AL status next.
+/// Writes AL control. Returns false if the controller takes no request yet, because the device has not read the one
+/// before. A slave that no longer answers gives the same result, so the caller reads the AL status next.
 async fn request(bus: &Bus, station: u16, control: AlControl) -> Result<bool, Unanswered> {
     match bus.write(station, AL_CONTROL, &control.0.to_le_bytes()).await {
         Ok(()) => Ok(true),
@@ -212,7 +212,7 @@ async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, State
             }
             _ if bus.now() >= until => return Err(StateReason::TimeUp { state }),
             RequestedState::State(_) => state,
-            // From Boot and invalid states the only way leads to Init.
+            // From Boot and invalid states the only transition leads to Init.
             _ => RequestedState::State(AlState::Init),
         };
         let is_asked = bus.now() >= ask_at
@@ -258,7 +258,7 @@ async fn step(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> 
     }
 }
 
-/// Requests a state, again while the device has not read the request before.
+/// Requests a state, and repeats the request while the device has not read the one before.
 async fn ask_for(bus: &Bus, plan: &Plan, to: AlState, until: Ns) -> Result<(), StateReason> {
     bus.with(|shared| shared.expect_state(plan.slave, to));
     while !request(bus, plan.station, AlControl::request(RequestedState::State(to))).await? {

@@ -32,7 +32,7 @@ pub(super) fn loose_ends(slaves: &[DlStatus]) -> Vec<Upstream> {
     walk(slaves).1
 }
 
-/// The slave and port to which each slave is connected, and the open ports to which no slave is.
+/// The slave and port to which each slave is connected, and the open ports to which no slave is connected.
 fn walk(slaves: &[DlStatus]) -> (Vec<Option<Upstream>>, Vec<Upstream>) {
     // The open ports by which the frame has not left its slave yet, in reverse order: the next one is last.
     let mut ahead: Vec<Upstream> = Vec::new();
@@ -70,7 +70,7 @@ mod tests {
     fn trees_are_found_from_open_ports() {
         assert_eq!(found(&[]), []);
         assert_eq!(found(&[&[1], &[1], &[]]), [None, Some((1, 1)), Some((2, 1))]);
-        // Slave 1 has slaves 2 at port 3, 3 and 4 behind each other at port 1, and 5 at port 2.
+        // Slave 1 has slave 2 at port 3, slaves 3 and 4 in a line at port 1, and slave 5 at port 2.
         let tree: [&[usize]; 5] = [&[1, 2, 3], &[], &[1], &[], &[]];
         assert_eq!(found(&tree), [None, Some((1, 3)), Some((1, 1)), Some((3, 1)), Some((1, 2))]);
     }

@@ -43,7 +43,8 @@ impl Time {
 
 /// Sets the watchdog of a slave whose outputs trigger it, if the cycle time is known: to 100 ms, or to [`CYCLES`]
 /// cycles if these are longer. If the divider of a slave controller is fixed, the units are computed for it. A
-/// controller without these registers has no watchdog; it is accepted, since it would not come to OP otherwise. \[OURS]
+/// controller without these registers has no watchdog; the slave is accepted, since otherwise it could never go to OP.
+/// \[OURS]
 pub(super) async fn set(bus: &Bus, station: u16, registers: Option<&Registers>) -> Result<(), StateReason> {
     let Some(pace) = bus.with(|shared| shared.pace) else { return Ok(()) };
     let managers = registers.into_iter().flat_map(|registers| &registers.managers);

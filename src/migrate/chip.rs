@@ -38,7 +38,7 @@ pub struct Packets {
     pub transport_sets: u16,
 }
 
-/// Why the exchanges of process data do not fit into the cycle time, whatever the packets.
+/// Why the exchanges of process data do not fit into the cycle time with packets of any size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refused {
     /// The limit with which a board over the chip would refuse this cycle time.
@@ -150,7 +150,7 @@ fn packets(demand: &CycleDemand, clock_hz: u32) -> Result<Packets, Refused> {
     })
 }
 
-/// The shortest longer cycle that is possible with one exchange in flight; `None` if there is none.
+/// The next longer cycle time that is possible with one exchange in flight; `None` if there is none.
 fn next_cycle(demand: &CycleDemand) -> Option<CycleTime> {
     let us = (demand.cycle_ns / 1000) as u32;
     let longer = std::iter::successors(CycleTime::from_us(us * 2), |cycle| CycleTime::from_us(cycle.us() * 2));

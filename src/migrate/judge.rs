@@ -44,13 +44,27 @@ pub(super) fn verdict(count: &Count, network: Option<&Network>, reaches_op: bool
         Subject::State(_) => differs(Row::Start, ever),
         Subject::Lost => Verdict::Differs(Row::Loss),
         Subject::Return => Verdict::Differs(Row::Remap),
-        Subject::Command(_) | Subject::Kind(_) | Subject::Mode(..) | Subject::FifoFull => Verdict::Yes,
+        Subject::Command(
+            CommandId::GetStatus
+            | CommandId::SetState
+            | CommandId::SetAxis
+            | CommandId::SetDc
+            | CommandId::SetEx
+            | CommandId::DriveMode
+            | CommandId::AlarmClear
+            | CommandId::ServoOff
+            | CommandId::GoHome
+            | CommandId::AbortHome
+            | CommandId::SoftReset
+            | CommandId::Unknown(_),
+        ) => Verdict::Yes,
+        Subject::Kind(_) | Subject::Mode(..) | Subject::FifoFull => Verdict::Yes,
     }
 }
 
-/// The watchdog time of slaves: without outputs for so long they leave OP. It is the initial value of their registers
-/// (ETG.1000.4, watchdog of process data). The simulated network of a board gives slaves their outputs right before
-/// each step, so it works with longer cycles too.
+/// The watchdog time of slaves: a slave that gets no outputs for this time leaves OP. It is the initial value of their
+/// registers (ETG.1000.4, watchdog of process data). The simulated network of a board gives slaves their outputs right
+/// before each step, so it works with longer cycles too.
 const WATCHDOG_NS: Ns = 100_000_000;
 
 fn outlasts_watchdog(cycle: CycleTime) -> Verdict {

@@ -57,7 +57,7 @@ pub use usage::{Count, Subject};
 use crate::recording::Clock;
 use crate::sk::{CycleTime, SlotSize};
 
-/// The frame of a run at which the survey has found something.
+/// A frame of a run, at which the survey has found something.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
     /// The number of the frame in the recording, from 1.
@@ -114,8 +114,8 @@ pub struct Migration {
     pub reports: u64,
     /// The time of the last frame, in nanoseconds since the first one.
     pub last_ns: i64,
-    /// The interval from the first to the last frame of OP; `None` if the program was never in OP. Then nothing is
-    /// known of its host's timing and of its motions.
+    /// The interval from the first to the last frame of OP; `None` if the program was never in OP. Then the recording
+    /// shows neither the timing of the host nor motions.
     pub op: Option<Stretch>,
     /// All features that the program uses.
     pub items: Vec<Item>,

@@ -13,7 +13,7 @@ pub struct Network {
     pub kinds: [Option<SlaveKind>; MAX_SLAVES],
     /// The mode of operation of slave n is `modes[n - 1]`; CSP until DRIVE_MODE sets another one.
     pub modes: [Mode; MAX_SLAVES],
-    /// The EtherCAT cycle in OP.
+    /// The EtherCAT cycle time in OP.
     pub cycle: CycleTime,
     /// Whether the program used the second channel of a pulse module; slave n is `second_channels[n - 1]`.
     pub second_channels: [bool; MAX_SLAVES],
@@ -55,8 +55,8 @@ impl Network {
         self.kinds.iter().filter(|known| **known == Some(kind)).count()
     }
 
-    /// The number of slaves on the cable, as far as it is known: those that were found, at least up to the last one
-    /// that is used.
+    /// The number of slaves on the cable, as far as it is known: the number that the board has found, but at least the
+    /// number of the last slave that is used.
     pub fn length(&self) -> usize {
         self.slaves().last().unwrap_or(0).max(self.found.min(MAX_SLAVES))
     }

@@ -53,7 +53,7 @@ pub struct Plan {
     pub network: Network,
     /// What the chip needs to exchange the process data of that network: packets, SPI clock, FIFO entries.
     pub needs: Needs,
-    /// How many cycles the outputs in the chip have to bridge.
+    /// How many cycles of a host stall the outputs in the chip have to bridge.
     pub ahead: Ahead,
     /// How long the start to OP took in the recording, and how long it takes over a chip.
     pub start: Start,

@@ -15,9 +15,10 @@ pub enum Row {
     Hold,
     /// SET_FIFO clear takes some cycles, in which the chip still sends outputs.
     Clear,
-    /// The report names a lost slave some cycles later than on a board: the chip does not tell which slave is lost.
+    /// The report names a lost slave some cycles later than on a board, because the chip does not report which slave is
+    /// lost.
     Loss,
-    /// Slaves that return are configured and led to OP one after the other; on a board together.
+    /// Slaves that return are configured and led to OP one after the other; on a board, all at the same time.
     Remap,
     /// An SDO that is requested during a change of the AL state waits until the change has ended.
     Sdo,
@@ -44,8 +45,8 @@ impl Row {
         Self::Start,
     ];
 
-    /// The id of the row in the first column of the table in `docs/MIGRATION.md`, also for other programs. It never
-    /// changes.
+    /// The id of the row in the first column of the table in `docs/MIGRATION.md`. It never changes, so that other
+    /// programs can rely on it.
     pub const fn id(self) -> &'static str {
         match self {
             Self::Latency => "latency",

@@ -11,7 +11,7 @@ const FINE_NS: i64 = 10_000;
 const FINE_MAX_NS: i64 = 1_000_000_000;
 const COARSE_NS: i64 = 100_000_000;
 
-/// A distribution of durations.
+/// A histogram of durations, with the longest duration and the frame at its end.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Spread {
     counts: BTreeMap<i64, u64>,

@@ -26,11 +26,11 @@ const WRITE_NS: i64 = 3_518_000;
 const READ_NS: i64 = 3_914_000;
 /// The additional time of an SDO transfer that ends with an abort code, ns.
 const ABORT_NS: i64 = 2 * 396_000;
-/// The duration of the chip's command that assigns the process data of all slaves their places in the process image,
-/// ns, without the part of each slave.
+/// The duration of the chip's command that lays out the process data of all slaves in the process image, ns, without
+/// the part of each slave.
 const LAYOUT_NS: i64 = 24_163_000;
-/// The additional duration of that command for each slave, ns, without the packets that then ask for the position of
-/// the slave's process data.
+/// The additional duration of that command for each slave, ns, without the packets that afterwards ask where the
+/// slave's process data are in the image.
 const LAYOUT_SLAVE_NS: i64 = 10_000_000;
 /// The duration of the FIFO set-up before SafeOP, ns.
 const FIFO_NS: i64 = 7_400_000;
@@ -89,7 +89,7 @@ pub fn time_to_op_ns(network: &Network) -> i64 {
         0 => ALL_TO_OP_NS + found * CHANGE_SLAVE_NS,
         _ => used * ALONE_NS + none * NONE_NS,
     };
-    // In each change the state of each slave is read twice, beside the exchanges of process data.
+    // In each change of state, the state of each slave is read twice, in addition to the exchanges of process data.
     let states_ns = 2 * found * beside_process_data_ns(2 * packet_ns, network.cycle.ns().cast_signed());
     let ns = transfers.ns()
         + found * 2 * short_ns

@@ -19,8 +19,8 @@ const SLAVES: usize = crate::fieldbus::MAX_SLAVES;
 /// A program works in a closed loop, from report to command, if at most this many command frames wait in the FIFO when
 /// it writes. \[OURS]
 const CLOSED_LOOP_SETS: u16 = 1;
-/// In a closed loop the program also wrote the same command within this many cycles before. \[OURS] For a rarer command
-/// a few more cycles of latency do not matter.
+/// A command counts as part of a closed loop only if the program also wrote the same command within this many cycles
+/// before. \[OURS] For a rarer command a few more cycles of latency do not matter.
 const CLOSED_LOOP_CYCLES: i64 = 10;
 /// An axis counts as moving if its target changed within this many cycles. \[OURS]
 const MOVING_CYCLES: i64 = 10;

@@ -334,7 +334,7 @@ fn small_packets() {
     assert!(plan.links.machine.ends_with("&ahead=4&use_n=112&speed=24M"), "{}", plan.links.machine);
     let packets = plan.needs.with_int0.expect("packets");
     // 24 MHz: five process images of 20 bytes fit into packets of 112 bytes. At the lowest clock eight of them are in a
-    // packet of 192 bytes: 4 packets may take 8 cycles of 900 us, so each has 1700 us beside 100 us idle time.
+    // packet of 192 bytes: 4 packets may take 8 cycles of 900 us, so each has 1700 us plus 100 us idle time.
     assert_eq!((packets.sets, packets.least_clock_hz), (5, 904_000));
     assert_eq!((plan.needs.entries, plan.needs.ahead_max), (64, 60));
     let slow = Setting { clock_hz: 1_000_000, ..Setting::default() };
@@ -354,8 +354,8 @@ fn never_in_op() {
     assert_eq!(found.timing.stall(MS), None);
 }
 
-/// A cycle longer than the watchdog of the slaves does not work, and the next step has the longest one that does; a
-/// shorter one works.
+/// A cycle longer than the watchdog time of the slaves does not work, and the next step names the longest cycle time
+/// that does. A shorter cycle works.
 #[test]
 fn a_cycle_beyond_the_watchdog_does_not_run() {
     let found = |cycle_us| {

@@ -10,8 +10,8 @@
 //!   within a motion: an axis was moving before it, and at its end targets still waited or the axis had stopped before
 //!   its target. If all axes are at rest or off, a pause is the program's intention.
 //!
-//! Neither counts for more cycles than command frames waited in the FIFO when it began. Without waiting frames there
-//! would be no outputs in a chip either, and the axes would stop as they do on the board.
+//! A silence or a late write counts for at most as many cycles as command frames waited in the FIFO when it began.
+//! Without waiting frames there would be no outputs in a chip either, and the axes would stop as they do on the board.
 //!
 //! \[OURS] The longer of the two counts as the host's longest stall. It is an overestimate if the program pauses by
 //! intention, and an underestimate if the kernel or a driver accepts frames for a stalled process.
@@ -20,10 +20,10 @@ use super::spread::Spread;
 use super::{Place, Stretch};
 use crate::sk::FIFO_ENTRIES;
 
-/// Writes that follow each other within this fraction of a cycle (1/2) are one burst. \[OURS]
-const BURST_FRACTION: i64 = 2;
-/// A longer pause is the program's intention, in nanoseconds; [`GapFinder`](crate::summary::GapFinder) has the same
-/// limit. \[OURS]
+/// Divisor of the cycle time: two writes that are less than half a cycle apart belong to the same burst. \[OURS]
+const BURST_DIVISOR: i64 = 2;
+/// The longest pause that may be a stall, in nanoseconds: a longer one is the program's intention.
+/// [`GapFinder`](crate::summary::GapFinder) has the same limit. \[OURS]
 const PAUSE_MAX_NS: i64 = 1_000_000_000;
 
 /// A histogram of the FIFO levels in OP: for each number of waiting command frames, how many reports have shown it.
@@ -82,8 +82,8 @@ pub struct Stall {
     /// The usual part of the pause, in nanoseconds: the program's pause between two bursts, or one cycle between two
     /// reports.
     pub usual_ns: i64,
-    /// The number of command frames in the board's FIFO when the stall began. [`Stall::ns`] is at most that many cycles,
-    /// because then the FIFO is empty, on a board as well.
+    /// The number of command frames in the board's FIFO when the stall began. [`Stall::ns`] is at most that many
+    /// cycles: after them the FIFO is empty, and the axes would stop on a board as well.
     pub sets: u16,
     /// How the stall shows in the frames.
     pub seen_by: SeenBy,
@@ -91,8 +91,8 @@ pub struct Stall {
     pub ended: Place,
 }
 
-/// The longest pauses or silences, indexed by the number of command frames that waited in the board's FIFO when each began:
-/// its length in nanoseconds, and the frame at its end.
+/// For each number of command frames that waited in the board's FIFO when a pause or silence began: the length of the
+/// longest one in nanoseconds, and the frame at its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Longest([Option<(i64, Place)>; FIFO_ENTRIES as usize + 1]);
 
@@ -111,7 +111,7 @@ impl Longest {
     }
 
     /// The longest stall, if the first `usual_ns` of each pause or silence are normal. A stall of up to half a cycle
-    /// does not count. `None`: there is no longer one.
+    /// does not count; `None` if there is no longer one.
     fn stall(&self, usual_ns: i64, cycle_ns: i64, seen_by: SeenBy) -> Option<Stall> {
         let stalls = (0_u16..).zip(&self.0).filter_map(|(sets, longest)| {
             let (ns, ended) = (*longest)?;
@@ -171,7 +171,7 @@ pub(super) struct Write {
     pub(super) sets: u16,
     /// Whether an axis was moving when the previous frame was written.
     pub(super) moved: bool,
-    /// The time since which an axis stands before its target because the FIFO is empty. `None`: no axis does.
+    /// The time since which an axis waits before its target because the FIFO is empty. `None`: no axis does.
     pub(super) gap_since_ns: Option<i64>,
 }
 
@@ -230,7 +230,7 @@ impl Clockwork {
             }
         }
         let ns = place.at_ns.saturating_sub(since_ns);
-        if ns < cycle_ns / BURST_FRACTION || ns > PAUSE_MAX_NS {
+        if ns < cycle_ns / BURST_DIVISOR || ns > PAUSE_MAX_NS {
             return None;
         }
         timing.pauses.add(ns, place);

@@ -50,7 +50,7 @@ impl Subject {
         }
     }
 
-    /// The sort key of the feature: the place of its group in the list of features, then a number within the group,
+    /// The sort key of the feature: the position of its group in the list of features, then a number within the group,
     /// such as a command code or an object address.
     const fn order(self) -> (u8, u64) {
         const fn object(address: ObjectAddress) -> u64 {
@@ -109,7 +109,7 @@ pub struct Count {
 pub(super) struct Usage(BTreeMap<(u8, u64), Count>);
 
 impl Usage {
-    /// Adds uses of a feature at `place`. `exposed`: in circumstances in which an ECM-XF differs.
+    /// Adds uses of a feature at `place`. `exposed` says whether an ECM-XF differs from a board in their circumstances.
     pub(super) fn add(&mut self, subject: Subject, times: u64, place: Place, exposed: bool) {
         let key = subject.order();
         if self.0.len() >= SUBJECTS_MAX && !self.0.contains_key(&key) {
@@ -124,7 +124,7 @@ impl Usage {
         }
     }
 
-    /// Marks one earlier use as one in circumstances in which an ECM-XF differs.
+    /// Marks one earlier use as exposed: made in circumstances in which an ECM-XF differs from a board.
     pub(super) fn expose(&mut self, subject: Subject, place: Place) {
         if let Some(count) = self.0.get_mut(&subject.order()) {
             count.exposed = (count.exposed + 1).min(count.times);

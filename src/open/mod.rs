@@ -36,8 +36,8 @@ pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     open_with(uri, share, false, None)
 }
 
-/// Like [`open`], with a machine file that recordings of the link carry if the link names none (`axes=`). Its limits are not
-/// looked at.
+/// Like [`open`]. Recordings of the link contain the file `machine`, unless the link names a machine file itself
+/// (`axes=`). The limits in `machine` are not applied.
 ///
 /// # Errors
 /// Those of [`open`].
@@ -47,8 +47,8 @@ pub fn open_carrying(uri: &str, share: Share, machine: Arc<CarriedFile>) -> Resu
 
 /// Like [`open`], for callers that do not need an exact
 /// [`LinkStats::reports_dropped`](crate::link::LinkStats::reports_dropped). On Windows a board on USB then accepts
-/// frames faster while its reports are not read, but reports that are dropped meanwhile are not counted. A link with a
-/// recording behaves as with [`open`].
+/// frames faster while its reports are not read, but reports that are dropped meanwhile are not counted. If the link
+/// has a recording, this function does the same as [`open`].
 ///
 /// # Errors
 /// Those of [`open`].
@@ -73,8 +73,8 @@ fn open_with(
     let mut meta = RecordMeta::now(&info, info.opened_at);
     let axes = limits::Axes::of(&options)?;
     meta.machine = axes.as_ref().map(limits::Axes::carried).or(machine);
-    // The recorders are put around the fault injection, so the recordings have the frames as the program saw them, and
-    // within the limits, so that of a frame with a target beyond one they have what was sent.
+    // The recorders wrap the fault injection, so the recordings have the frames as the program saw them. The limits
+    // wrap the recorders: if they remove targets from a frame, the recordings have the frame as it was sent.
     if let Some(flight) = &options.flight {
         let watch = Box::new(FlightEvents::new(info.slot, flight.following_error));
         link = Arc::new(record::RecordLink::to_flight(link, flight, &meta, watch)?);

@@ -1,4 +1,5 @@
-//! Boards over an ECM-XF: `xf-sim:`, `xf-spi:` and `xf-usb:` opened as a board. The EC01M is the model in this process.
+//! Boards over an ECM-XF: `xf-sim:`, `xf-spi:` and `xf-usb:` opened as a board. This process runs the model of the
+//! EC01M, and the chip runs the network of its slaves.
 
 use super::engine::EngineLink;
 use super::options::BoardOptions;
@@ -54,7 +55,7 @@ impl ChipUse {
     }
 }
 
-/// A board that reaches its slaves through a real chip. Its EC01M is the model in this process.
+/// A board that reaches its slaves through a real chip, while its EC01M is a model that runs in this process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipBoard {
     /// The options of the board's model and of its host interface.

@@ -11,7 +11,7 @@ use crate::link::call_counts::CallCounts;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// Callback that gets the board when its link is closed, so that the board can be kept for a later link: a real board
+/// Callback that gets the board when its link is closed, so that a later link can use the same board: a real board
 /// does not end with the program either. It gets `None` if the board no longer exists because its thread panicked.
 pub type Keeper = Box<dyn Fn(Option<Board>) + Send + Sync>;
 
@@ -62,7 +62,7 @@ pub struct EngineLink {
     runner: Runner,
     keeper: Option<Keeper>,
     closed: AtomicBool,
-    /// The board's counters, and the number of dropped reports, when the link was closed.
+    /// The board's counters and the number of dropped reports, as they were when the link was closed.
     last: OnceLock<(Counters, u64)>,
     counts: CallCounts,
     logged: Mutex<Logged>,
@@ -70,8 +70,8 @@ pub struct EngineLink {
 
 /// Which events of the board have been logged already.
 struct Logged {
-    /// The number of events logged so far (virtual time only, where the engine returns all events; the cyclic thread
-    /// passes on each event once).
+    /// The number of events logged so far. Used only in virtual time, where the engine returns all events again; the
+    /// cyclic thread passes on each event once.
     events: u64,
     rejections: RejectionLog,
     /// Whether the loss of a network card was logged.

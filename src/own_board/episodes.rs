@@ -36,7 +36,8 @@ pub(crate) struct Episodes {
 }
 
 impl Episodes {
-    /// Starts at the present values of the board's counters. Events counted before belong to earlier programs.
+    /// Begins at the present values of the board's counters: events that were counted before belong to earlier
+    /// programs.
     pub(crate) fn new(counters: &Counters) -> Self {
         Self { kinds: Unexecuted::ALL.map(|what| Tracker { seen: what.of(counters), episode: None }) }
     }

@@ -1,4 +1,4 @@
-//! Boards whose EC01M is the model in this process: the engine as a link, and the boards over real hardware.
+//! Boards whose EC01M is a model that runs in this process: the engine as a link, and the boards over real hardware.
 //!
 //! - `engine.rs`: the link to such a board, on the real clock or in virtual time
 //! - `options.rs`: the keys of links to such boards, as Rust types
@@ -23,7 +23,8 @@ use engine::Keeper;
 
 /// How long the board may take to find its slaves and to bring them to PreOP. \[OURS]
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
-/// The time between two checks whether the start has failed. A network without slaves is scanned for this long. \[OURS]
+/// The time between two checks whether the start has failed, ns. A network without slaves is scanned for this time.
+/// \[OURS]
 const SCAN_NS: Ns = 3_000_000_000;
 
 /// Starts the board. Returns whether it has found slaves and brought them to PreOP.

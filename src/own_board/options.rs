@@ -1,5 +1,5 @@
-//! The keys of links to boards whose EC01M is the model in this process, as Rust types. These keys describe the board
-//! and its host interface, not the slaves, so simulated slaves, a chip and a network card all have them.
+//! The URI keys of links to boards whose EC01M is a model that runs in this process, as Rust types. These keys describe
+//! the board and its host interface, so they are the same for simulated slaves, a chip and a network card.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::fieldbus::Ns;
 use crate::link::common_options::CommonOptions;
 use crate::sk::SlotSize;
 
-/// Options of `sim:`, `xf-sim:`, `xf-spi:`, `xf-usb:` and `nic:`, whose EC01M is the model in this process.
+/// Options of `sim:`, `xf-sim:`, `xf-spi:`, `xf-usb:` and `nic:`, whose EC01M is a model that runs in this process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BoardOptions {
     /// The slot size, which the board's jumper CONFIG2 selects.

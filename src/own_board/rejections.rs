@@ -22,7 +22,7 @@ struct Throttle {
     since: Ns,
     /// The number of lines logged in this window.
     lines: u32,
-    /// The number of rejections that the log has already, as lines of their own or summed up.
+    /// The number of rejections that are already in the log, either with their own line or in a sum.
     logged: u64,
 }
 
@@ -46,7 +46,8 @@ pub(crate) struct RejectionLog {
 }
 
 impl RejectionLog {
-    /// Starts at the present values of the board's counters. Events counted before belong to earlier programs.
+    /// Begins at the present values of the board's counters: events that were counted before belong to earlier
+    /// programs.
     pub(crate) fn new(counters: &Counters) -> Self {
         let kinds = counters.rejected.map(|logged| Throttle { logged, ..Throttle::default() });
         Self { kinds, aborts: Throttle::default(), episodes: Episodes::new(counters) }
@@ -70,7 +71,7 @@ impl RejectionLog {
                     kind.logged += u64::from(is_logged);
                     is_logged
                 }
-                // The line of this event has the number of bytes, so it takes the place of the line for the beginning
+                // The line of this event also contains the number of bytes, so it replaces the line for the beginning
                 // of an episode.
                 EventKind::Incomplete { .. } => self.is_first_of_episode(Unexecuted::Incomplete, &mut logged),
                 // Only the first loss of an episode gets a line, because the bus may lose outputs in each cycle.
@@ -117,7 +118,8 @@ impl RejectionLog {
     }
 }
 
-/// The log level of an event. A homing that was successful is no warning, because `ecmsk exec` lists warnings as problems.
+/// The log level of an event. A successful homing is logged as information, because `ecmsk exec` lists warnings as
+/// problems.
 const fn level_of(event: &Event) -> Level {
     if matches!(event.kind, EventKind::HomingEnded { end: HomingEnd::Attained, .. }) {
         Level::Info
@@ -150,7 +152,7 @@ mod tests {
     fn after_five_rejections_of_a_kind_in_a_second_further_ones_are_summed_up() {
         let mut log = RejectionLog::new(&counted(&[(Reason::WrongMode, 7)]));
         let mut said = Vec::new();
-        // A rejection in each millisecond, and in the middle one of another kind.
+        // One rejection in each millisecond, and one of another kind after 250 ms.
         for n in 0..500 {
             let mut events = vec![rejected(n * MS, Reason::WrongMode)];
             let mut counters = counted(&[(Reason::WrongMode, 8 + n), (Reason::NoSlave, u64::from(n >= 250))]);

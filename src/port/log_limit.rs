@@ -43,7 +43,8 @@ impl LogLimit {
         false
     }
 
-    /// When the number of suppressed lines is to be logged next; `None`: no line was suppressed.
+    /// The end of the counting period that ends first, when [`Self::due`] has to be called; `None`: no period is
+    /// running.
     pub(super) fn next_due(&self) -> Option<Instant> {
         self.kinds.values().map(|counted| counted.since + COUNTING_PERIOD).min()
     }
@@ -73,7 +74,7 @@ impl LogLimit {
     }
 }
 
-/// The log lines about a host's frames that the link of the board refuses.
+/// Limits the log lines about a host's frames that the link of the board refuses.
 #[derive(Default)]
 pub(super) struct RefusedFrames(LogLimit);
 

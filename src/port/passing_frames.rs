@@ -1,4 +1,4 @@
-//! What the frames and reports that pass a server show of the network behind its board.
+//! Derives the state of the network behind a board from the frames and reports that pass through its server.
 
 use crate::ecm::Watch;
 use crate::link::{ReadMeta, Stamp};
@@ -7,8 +7,8 @@ use crate::sk::{Frame, SlotSize};
 /// The byte of a report that holds its CRC. A board that fills in no CRC sends 0 there.
 const CRC_BYTE: usize = 3;
 
-/// The state of the network, from the frames and reports that pass. If the board's link does not know how wide slots
-/// are, the first report with a right CRC shows it; until then nothing is known of the network.
+/// The state of the network, from the frames and reports that pass. If the board's link does not know the slot size,
+/// the first report with a right CRC shows it; until then nothing is known of the network.
 pub(super) struct PassingFrames {
     size: Option<SlotSize>,
     watch: Watch,
@@ -32,7 +32,8 @@ impl PassingFrames {
         passing
     }
 
-    /// Sets the slot size. If it was another one before, this is another board.
+    /// Sets the slot size. If the size has changed, this is another board, so the state of the previous board's network
+    /// is discarded.
     fn set_size(&mut self, size: Option<SlotSize>) {
         self.size = size;
         if size.is_some() && self.before.is_some_and(|before| Some(before) != size) {

@@ -23,8 +23,8 @@ pub(super) struct Standstill {
     pub(super) text: String,
 }
 
-/// A board whose client or host, `who`, has vanished. Until the axes stand still, only the server uses `link`. Closing
-/// this link leaves the board open.
+/// A board whose client or host has vanished; `who` names the client or host in the log. Until the axes stand still,
+/// only the server uses `link`. Closing this link leaves the board open.
 pub(super) struct LeftBoard<'a> {
     pub(super) link: Arc<dyn Link>,
     /// Returns the state of the network (slaves, axes, FIFO) that frames and reports up to the newest one have shown.

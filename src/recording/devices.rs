@@ -108,7 +108,7 @@ pub(super) struct Devices {
     devices: BTreeMap<Address, CapturedDevice>,
     /// Setup packets of control transfers in flight.
     setups: HashMap<u64, [u8; 8]>,
-    /// The only device whose frames are returned; `None`: those of every device that may be a board.
+    /// The only device whose frames are returned; `None`: the frames of every device that may be a board are returned.
     only: Option<Address>,
 }
 

@@ -76,7 +76,8 @@ fn lacks_of_blocks(file: &mut File, length: u64) -> io::Result<Option<Lacks>> {
     }))
 }
 
-/// The length of the block at the beginning of `bytes`. `None`: too few bytes are there for the length.
+/// The length of the block at the beginning of `bytes`. `None`: the bytes end before the length field does, or the
+/// length is invalid.
 fn block_len(bytes: &[u8]) -> Option<usize> {
     let length = bytes.get(4..)?.first_chunk()?;
     usize::try_from(u32::from_le_bytes(*length)).ok().filter(|length| *length >= 12)

@@ -28,7 +28,7 @@ pub struct Exchanges<R> {
     lacks: Lacks,
     /// Whether the recorder of this crate wrote the current section, and its end has not been read yet.
     unended: bool,
-    /// See [`Self::zero_ns`].
+    /// The time in the file from which times count, ns; `None` before the first packet.
     zero_ns: Option<u64>,
     ended: bool,
 }

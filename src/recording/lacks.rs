@@ -9,7 +9,7 @@ use super::RecordMeta;
 pub struct Lost {
     /// The number of unreadable bytes.
     pub bytes: u64,
-    /// The number of frames in the unreadable bytes, at least: blocks whose headers are damaged, too, are not counted.
+    /// The least number of frames in the unreadable bytes: blocks whose headers are damaged as well are not counted.
     pub packets: u64,
     /// The time in the file from which frames are lost, ns: that of the first lost frame if a header shows it,
     /// otherwise that of the last frame before. `None` if neither is known.
@@ -96,8 +96,9 @@ pub struct Lacks {
 }
 
 impl Lacks {
-    /// Returns these lacks with the time in the file from which times of damage count. `zero_ns`: that of the frames; `None` if
-    /// none could be read. It is then that of the metadata, or else the first time that is known.
+    /// Returns the same with [`Damage::begin_ns`] set. `zero_ns`: the time in the file from which times of frames
+    /// count; `None` if no frame could be read. In that case the time is taken from the metadata, or else it is the
+    /// first known time of the damage.
     pub(super) fn since(mut self, zero_ns: Option<u64>, meta: Option<&RecordMeta>) -> Self {
         if self.damage.count > 0 {
             let first_ns = self.damage.whole.from_ns.or(self.damage.whole.to_ns).unwrap_or_default();
@@ -106,7 +107,7 @@ impl Lacks {
         self
     }
 
-    /// Whether no section lacks its end, no frame is known to be missing, and all could be read.
+    /// Whether no section lacks its end, no frame is known to be missing, and all bytes could be read.
     pub const fn is_nothing(&self) -> bool {
         self.not_ended == 0 && self.missing == 0 && self.damage.count == 0
     }

@@ -38,8 +38,7 @@ pub struct RecordMeta {
     pub clock: Clock,
     /// What has to be added to the link's time to get the time in the file, ns. With the real clock, times in the file
     /// count from 1970-01-01; with a virtual clock this is 0. If a program records to the same file again and its clock
-    /// begins at 0 again, the recorder increases this value, so that times in the file never go back; that is so with
-    /// either clock.
+    /// begins at 0 again, the recorder increases this value. So times in the file never go back, with either clock.
     pub base_ns: u64,
     /// The link's time at which the board was opened, ns: see [`RecordMeta::zero_ns`]. `None` if the recording does not
     /// have it.
@@ -144,8 +143,8 @@ impl RecordMeta {
     /// metadata of the file's first section; `None` for a capture.
     pub fn zero_ns(meta: Option<&Self>, first_ns: u64) -> u64 {
         let opened_ns = meta.and_then(Self::opened_at_ns);
-        // A report that was made some cycles before the opening may be read after it. A board that was opened long after
-        // the first frame is a damaged number.
+        // The first frame may be a report that was made some cycles before the opening and read after it. If the
+        // opening is long after the first frame, its time is a damaged number.
         let latest_ns = first_ns.saturating_add(OPENED_AFTER_MAX_NS);
         opened_ns.filter(|opened_ns| *opened_ns <= latest_ns).unwrap_or(first_ns)
     }

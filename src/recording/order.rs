@@ -1,12 +1,12 @@
 //! Sorts frames by time.
 //!
 //! The frames of a recording are in the order in which the calls of the host returned. If a report was read late, it
-//! stands behind commands that were sent after the board had made it.
+//! comes after commands that were sent after the board had made it.
 
 use std::collections::VecDeque;
 
-/// The number of frames that are buffered to be sorted. Up to 31 reports wait in the host while it writes commands, so
-/// there is room for the commands of 31 cycles, some 32 per cycle. \[OURS]
+/// The number of frames that are buffered to be sorted. While up to 31 reports wait in the host, it goes on writing
+/// commands. So there is room for the commands of 31 cycles, some 32 per cycle. \[OURS]
 const WINDOW: usize = 1024;
 
 /// Sorts frames by time if they are out of order by less than 1024 frames. Frames of the same time keep their order.

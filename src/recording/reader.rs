@@ -19,9 +19,9 @@ use super::recorded::Recorded;
 
 /// An iterator over the frames of a recording or a capture, in the order of the file.
 ///
-/// In a capture, a frame to the board has its time and place from the submission of the transfer, and a report from the
-/// completion. A frame whose transfer was cancelled is left out. A frame is an interrupt transfer of 512 or 504 bytes,
-/// or of 513 with a report id of 0, or a SET_REPORT of such a length. Everything else is counted
+/// In a capture, a frame to the board has the time and the position of the submission of its transfer, and a report
+/// those of the completion. A frame whose transfer was cancelled is left out. A frame is an interrupt transfer of 512
+/// or 504 bytes, or of 513 with a report id of 0, or a SET_REPORT of such a length. Everything else is counted
 /// ([`Recording::skipped`]). The iterator ends after an error.
 pub struct Recording<R> {
     blocks: Blocks<R>,
@@ -41,7 +41,7 @@ pub struct Recording<R> {
     only: Option<Address>,
     /// The number of frames returned so far.
     frames: u64,
-    /// See [`Self::zero_ns`].
+    /// The time in the file from which times count, ns; `None` before the first frame.
     zero_ns: Option<u64>,
     /// The metadata of the first section.
     first_meta: Option<RecordMeta>,
@@ -128,12 +128,12 @@ impl<R: Read> Recording<R> {
         self.lacks.clone().since(self.zero_ns, self.first_meta.as_ref())
     }
 
-    /// The packets that were skipped in the part read so far, counted.
+    /// The numbers of packets that were skipped in the part read so far.
     pub fn skipped(&self) -> Skipped {
         self.devices.skipped()
     }
 
-    /// The USB devices of which the part read so far has any packet, also without frames.
+    /// The USB devices with any packet in the part read so far, even without frames.
     pub fn devices(&self) -> Vec<CapturedDevice> {
         self.devices.seen()
     }

@@ -47,7 +47,8 @@ impl SizeFinder {
         }
     }
 
-    /// The size of the frames seen so far. \[OURS] A tie is 12 bytes, the board's default.
+    /// The size of the frames seen so far. \[OURS] If as many frames fit one size as the other, it is 12 bytes, the
+    /// board's default.
     pub fn size(&self) -> (SlotSize, SizeFrom) {
         match (self.known, self.votes) {
             (Some(size), _) => (size, SizeFrom::Known),

@@ -8,7 +8,7 @@
 pub const LONGEST_SILENCE_NS: i64 = 3_600_000_000_000;
 /// The limit for the sum of all times between frames that are longer than [`SHORT_SILENCE_NS`]: 25 hours. \[OURS]
 const SILENCE_IN_ALL_NS: i64 = 25 * LONGEST_SILENCE_NS;
-/// A time between two frames up to this is no silence: it is always kept; ns.
+/// The longest time between two frames that is no silence, ns. It is always kept.
 const SHORT_SILENCE_NS: i64 = 1_000_000_000;
 /// How much earlier than the previous frame a frame's time may be without counting as a jump of the clock, ns. A report
 /// has the time at which it was made, but the host may read it late, after commands that it wrote later. 5 s are enough

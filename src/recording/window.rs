@@ -33,7 +33,7 @@ impl WindowOf {
     /// has another format than `.ecmrec`, or the clock was set during the recording, so that the times of its blocks do
     /// not rise evenly.
     ///
-    /// `None`, too, if the header of a block that the part needs is damaged: who reads all of the file learns of the
+    /// `None`, too, if the header of a block that the part needs is damaged: reading the whole file instead reports the
     /// damage.
     ///
     /// # Errors
@@ -74,8 +74,8 @@ impl WindowOf {
     }
 }
 
-/// Whether times rise from block to block without long gaps. Only then do the frames of a stretch of time lie in the
-/// blocks with these times.
+/// Whether times rise from block to block without long gaps. Only then are all frames of a stretch of time in the
+/// blocks whose times overlap it.
 fn is_even(blocks: &[BlockAt]) -> bool {
     blocks.is_sorted_by(|before, after| {
         let silence = i128::from(after.times_ns.0) - i128::from(before.times_ns.1);

@@ -52,7 +52,7 @@ impl ObservedBoard {
         for (slave, observed) in (1..=self.size.max_slaves()).zip(&mut self.slaves) {
             match CommandId::from_code(frame.slot(self.size, slave).id) {
                 CommandId::GoHome => observed.is_homing = true,
-                CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::AbortHome => observed.is_homing = false,
+                id if id.is_motion() || id == CommandId::AbortHome => observed.is_homing = false,
                 _ => {}
             }
         }
@@ -107,14 +107,14 @@ impl Missing {
 }
 
 /// Checks whether the model shows everything that the recorded board has shown. The caller can give up a difference
-/// that stays for too long: it is then ignored until the two agree on it again.
+/// that stays for too long. That difference is then ignored until recorded board and model agree again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Agreement {
     given_up: Vec<Missing>,
 }
 
 impl Agreement {
-    /// The first thing that the model does not show yet; those that were given up are left out. `None`: there is
+    /// The first thing that the model does not show yet; differences that were given up are left out. `None`: there is
     /// nothing to wait for.
     pub(super) fn missing(&mut self, recorded: &ObservedBoard, model: &ObservedBoard) -> Option<Missing> {
         // As long as the recorded program had not read a report, it could not wait for anything.

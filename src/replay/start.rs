@@ -7,7 +7,7 @@ use crate::sk::{MasterResponse, MasterState, SlotSize};
 
 /// The board's cycle time before OP (SK-4).
 pub(super) const CYCLE_NS: i64 = 1_000_000;
-/// The most reports that are used to find the times at which the board's cycles end. \[OURS]
+/// The maximum number of reports that are used to find the times at which the board's cycles end. \[OURS]
 const REPORTS_FOR_TICK: usize = 500;
 
 /// Where a replay begins. The model starts like a board that was just powered on, so the replay begins at the first

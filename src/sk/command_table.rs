@@ -1,5 +1,5 @@
-//! The 22 commands: their ids, the slots in which they may stand, the kinds of slaves that accept them, the states that
-//! allow them, and when they take effect (UG17 1.8, table 1.3).
+//! The 22 commands: their ids, the slots in which they may be sent, the kinds of slaves that accept them, the states
+//! that allow them, when they take effect, and what becomes of an axis's target (UG17 1.8, table 1.3).
 //!
 //! To add a command of the board, add a row to the table in this file. Then complete it in these files:
 //!
@@ -17,8 +17,8 @@ use core::fmt;
 use super::argument::SlaveKind;
 use super::state::MasterState;
 
-/// Where a command is allowed, as bit masks: a bit for each [`SlotKind`] in which it may stand, and a bit for each kind
-/// of slave that accepts it, by [`SlaveKind::nibble`].
+/// Where a command is allowed, as bit masks: a bit for each [`SlotKind`] in which it may be sent, and a bit for each
+/// kind of slave that accepts it, by [`SlaveKind::nibble`].
 #[derive(Clone, Copy)]
 struct Takers {
     slots: u8,
@@ -79,16 +79,32 @@ enum Acts {
 }
 use Acts::{InTurn, OnArrival, UnlessHoming};
 
+/// The effect of a command on the target of an axis: on the target position, velocity or torque that is in force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TargetEffect {
+    /// The command sets a target position (CSP).
+    Position,
+    /// The command sets a target velocity or torque (CSV, CST).
+    VelocityOrTorque,
+    /// The command does not change the target of its axis, which stays in force. SET_STATE and SW_RESET have this value, too:
+    /// they act on the whole network, and not on the axis of a slot.
+    Keeps,
+    /// The command ends the target: the axis is switched on or off, its alarm is cleared, or it is homed or configured anew.
+    Ends,
+}
+use TargetEffect::{Ends, Keeps, Position, VelocityOrTorque};
+
 /// The row of a command in the table below. Its code is not part of the row.
 struct Row {
     name: &'static str,
     takers: Takers,
     states: u8,
     acts: Acts,
+    target: TargetEffect,
 }
 
 macro_rules! command_ids {
-    ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal, $takers:ident, $states:ident, $acts:ident;)*) => {
+    ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal, $takers:ident, $states:ident, $acts:ident, $target:ident;)*) => {
         /// Byte 0 of a command slot. A code that no guide lists is kept as [`CommandId::Unknown`].
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum CommandId {
@@ -119,8 +135,12 @@ macro_rules! command_ids {
             #[inline]
             const fn row(self) -> Row {
                 match self {
-                    $(Self::$name => Row { name: $text, takers: $takers, states: $states, acts: $acts },)*
-                    Self::Unknown(_) => Row { name: "UNKNOWN", takers: NOBODY, states: 0, acts: InTurn },
+                    $(Self::$name => {
+                        Row { name: $text, takers: $takers, states: $states, acts: $acts, target: $target }
+                    })*
+                    Self::Unknown(_) => {
+                        Row { name: "UNKNOWN", takers: NOBODY, states: 0, acts: InTurn, target: Keeps }
+                    }
                 }
             }
         }
@@ -144,28 +164,28 @@ static BY_CODE: [CommandId; 256] = {
 };
 
 command_ids! {
-    GetStatus = 0x00, "GET_STATUS", EVERY_SLOT, IPSO, InTurn;
-    SetState = 0x01, "SET_STATE", BOARD, IPSO, OnArrival;
-    SetAxis = 0x02, "SET_AXIS", BOARD, IP, InTurn;
-    SetDc = 0x03, "SET_DC", BOARD, IP, InTurn;
-    SetEx = 0x04, "SET_EX", BOARD, IPS, InTurn;
-    SetFifo = 0x05, "SET_FIFO", BOARD, O, OnArrival;
-    DriveMode = 0x06, "DRIVE_MODE", ANY_SLAVE, IP, InTurn;
-    SdoRead = 0x07, "SDO_RD", SDO, PSO, InTurn;
-    SdoWrite = 0x08, "SDO_WR", SDO, PSO, InTurn;
-    AlarmClear = 0x10, "ALM_CLR", AXES, O, InTurn;
-    ServoOn = 0x11, "SV_ON", AXES, O, UnlessHoming;
-    ServoOff = 0x12, "SV_OFF", AXES, O, InTurn;
-    IoRead = 0x13, "IO_RD", IO, O, InTurn;
-    IoWrite = 0x14, "IO_WR", IO, O, InTurn;
-    Csp = 0x15, "CSP", AXES, O, UnlessHoming;
-    Csv = 0x16, "CSV", DRIVES_AND_HSPS, O, UnlessHoming;
-    Cst = 0x17, "CST", DRIVES, O, UnlessHoming;
-    GoHome = 0x18, "GO_HOME", AXES, O, UnlessHoming;
-    AbortHome = 0x19, "ABORT_HOME", AXES, O, InTurn;
-    LocalRead = 0x21, "LIO_RD", BOARD, IPSO, InTurn;
-    LocalWrite = 0x22, "LIO_WR", BOARD, IPSO, InTurn;
-    SoftReset = 0xBB, "SW_RESET", BOARD, IPSO, OnArrival;
+    GetStatus = 0x00, "GET_STATUS", EVERY_SLOT, IPSO, InTurn, Keeps;
+    SetState = 0x01, "SET_STATE", BOARD, IPSO, OnArrival, Keeps;
+    SetAxis = 0x02, "SET_AXIS", BOARD, IP, InTurn, Keeps;
+    SetDc = 0x03, "SET_DC", BOARD, IP, InTurn, Keeps;
+    SetEx = 0x04, "SET_EX", BOARD, IPS, InTurn, Keeps;
+    SetFifo = 0x05, "SET_FIFO", BOARD, O, OnArrival, Keeps;
+    DriveMode = 0x06, "DRIVE_MODE", ANY_SLAVE, IP, InTurn, Ends;
+    SdoRead = 0x07, "SDO_RD", SDO, PSO, InTurn, Keeps;
+    SdoWrite = 0x08, "SDO_WR", SDO, PSO, InTurn, Keeps;
+    AlarmClear = 0x10, "ALM_CLR", AXES, O, InTurn, Ends;
+    ServoOn = 0x11, "SV_ON", AXES, O, UnlessHoming, Ends;
+    ServoOff = 0x12, "SV_OFF", AXES, O, InTurn, Ends;
+    IoRead = 0x13, "IO_RD", IO, O, InTurn, Keeps;
+    IoWrite = 0x14, "IO_WR", IO, O, InTurn, Keeps;
+    Csp = 0x15, "CSP", AXES, O, UnlessHoming, Position;
+    Csv = 0x16, "CSV", DRIVES_AND_HSPS, O, UnlessHoming, VelocityOrTorque;
+    Cst = 0x17, "CST", DRIVES, O, UnlessHoming, VelocityOrTorque;
+    GoHome = 0x18, "GO_HOME", AXES, O, UnlessHoming, Ends;
+    AbortHome = 0x19, "ABORT_HOME", AXES, O, InTurn, Ends;
+    LocalRead = 0x21, "LIO_RD", BOARD, IPSO, InTurn, Keeps;
+    LocalWrite = 0x22, "LIO_WR", BOARD, IPSO, InTurn, Keeps;
+    SoftReset = 0xBB, "SW_RESET", BOARD, IPSO, OnArrival, Keeps;
 }
 
 /// The kind of a slot in a frame. Each of the three kinds takes its own commands: the columns of the table in UG17 1.8.
@@ -190,8 +210,8 @@ impl CommandId {
         self.row().name
     }
 
-    /// Whether this command may stand in slots of that kind (UG17 1.8). GET_STATUS may stand in every slot, an unknown
-    /// code in no slot.
+    /// Whether this command may be sent in slots of that kind (UG17 1.8). GET_STATUS may be sent in every slot, an
+    /// unknown code in no slot.
     #[inline]
     pub const fn belongs_in(self, slot: SlotKind) -> bool {
         self.row().takers.slots >> slot as u8 & 1 != 0
@@ -207,6 +227,16 @@ impl CommandId {
     /// Whether the command is for axes: drives accept it and IO slaves do not.
     pub const fn is_for_axes(self) -> bool {
         self.is_for(SlaveKind::Drive) && !self.is_for(SlaveKind::Io)
+    }
+
+    /// The effect of the command on the target of an axis.
+    pub const fn target_effect(self) -> TargetEffect {
+        self.row().target
+    }
+
+    /// Whether this is a motion command: it sets a target (CSP, CSV, CST).
+    pub const fn is_motion(self) -> bool {
+        matches!(self.target_effect(), Position | VelocityOrTorque)
     }
 
     /// The only kind of slave that accepts this command; `None` if several kinds accept it, or none.

@@ -48,10 +48,10 @@ pub enum SlotForm {
     /// (SK-3, SK-6), and bytes 12..15 of slot 0 are 0 (SK-1).
     Report,
     /// The frame is a report, and the host refuses it if it does not match. So the pattern checks only what is certain
-    /// for every report: slot 0 begins with a command that belongs there or, in OP and in a state that is not known, with the
-    /// id of the cyclic response; in OP its free count is at most the FIFO's depth. The SDO slot begins as for
-    /// [`SlotForm::Report`], and a slave's slot begins with any known command. The state may be any (SK-2.9), and outside
-    /// OP so may bytes 8..11 of slot 0, of which no source says what they are (SK-2.21).
+    /// for every report: slot 0 begins with a command that belongs there or, in OP and in a state that is not known,
+    /// with the id of the cyclic response; in OP its free count is at most the FIFO's depth. The SDO slot begins as for
+    /// [`SlotForm::Report`], and a slave's slot begins with any known command. The state may have any value (SK-2.9).
+    /// Outside OP bytes 8..11 of slot 0 may have any value, too, since no source says what they mean (SK-2.21).
     StrictReport,
     /// The frame is a command frame or a report. Each slave's slot and the SDO slot are all zero, or hold a command
     /// that belongs there (SK-4) and is not GET_STATUS, or the answer to such a command. A report with slots that

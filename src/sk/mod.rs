@@ -13,7 +13,7 @@
 //! | [`frame`] | a frame: the 512 bytes that travel each way |
 //! | [`find_size`] | the slot size of a frame, derived from its bytes |
 //! | [`crc`] | the CRC-8 in byte 3 of a frame |
-//! | [`command_table`] | the ids of the 22 commands, and the slots that take each of them |
+//! | [`command_table`] | the ids of the 22 commands, the slots that take each of them, and its effect on a target |
 //! | [`argument`] | the arguments of commands as types that hold valid values only |
 //! | [`fifo_depth`] | the depth of the command FIFO |
 //! | [`command`] | commands with their meaning: for the board, for a slave, for the SDO slot |
@@ -50,7 +50,7 @@ mod state;
 
 pub use argument::{Argument, AxisTarget, CycleTime, DcShift, DriveSync, FifoAction, InvalidArgument, SlaveKind};
 pub use command::{MasterCommand, Motion, SdoCommand, SlaveCommand, SlotCommand};
-pub use command_table::{CommandId, SlotKind};
+pub use command_table::{CommandId, SlotKind, TargetEffect};
 pub use crc::{CrcError, CrcPolicy, CrcStatus};
 pub use dump::{CommandDump, ResponseDump};
 pub use fifo_depth::FIFO_ENTRIES;

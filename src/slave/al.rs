@@ -11,7 +11,8 @@ pub const WATCHDOG_NS: Ns = 100_000_000;
 #[derive(Clone, Debug, Default)]
 pub struct ApplicationLayer {
     state: AlState,
-    /// AL status code of the last refused change of state, or of the watchdog; 0 after a successful change.
+    /// AL status code: the reason of the last refused state change or of the last fall to a lower state; 0 after a
+    /// successful change.
     status: u16,
     /// Whether outputs have come since the last step.
     outputs_came: bool,
@@ -25,7 +26,7 @@ impl ApplicationLayer {
         self.state
     }
 
-    /// The AL status code of the last refused change of state, or of the watchdog if it has ended OP since.
+    /// The AL status code of the last refused state change, or of the last fall to a lower state if that came later.
     pub const fn status(&self) -> AlStatus {
         AlStatus(self.status)
     }
@@ -36,8 +37,8 @@ impl ApplicationLayer {
         self.status = status;
     }
 
-    /// Changes the state: to the next higher one, to any lower one, or to the present one. `ready` says whether the device
-    /// allows a step up.
+    /// Changes the state: to the next higher one, to any lower one, or to the present one. `ready`: whether the device
+    /// allows the change to the next higher state.
     ///
     /// # Errors
     /// [`AlStatus::INVALID_CHANGE`] if the change would skip a state on the way up, or the error in `ready`.

@@ -12,13 +12,13 @@
 //!
 //! The homing methods are in [`homing`](super::homing), the states of CiA 402 in [`state_machine`](super::state_machine).
 //!
-//! The demand moves to a new target evenly over the next step: [`Axis::step`] is called once after each exchange of process
-//! data, with the length of the cycle. The axis therefore lags its targets by one cycle, and it does not need to know the
-//! cycle time in advance.
+//! [`Axis::step`] is called once after each exchange of process data, with the length of the cycle. During this step
+//! the demand moves linearly to the new target. The axis therefore lags its targets by one cycle, and it does not need
+//! to know the cycle time in advance.
 //!
-//! Positions are `i64` counts internally and wrap to the `i32` of objects 0x6064 and 0x607A. A target position stands for
-//! the position with these low 32 bits that is nearest to the present demand, so an axis can turn in one direction
-//! endlessly.
+//! Positions are `i64` counts internally and wrap to the `i32` of objects 0x6064 and 0x607A. A 32-bit target position
+//! means the position with these low 32 bits that is nearest to the present demand. So an axis can turn in one
+//! direction endlessly.
 
 mod cyclic_modes;
 mod following_error;
@@ -59,7 +59,7 @@ pub struct Settings {
     pub quick_stop: u32,
     /// The option codes for the stops of the axis, 0x605A to 0x605E.
     pub options: OptionCodes,
-    /// Objects of homing: 0x607C, 0x6098 to 0x609A, 0x605D.
+    /// The settings of homing mode, from objects 0x607C, 0x6098 to 0x609A and 0x605D.
     pub homing: HomingSettings,
     /// The ramp on which an axis brakes if the mode changes from homing to another one while the axis moves, counts/s²;
     /// `None`: the homing acceleration, 0x609A.
@@ -75,7 +75,8 @@ pub struct Targets {
     pub velocity: i32,
     /// Target torque, 0x6071, 0.1 % of the rated torque.
     pub torque: i16,
-    /// Whether an offset was ever written. A cycle without offsets then need not read [`Offsets`].
+    /// Whether an offset has ever been written. While this is false, a cycle in CSP does not read [`Offsets`], which
+    /// are in another cache line.
     has_offsets: bool,
 }
 
@@ -107,8 +108,8 @@ enum Motion {
     BrakeAfterHoming,
 }
 
-/// The demand that the control loops follow. Its position is in counts of the shaft, without the origin that homing
-/// sets, as a whole count and a fraction; its velocity is in counts/s.
+/// The demand that the control loops follow. The position is `whole` plus `fraction`, in counts of the shaft, without
+/// the origin that homing sets. The velocity is in counts/s.
 #[derive(Clone, Copy, Debug)]
 struct Demand {
     whole: i64,
@@ -158,8 +159,8 @@ pub struct Axis {
     machine: StateMachine,
     plant: Plant,
     velocity_reached: f64,
-    /// The time for which shaft and demand have been at standstill, ns; measured in homing mode and while the axis brakes
-    /// after it.
+    /// How long both the shaft and the demand have been at standstill, ns. Measured only in homing mode, and while the
+    /// axis brakes because homing mode was left.
     standstill_ns: Ns,
     settings: Settings,
     offsets: Offsets,

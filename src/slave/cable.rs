@@ -1,8 +1,8 @@
 //! The cable of a simulated network and its faults: which slaves the frames reach, which slaves answer, lose their power,
 //! refuse an AL state or abort an SDO, and the faults inside devices ([`Fault`]). Every kind of simulated network uses it.
 //!
-//! A new malfunction for scripts begins here if it affects the network, or in `slave/fault.rs` if it affects a device. The
-//! verb that triggers it is in `testbed/script/verbs.rs`.
+//! To add a malfunction for scripts, begin here if it affects the network, or in `slave/fault.rs` if it affects a
+//! device. The verb that triggers it is in `testbed/script/verbs.rs`.
 //!
 //! Scripts and tests change the cable from any thread while the network runs. A cycle reads atomics and only tries to take
 //! locks: a thread that holds a lock delays a fault by one cycle, but never delays the cycle. Other calls block on the
@@ -51,7 +51,7 @@ struct Shared {
     noise: AtomicU32,
     /// The slaves that do not answer.
     silent: [AtomicU64; 4],
-    /// The slaves that have lost their power since these bits were taken last, which a network does in each cycle.
+    /// The slaves that have lost their power since the network last took these bits. It takes them in each cycle.
     powered_off: [AtomicU64; 4],
     /// Whether there are faults that no cycle has applied yet.
     has_faults: AtomicBool,
@@ -81,7 +81,7 @@ impl Default for Cable {
 
 /// Calls for scripts and tests, which change the network.
 impl Cable {
-    /// Cuts the cable behind this many slaves. With 0 the cut is in front of the first slave, so that no slave answers.
+    /// Cuts the cable after this many slaves. With 0 the cut is in front of the first slave, so that no slave answers.
     pub fn cut_after(&self, slaves: u8) {
         self.0.reach.store(slaves, Ordering::Relaxed);
     }
@@ -127,8 +127,8 @@ impl Cable {
         self.set_answers(slave, |answers| answers.refuse = state);
     }
 
-    /// Delays SDO transfers with a slave by `ns`; a delay beyond the timeout of the request makes them fail. 0 ends the
-    /// delay.
+    /// Delays SDO transfers with a slave by `ns`; a delay beyond the timeout of the request makes the transfers fail. 0
+    /// ends the delay.
     pub fn delay_sdo(&self, slave: u8, ns: Ns) {
         self.set_answers(slave, |answers| answers.sdo_delay_ns = ns);
     }
@@ -173,7 +173,7 @@ impl Cable {
         Some(Noise { slave: (packed >> 16) as u8, one_of: NonZeroU16::new(packed as u16)? })
     }
 
-    /// Those of the first 40 slaves, the most that a board can have, that frames reach and that answer.
+    /// The slaves that frames reach and that answer, among the first 40: a board has at most 40 slaves.
     pub fn answering(&self) -> SlaveSet {
         let silent = SlaveSet::from_bits(self.0.silent[0].load(Ordering::Relaxed) >> 1);
         SlaveSet::first(self.reach().min(MAX_SLAVES as u8)).difference(silent)
@@ -184,7 +184,7 @@ impl Cable {
         self.0.silent.each_ref().map(|word| word.load(Ordering::Relaxed))
     }
 
-    /// Those of the first 40 slaves, the most that a board can have, that have lost their power since the last call.
+    /// The slaves that have lost their power since the last call, among the first 40: a board has at most 40 slaves.
     pub fn take_powered_off(&self) -> SlaveSet {
         SlaveSet::from_bits(take(&self.0.powered_off[0]) >> 1)
     }
@@ -243,7 +243,7 @@ fn take(word: &AtomicU64) -> u64 {
     if word.load(Ordering::Relaxed) == 0 { 0 } else { word.swap(0, Ordering::Relaxed) }
 }
 
-/// Locks a mutex. A poisoned one is used as it is, because plain data are still valid after a panic.
+/// Locks a mutex. Poisoning is ignored, because the plain data in the mutex are still valid after a panic.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -44,10 +44,10 @@ pub enum SyncEvent {
     /// A SYNC0 cycle began too early or too late. The simulated controller never deviates, so only tests report this
     /// event.
     Deviation,
-    /// The first SYNC0 pulse has not come within the time limit after SafeOP or during the change to OP, see
-    /// [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns).
+    /// The first SYNC0 pulse has not come within the time limit after the change to SafeOP or during the change to OP,
+    /// see [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns).
     NotLocked,
-    /// SYNC0 was switched off while the device ran by it.
+    /// SYNC0 was switched off while it triggered the cycles of the device.
     LockLost,
 }
 

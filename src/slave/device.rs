@@ -37,7 +37,7 @@ pub const VENDOR_ID: u32 = 0x4543_4D53;
 
 /// The data that every device has, whatever its kind.
 #[derive(Clone, Debug)]
-#[repr(C)] // The fields that a cycle uses are at the end.
+#[repr(C)] // The fields that a cycle uses are together at the end, so that they share cache lines.
 pub struct Base<M> {
     name: String,
     serial: u32,
@@ -85,9 +85,9 @@ impl<M: Model> Base<M> {
         }
     }
 
-    /// Power-cycles the device: AL state and mapping are those of power-on, and the stored values become `values`,
-    /// which the caller has taken from what the device keeps without power. Manufacturer-specific objects keep
-    /// their values, and files are kept.
+    /// Power-cycles the device: the AL state and the mapping are reset, and `values` replace the stored values. The
+    /// caller passes the values that the device keeps without power. Manufacturer-specific objects keep their values,
+    /// and files are kept.
     pub fn restart(&mut self, values: Values, pdos: &[Pdo<M>]) {
         let (name, manufacturer) = (std::mem::take(&mut self.name), self.manufacturer.take());
         let files = self.files.take();
@@ -97,7 +97,7 @@ impl<M: Model> Base<M> {
     }
 
     /// This device with other limits for its PDO mapping, such as the number of entries of a PDO. `pdos` are the PDOs
-    /// at power-on, from which the mapping is made anew.
+    /// at power-on; the mapping is reset to them.
     #[must_use]
     pub fn with_limits(mut self, limits: MappingLimits, pdos: &[Pdo<M>]) -> Self {
         self.mapping = Mapping::new(pdos, limits);
@@ -158,9 +158,9 @@ pub trait Model: Send + Sized + 'static {
     /// configuration.
     fn pdos() -> &'static [Pdo<Self>];
 
-    /// The entries of PDOs that masters often map on devices of this kind; the index of such a PDO does not matter. For
-    /// a PDO with these entries, as for one of power-on, a cycle calls one function that copies the whole PDO, which is
-    /// faster than copying object by object.
+    /// PDOs with the entries that masters often map on devices of this kind. The index of such a PDO does not matter. A
+    /// cycle copies a PDO with these entries, or with those of a power-on PDO, in one function call, which is faster
+    /// than copying object by object.
     fn often_mapped() -> &'static [Pdo<Self>] {
         &[]
     }
@@ -216,11 +216,12 @@ pub trait Model: Send + Sized + 'static {
     /// device with digital outputs switches them off here. The axes brake by themselves.
     fn lose_outputs(&mut self) {}
 
-    /// Reports that the watchdog for outputs has expired and the device has left OP.
+    /// Reports that the watchdog for outputs has expired: the device has left OP, or it was in SafeOP and has
+    /// [`Self::WATCHDOG_IN_SAFEOP`].
     fn watchdog_expired(&mut self) {}
 
-    /// Decides on a change to the next higher AL state. `mapped` is the result of the common checks: of the mapping and the
-    /// sync manager lengths on the way to SafeOP, of the synchronization on the way to OP.
+    /// Decides on a change to the next higher AL state. `mapped` is the result of the checks that all devices have in
+    /// common: for SafeOP of the mapping and the sync manager lengths, for OP of the synchronization types.
     ///
     /// # Errors
     /// The AL status code with which the device refuses.
@@ -261,7 +262,7 @@ pub trait Model: Send + Sized + 'static {
         let _ = event;
     }
 
-    /// The time after SafeOP that the device waits for the first SYNC0 pulse, ns, see
+    /// The time that the device waits for the first SYNC0 pulse after the change to SafeOP, ns, see
     /// [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns). `None`: it has no such limit.
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
@@ -278,7 +279,7 @@ pub trait Model: Send + Sized + 'static {
         None
     }
 
-    /// Calls `tell` for each change at the latch inputs during the last step, once.
+    /// Calls `tell` once for each level change at the latch inputs during the last step.
     fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
         let _ = tell;
     }
@@ -299,7 +300,7 @@ pub trait Model: Send + Sized + 'static {
     }
 
     /// Resets the parts of the device that a power cycle resets. The caller has already brought the device to Init. By
-    /// default nothing else is reset.
+    /// default this function does nothing.
     fn restart(&mut self) {}
 
     /// Advances the axes by `dt_ns`.

@@ -103,15 +103,15 @@ pub fn read<D: Device>(device: &D, at: ObjectAddress, scope: SdoScope, value: &m
 
 /// SDO download of a whole value.
 ///
-/// The order of the checks is \[OURS]: the object exists, is writable, has this size, is writable in the present AL state,
-/// and the value is in its range. The check of the row itself comes last.
+/// The order of the checks is \[OURS]: the object exists, is writable, has this size, is writable in the present AL
+/// state, and the value is in its range. The row's own check ([`Object::accept`] or the setter) comes last.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::READ_ONLY`], [`AbortCode::TOO_LONG`],
-/// [`AbortCode::TOO_SHORT`], [`AbortCode::DEVICE_STATE`], [`AbortCode::VALUE_HIGH`], [`AbortCode::VALUE_LOW`], or the code
-/// of the row's own check. The object keeps its value then. With complete access also the codes of [`read`], and
-/// [`AbortCode::LENGTH`] if the value ends within a sub-index or beyond the last one. If a sub-index refuses its value, the
-/// sub-indices in front of it have already been written \[OURS].
+/// [`AbortCode::TOO_SHORT`], [`AbortCode::DEVICE_STATE`], [`AbortCode::VALUE_HIGH`], [`AbortCode::VALUE_LOW`], or the
+/// code of the row's own check. After such an error the object keeps its value. With complete access also the codes of
+/// [`read`], and [`AbortCode::LENGTH`] if the value ends within a sub-index or beyond the last one. If a sub-index
+/// refuses its value, the sub-indices in front of it have already been written \[OURS].
 pub fn write<D: Device>(device: &mut D, at: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
     match scope {
         SdoScope::Entry => write_entry(device, at, value),
@@ -182,7 +182,8 @@ pub(super) fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<Place, Ab
     Ok(Place { row, cell: cell_of::<D>(row, offset) })
 }
 
-/// The row whose sub-indices include that of the address, and the distance from the first sub-index of the row to it.
+/// Finds the row that contains the sub-index `at`. Returns the index of the row, and the offset of the sub-index from
+/// the first sub-index of the row.
 fn find_row<D: Device>(device: &D, at: ObjectAddress) -> Result<(usize, usize), AbortCode> {
     let objects = D::objects();
     let first = objects.partition_point(|object| object.index < at.index);

@@ -72,9 +72,9 @@ impl DriveConfig {
 
 /// A simulated servo drive or stepper.
 ///
-/// \[OURS] SDOs can write an object that is mapped into an RxPDO, too; the next cycle overwrites the value. When a moving
-/// drive leaves OP (by a change of state, or by its watchdog for outputs, 100 ms), it brakes on the quick-stop ramp and
-/// ends in Switch on disabled, without a fault.
+/// \[OURS] SDOs can also write an object that is mapped into an RxPDO; the next cycle overwrites the value. When a
+/// moving drive leaves OP (by a change of state, or by its watchdog for outputs, 100 ms), it brakes on the quick-stop
+/// ramp and ends in Switch on disabled, without a fault.
 #[derive(Clone, Debug)]
 #[repr(C)] // The fields that a cycle uses are adjacent: the end of `base` and the beginning of `axis`.
 pub struct Drive {

@@ -24,7 +24,8 @@ pub enum Fault {
         /// The error code of the fault, and whether a fault reset clears the fault.
         fault: DeviceFault,
     },
-    /// The cause of the alarm of an axis is gone: a fault reset clears it from now on, whatever it was.
+    /// The cause of the alarm of an axis is gone: from now on a fault reset clears the alarm, even if it could not be
+    /// reset before.
     AlarmCauseEnds {
         /// The axis, from 0.
         axis: usize,
@@ -55,8 +56,8 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The fault that ends this one when it is applied: a stuck switch without a value, for example. Of an alarm it ends the
-    /// cause, since only a fault reset by the master clears the alarm itself.
+    /// The fault to apply in order to end this one, for example [`Self::Stick`] without a value. For an alarm, it ends
+    /// the cause: only a fault reset by the master clears the alarm itself.
     #[must_use]
     pub const fn end(self) -> Self {
         match self {

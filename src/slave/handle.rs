@@ -57,8 +57,8 @@ impl SimHandle {
         *self.lock().positions.get(place)?.get(axis)?
     }
 
-    /// Stores the positions at the end of a cycle. If another thread is reading positions at this moment, the stored ones stay
-    /// those of an earlier cycle, because the cycle must not wait.
+    /// Stores the positions at the end of a cycle. If another thread is reading positions at this moment, the new ones
+    /// are dropped, because the cycle must not wait.
     pub(crate) fn publish(&self, at: Ns, positions: impl Iterator<Item = [Option<i64>; AXES_MAX]>) {
         let Ok(mut shafts) = self.shafts.try_lock() else { return };
         shafts.at = at;
@@ -67,7 +67,7 @@ impl SimHandle {
         }
     }
 
-    /// Locks the positions. A poisoned mutex is used as it is, because plain data are still valid after a panic.
+    /// Locks the positions. Poisoning is ignored, because the plain data in the mutex are still valid after a panic.
     fn lock(&self) -> MutexGuard<'_, Shafts> {
         self.shafts.lock().unwrap_or_else(PoisonError::into_inner)
     }

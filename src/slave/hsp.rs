@@ -1,6 +1,6 @@
-//! A pulse module (HSP) with one or two channels. Each channel is a CiA 402 axis in CSP or CSV whose pulses are counted,
-//! with 16 digital outputs and 16 digital inputs (SK-3, SK-7). Each channel has its own homing. The objects of axis 2 are
-//! those of axis 1, with indices 0x800 higher.
+//! A pulse module (HSP) with one or two channels. Each channel is a CiA 402 axis in CSP or CSV whose pulses are
+//! counted, with 16 digital outputs and 16 digital inputs (SK-3, SK-7). Each channel has its own homing. Axis 2 has the
+//! same objects as axis 1, with indices 0x800 higher.
 //!
 //! \[OURS] A module has no encoder: its position is the number of pulses that it has sent. Output k of a channel is wired
 //! to input k of the same channel, so a written value is read back one cycle later. Outside OP the outputs are off. The
@@ -62,7 +62,8 @@ const PULSES_PER_TURN: u32 = 10_000;
 impl HspConfig {
     /// The default configuration of a module with this number of channels.
     pub fn with(channels: Channels) -> Self {
-        // [OURS] Shorter than those of a drive, because a module has no power stage to charge and no brake to open.
+        // [OURS] These times are shorter than those of a drive, because a module has no power stage to charge and no
+        // brake to open.
         let times = TransitionTimes { switch_on_ns: 2_000_000, enable_ns: 2_000_000, ..TransitionTimes::default() };
         let name = match channels {
             Channels::One => "hsp",

@@ -57,8 +57,8 @@ pub enum ManufacturerType {
     F64,
     /// `text`, of variable length.
     Text,
-    /// `any`: a value of unknown size, such as that of an object that was read over the board, which shows at most 4 bytes. A
-    /// write of any size is accepted; an upload returns at least 4 bytes, padded with zeros.
+    /// `any`: a value of unknown size, for example of an object that was read through the board, which returns at most
+    /// 4 bytes. A write of any size is accepted; an upload returns at least 4 bytes, padded with zeros.
     Any,
 }
 
@@ -205,8 +205,8 @@ pub struct ManufacturerObject {
 /// bounds the memory, and is more than any program writes at startup. A write that would create a further object is refused.
 const MADE_MAX: usize = 4096;
 
-/// The manufacturer-specific objects of a slave. An object that the slave's own dictionary has takes precedence over one with
-/// the same address here.
+/// The manufacturer-specific objects of a slave. An object that the slave's own dictionary has takes precedence over an
+/// object of this set with the same address.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ManufacturerObjects {
     /// The objects in ascending order of address.
@@ -253,7 +253,7 @@ impl ManufacturerObjects {
     }
 
     /// The description of an object for SDO information. \[OURS] An object with several sub-indices is a record.
-    /// `None`: there is no such object here.
+    /// `None`: this set has no such object.
     pub(super) fn describe_object(&self, index: u16) -> Option<ObjectDescription<'_>> {
         let objects = || self.objects.iter().filter(|object| object.address.index == index);
         let (first, last) = (objects().next()?, objects().next_back()?);
@@ -265,7 +265,7 @@ impl ManufacturerObjects {
         Some(ObjectDescription { index, data_type, max_sub, code, name: &first.name })
     }
 
-    /// The description of a sub-index for SDO information. `None`: there is no such sub-index here.
+    /// The description of a sub-index for SDO information. `None`: this set has no such sub-index.
     pub(super) fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'_>> {
         let object = &self.objects[self.find(at).ok()?];
         let bits = match (object.data, object.data.bytes()) {
@@ -292,8 +292,9 @@ impl ManufacturerObjects {
         self.any && Self::ANY.iter().any(|range| range.contains(&at.index))
     }
 
-    /// SDO upload: copies the value into `value`, as far as there is room. Returns the length of the whole value, bytes.
-    /// `otherwise` is the abort code of the slave's own dictionary, returned if the object is not found here either.
+    /// SDO upload: copies the value into `value`, as far as there is room. Returns the length of the whole value,
+    /// bytes. `otherwise` is the abort code of the slave's own dictionary, returned if this set does not have the
+    /// object either.
     ///
     /// # Errors
     /// [`AbortCode::WRITE_ONLY`] for a write-only object; [`AbortCode::NO_SUB_INDEX`] if the object has no such sub-index;
@@ -401,8 +402,8 @@ impl ManufacturerObjects {
         if scope == SdoScope::Complete && is_here { Err(AbortCode::COMPLETE_ACCESS) } else { Ok(()) }
     }
 
-    /// The abort code for an address that is not here: [`AbortCode::NO_SUB_INDEX`] if the index has other sub-indices, or else
-    /// `otherwise`.
+    /// The abort code for an address that this set does not have: [`AbortCode::NO_SUB_INDEX`] if the index has other
+    /// sub-indices, or else `otherwise`.
     fn absent_code(&self, at: ObjectAddress, otherwise: AbortCode) -> AbortCode {
         let has_index = self.objects.iter().any(|object| object.address.index == at.index);
         if has_index { AbortCode::NO_SUB_INDEX } else { otherwise }
@@ -410,8 +411,8 @@ impl ManufacturerObjects {
 }
 
 impl ManufacturerObject {
-    /// Calls `show` with the bytes that an SDO upload of the object returns. They are not returned, because a short value is
-    /// padded in a temporary array.
+    /// Calls `show` with the bytes that an SDO upload of the object returns. The bytes are not returned, because a
+    /// short value is padded in a temporary array.
     fn shown<T>(&self, show: impl FnOnce(&[u8]) -> T) -> T {
         match self.value.bytes() {
             short if self.data == ManufacturerType::Any && short.len() < ANY_BYTES_MIN => {

@@ -91,8 +91,8 @@ pub struct SdoValue {
 }
 
 impl SdoValue {
-    /// Calls `read` with a buffer of 4 bytes. `read` copies the first bytes of the value into it and returns the length of the
-    /// whole value. Of a longer value, the first 4 bytes are the result.
+    /// Calls `read` with a buffer of 4 bytes. `read` copies the first bytes of the value into it and returns the length
+    /// of the whole value. For a longer value, the result is the first 4 bytes.
     fn of(read: impl FnOnce(&mut [u8]) -> Result<usize, AbortCode>) -> Result<Self, AbortCode> {
         let mut first = [0; 4];
         let len = read(&mut first)?;
@@ -137,8 +137,8 @@ pub trait Slave: Send {
         request.without_boot().and_then(|state| self.enter(state))
     }
 
-    /// The AL status code of the last refused change of state, or of a state that the slave has left on its own; 0 after a
-    /// successful change.
+    /// The AL status code: the reason of the last refused state change, or why the slave has left a state on its own; 0
+    /// after a successful change.
     fn al_status(&self) -> AlStatus {
         AlStatus(0)
     }
@@ -202,7 +202,8 @@ pub trait Slave: Send {
         objects.filter(is_in).collect()
     }
 
-    /// SDO upload of one sub-index. Of a value longer than 4 bytes it returns the first 4, as the ECM-SK does (SK-6).
+    /// SDO upload of one sub-index. For a value longer than 4 bytes, it returns the first 4 bytes, as the ECM-SK does
+    /// (SK-6).
     ///
     /// # Errors
     /// As [`Slave::read`].
@@ -236,14 +237,14 @@ pub trait Slave: Send {
         let _ = event;
     }
 
-    /// The time limit for the first SYNC0 pulse after the change to SafeOP, ns, of a slave that runs by SYNC0. After it the
-    /// slave reports a synchronization error; before the pulse it sends no inputs. `None`: it sends inputs at once, and only
-    /// the change to OP fails without SYNC0.
+    /// For a slave that runs by SYNC0: the time limit for the first SYNC0 pulse after the change to SafeOP, ns. When
+    /// this time expires, the slave reports a synchronization error. It sends no inputs before the first pulse. `None`:
+    /// it sends inputs at once, and only the change to OP fails without SYNC0.
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
     }
 
-    /// Reports which ports of the slave controller have a link. Without this call the slave does not know.
+    /// Reports which ports of the slave controller have a link. A network without slave controllers does not call this.
     fn note_links(&mut self, links: [bool; PORTS]) {
         let _ = links;
     }
@@ -282,9 +283,9 @@ pub trait Slave: Send {
     /// Advances the slave by `dt_ns`.
     fn step(&mut self, dt_ns: Ns);
 
-    /// The first half of [`Slave::step`]. If the slave returns a motor, the motor has a position as its setpoint: the caller
-    /// runs it for `dt_ns` with [`follow_side_by_side`], together with those of other slaves, then calls [`Slave::end_step`].
-    /// `None`: no motor is left to run.
+    /// The first half of [`Slave::step`]. If the slave returns a motor, the motor has a position as its setpoint: the
+    /// caller runs it for `dt_ns` with [`follow_side_by_side`], together with the motors of other slaves, then calls
+    /// [`Slave::end_step`]. `None`: no motor is left to run.
     fn begin_step(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         self.step(dt_ns);
         None
@@ -301,7 +302,7 @@ pub trait Slave: Send {
         false
     }
 
-    /// Gives the slave another vendor, product code or revision; `None` leaves it as it is. Nothing else changes.
+    /// Gives the slave another vendor, product code or revision; `None` keeps the present value. Nothing else changes.
     fn set_identity(&mut self, vendor: Option<u32>, product: Option<u32>, revision: Option<u32>) {
         let _ = (vendor, product, revision);
     }
@@ -333,8 +334,8 @@ pub trait Slave: Send {
         true
     }
 
-    /// Whether the slave goes to OP only after outputs have come. IO modules that have only outputs do not wait: in OP their
-    /// outputs are off until the master has sent some.
+    /// Whether the slave goes to OP only after outputs have come. IO modules do not wait: in OP their outputs are off
+    /// until the master has sent outputs.
     fn waits_for_outputs(&self) -> bool {
         true
     }

@@ -1,6 +1,6 @@
 //! The state machine of a CiA 402 drive (CiA 402-2, IEC 61800-7-201, 7.1): states, transitions 0 to 16, option codes.
 //!
-//! The state machine moves nothing itself: it determines what the power stage does ([`Power`]), and its caller tells it
+//! The state machine moves nothing itself: it determines what the power stage does ([`Power`]). The caller reports
 //! whether the shaft is at standstill. Transitions that take time in a real drive take time here too, so that programs
 //! have to poll the statusword.
 
@@ -159,7 +159,7 @@ impl StateMachine {
         self.state
     }
 
-    /// The latest controlword; after the loss of the master the command Quick stop.
+    /// The latest controlword; after the loss of the master, the value of the command Quick stop.
     pub const fn controlword(&self) -> Controlword {
         self.controlword
     }
@@ -187,8 +187,8 @@ impl StateMachine {
         self.reset_requested = true;
     }
 
-    /// Raises a fault (transition 13). It replaces an earlier fault that was not cleared. If that one cannot be reset, the new
-    /// one cannot be reset either.
+    /// Raises a fault (transition 13). The new fault replaces an earlier fault that was not cleared. If the earlier
+    /// fault cannot be reset, the new one cannot be reset either.
     pub fn raise(&mut self, fault: DeviceFault) {
         let resettable = fault.resettable && self.fault.is_none_or(|earlier| earlier.resettable);
         self.fault = Some(DeviceFault { resettable, ..fault });

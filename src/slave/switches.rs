@@ -1,9 +1,9 @@
 //! The travel of an axis: two limit switches, a home switch, the index pulse of its encoder, and end stops.
 //!
-//! All positions are counts of the shaft. Homing shifts the position that the drive shows, never these counts. A switch is
-//! active in a range of counts, both ends included. An edge is therefore between two counts and is detected at the first count
-//! behind it; the index pulse is one count wide. [`Switches::next`] finds the counts between two positions at which a switch
-//! changes, so that edges and pulses are latched exactly, however far the shaft moves in a cycle.
+//! All positions are counts of the shaft. Homing shifts the position that the drive shows, never these counts. A switch
+//! is active in a range of counts, both ends included. An edge is therefore between two counts and is detected at the
+//! first count after it; the index pulse is one count wide. [`Switches::next`] finds the counts between two positions
+//! at which a switch changes, so that edges and pulses are latched exactly, however far the shaft moves in a cycle.
 
 use super::plant::Motor;
 
@@ -76,7 +76,7 @@ impl Inputs {
     }
 }
 
-/// Where a home switch is active, counts.
+/// The range of counts in which a home switch is active.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HomeSwitch {
     /// A cam: active from `first` to `last`, both included.
@@ -112,10 +112,10 @@ pub struct Travel {
     /// The maximum distance of a homing run, counts: all motion of the run added up, forward and back. A longer run ends in a
     /// homing error.
     pub search_limit: u64,
-    /// \[OURS] Whether limit switches also act in CSP, CSV and CST: an active one stops a motion in its direction on the
-    /// quick-stop ramp (0x6085), and the statusword shows internal limit active (bit 11) while the target is beyond it. The
-    /// opposite direction stays free. If false, an axis passes the limit switches, like a drive that leaves them to its
-    /// master.
+    /// \[OURS] Whether limit switches also act in CSP, CSV and CST: an active limit switch stops a motion in its
+    /// direction on the quick-stop ramp (0x6085). The statusword shows internal limit active (bit 11) while the target
+    /// is beyond the switch. The opposite direction stays free. If false, an axis passes the limit switches, like a
+    /// drive that leaves them to its master.
     pub limits_stop_motion: bool,
 }
 
@@ -191,9 +191,10 @@ impl Switches {
         }
     }
 
-    /// These switches with other terminals: `wiring` gives for each switch the range of counts in which its terminal is on,
-    /// both ends included, and whether the switch is active outside of that range instead; `None`: the switch is not wired.
-    /// Index pulse and search limit are kept, and no switch is stuck.
+    /// These switches with other terminals: `wiring` gives for each switch the range of counts in which its terminal is
+    /// on, both ends included, and whether the switch is active outside of that range instead; `None`: the switch is
+    /// not wired. The search limit and the index pulse, even a stuck one, are kept. The three switches are no longer
+    /// stuck.
     #[must_use]
     pub fn rewired(&self, wiring: impl Fn(Input) -> Option<((i64, i64), bool)>) -> Self {
         let wired = self.ranges.map(|(input, _)| (input, wiring(input)));
@@ -236,8 +237,8 @@ impl Switches {
         Inputs(bits)
     }
 
-    /// Whether one of the three switches, without the index pulse, changes between two counts. A cycle asks this first, because
-    /// it is cheaper than [`Switches::next`], and in most cycles none changes.
+    /// Whether one of the three switches, without the index pulse, changes between two counts. A cycle calls this
+    /// function first: it is cheaper than [`Switches::next`], and in most cycles no switch changes.
     pub fn change_between(&self, from: i64, to: i64) -> bool {
         let (low, high) = if from < to { (from, to) } else { (to, from) };
         self.ranges.iter().any(|(input, range)| {
@@ -251,8 +252,8 @@ impl Switches {
         self.next_index(position.wrapping_sub(1), true) == Some(position)
     }
 
-    /// The first count behind `from`, in the direction of `to` and not beyond it, at which a switch changes or, if
-    /// `index` is true, the index pulse comes. `None`: there is no such count on the way.
+    /// The first count after `from`, in the direction of `to` and not beyond it, at which a switch changes or, if
+    /// `index` is true, the index pulse comes. `None`: there is no such count.
     pub fn next(&self, from: i64, to: i64, index: bool) -> Option<i64> {
         let up = to > from;
         let ahead = |at: &i64| if up { from < *at && *at <= to } else { to <= *at && *at < from };
@@ -268,14 +269,14 @@ impl Switches {
         if up { places.min() } else { places.max() }
     }
 
-    /// The first count behind `from`, in the direction of `to` and not beyond it, at which the index pulse comes.
-    /// `None`: there is no such count on the way.
+    /// The first count after `from`, in the direction of `to` and not beyond it, at which the index pulse comes.
+    /// `None`: there is no such count.
     pub fn next_pulse(&self, from: i64, to: i64) -> Option<i64> {
         let up = to > from;
         self.next_index(from, up).filter(|at| if up { *at <= to } else { to <= *at })
     }
 
-    /// The count of the next index pulse behind `from`, upwards or downwards. `None`: the index pulse is not wired, or
+    /// The count of the next index pulse after `from`, upwards or downwards. `None`: the index pulse is not wired, or
     /// is stuck.
     fn next_index(&self, from: i64, up: bool) -> Option<i64> {
         let index = self.index.filter(|_| self.stuck[Input::Index as usize].is_none())?;

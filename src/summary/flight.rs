@@ -9,17 +9,19 @@ use crate::recording::{ExecutionReport, RunExecution, SizeFinder};
 use crate::sk::dump::MAX_SLAVES;
 use crate::sk::{
     CommandId, DriveResponse, FRAME_LEN, Frame, MasterResponse, MasterState, SlaveCommand, SlotSize, StateByte,
+    TargetEffect,
 };
 
-/// A report in OP counts as late if it comes this long after the one before, ns. \[OURS]
+/// A pause between two reports in OP can be a gap only if it is longer than this, ns. \[OURS]
 const GAP_MIN_NS: u64 = 100_000_000;
-/// And if that is this many times as long as the longest distance of the last reports: a program may read seldom.
-/// \[OURS]
+/// A gap must also be longer than the longest of the last intervals between reports by this factor, since a program may
+/// read rarely. \[OURS]
 const GAP_TIMES: u64 = 10;
-/// The number of the last distances between reports that a gap is compared with. \[OURS]
+/// The number of intervals between the last reports that a gap is compared with. \[OURS]
 const DISTANCES: usize = 8;
 
-/// See the comment of this file. Frames come in the order of their times, except those that a thread was late with.
+/// Finds the events of a flight recorder in the frames of a running program. Frames have to come in the order of their
+/// times; only frames that a thread passes on late may be out of order.
 pub struct FlightEvents {
     finder: SizeFinder,
     size: SlotSize,
@@ -29,8 +31,8 @@ pub struct FlightEvents {
 }
 
 impl FlightEvents {
-    /// `slot`: the slot size, if the link knows it; otherwise the frames show it. `following_error`: the following error
-    /// beyond which there is an event, counts; `None`: none.
+    /// `slot` is the slot size, if the link knows it; otherwise it is found from the frames. A following error of more
+    /// than `following_error` counts is an event; with `None` following errors are not watched.
     pub fn new(slot: Option<SlotSize>, following_error: Option<u32>) -> Self {
         let size = slot.unwrap_or_default();
         Self {
@@ -42,7 +44,8 @@ impl FlightEvents {
         }
     }
 
-    /// Finds the slot size, and begins anew if it is another one than was assumed.
+    /// Finds the slot size from the frames. If it differs from the one assumed so far, the watch starts again with the
+    /// new size.
     fn look_at_size(&mut self, frame: &Frame) {
         if self.finder.given().is_some() {
             return;
@@ -69,11 +72,11 @@ impl FlightWatch for FlightEvents {
             return;
         }
         self.frames.report(at, frame, &mut |event| match event {
-            // The recorder states the time.
+            // The flight recorder adds the time of the event itself.
             FrameEvent::Alarm(alarm) => found(Kind::Alarm, Alarm { at_ns: None, ..alarm }.to_string()),
             FrameEvent::HeldBack(held) => found(Kind::HeldBack, HeldBack { at_ns: None, ..held }.to_string()),
             FrameEvent::StateFailed(failed) => {
-                // Changes of state that fail end below OP: a failure that OP shows is a slave that has left it.
+                // A failed change of state ends below OP. A failure that is shown in OP means that a slave has left OP.
                 let is_lost = StateByte(failed.state).state() == Some(MasterState::Op);
                 found(if is_lost { Kind::LostSlave } else { Kind::State }, failed.to_string());
             }
@@ -93,7 +96,7 @@ impl FlightWatch for FlightEvents {
     }
 }
 
-/// The distances of reports in OP.
+/// The intervals between reports in OP.
 #[derive(Default)]
 struct Reports {
     last_ns: Option<u64>,
@@ -102,7 +105,7 @@ struct Reports {
 }
 
 impl Reports {
-    /// Takes the next report. Returns how long none came, ns, if that is a gap.
+    /// Processes the next report. Returns the interval since the previous report, ns, if it is a gap.
     fn report(&mut self, at_ns: u64, state: StateByte) -> Option<u64> {
         if state.state() != Some(MasterState::Op) {
             *self = Self::default();
@@ -117,7 +120,7 @@ impl Reports {
     }
 }
 
-/// The following errors of all axes.
+/// Watches the following errors of all axes.
 struct Following {
     limit: u32,
     run: RunExecution,
@@ -126,7 +129,7 @@ struct Following {
 
 #[derive(Clone, Copy, Default)]
 struct Axis {
-    /// The target that was executed last, while it is in force.
+    /// The target of the CSP command that was executed last; `None` once another command has ended it.
     target: Option<i32>,
     /// Whether the following error is beyond the limit.
     is_beyond: bool,
@@ -136,7 +139,7 @@ impl Axis {
     fn executed(&mut self, order: &SlaveCommand) {
         match order {
             SlaveCommand::Csp(motion) => self.target = Some(motion.first.target),
-            SlaveCommand::GetStatus | SlaveCommand::Other(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_) => {}
+            _ if order.id().target_effect() == TargetEffect::Keeps => {}
             _ => self.target = None,
         }
     }
@@ -167,12 +170,12 @@ impl Following {
         for (slave, axis) in (1..=size.max_slaves()).zip(&mut self.axes) {
             let Some(target) = axis.target else { continue };
             let drive = DriveResponse::decode(&frame.slot(size, slave));
-            // Homing moves the zero of the position.
+            // Homing moves the zero of the position, so the target is not comparable any more.
             if CommandId::from_code(drive.head.id) == CommandId::GoHome || !drive.statusword.is_enabled() {
                 *axis = Axis::default();
                 continue;
             }
-            // Positions have 32 bits, and an axis may turn without end.
+            // On an axis that turns without end the 32-bit position wraps around.
             let error = target.wrapping_sub(drive.position).unsigned_abs();
             let was_beyond = std::mem::replace(&mut axis.is_beyond, error > self.limit);
             if axis.is_beyond && !was_beyond {
@@ -205,7 +208,7 @@ mod tests {
         found
     }
 
-    /// A gap in the reports is one of a tenth of a second, and long for the program that reads them.
+    /// A gap is longer than 100 ms, and long in comparison with the program's usual intervals between reports.
     #[test]
     fn a_gap_is_long_for_its_program() {
         let every = |from: u64, ms: u64| (0..20).map(move |number| (from + number * ms) * MS);
@@ -214,11 +217,11 @@ mod tests {
         assert_eq!(events(every(0, 500)), [""; 0]);
         assert_eq!(events(every(0, 500).chain(every(14_000, 500))), [""; 0]);
         assert_eq!(events(every(0, 500).chain(every(15_000, 500))), ["no report for 5.500 s"]);
-        // Nobody knows at first how often the program reads.
+        // As long as few reports have come, the program's usual interval is not known, and nothing counts as a gap.
         assert_eq!(events([0, 1000 * MS, 3000 * MS]), [""; 0]);
     }
 
-    /// A following error is the shorter way, also where positions begin anew.
+    /// A following error is the shorter distance between target and position, also where positions wrap around.
     #[test]
     fn a_following_error_past_the_largest_position() {
         const SIZE: SlotSize = SlotSize::Bytes12;

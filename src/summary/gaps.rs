@@ -37,7 +37,7 @@ impl GapFinder {
     pub fn target(&mut self, at_ns: i64, target: i32) -> Option<i64> {
         let idle_since_ns = self.idle_since_ns.take();
         let before = self.target.replace(target)?;
-        // An axis may turn without end, past the largest position.
+        // On an axis that turns without end the position wraps around.
         let step = i64::from(target.wrapping_sub(before));
         let steps = [self.steps[0], self.steps[1], step];
         self.longest_step = self.longest_step.max(step.abs());
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(gaps(&targets, 100, 7), []);
     }
 
-    /// A gap is one as well where positions, which have 32 bits, begin anew.
+    /// A gap is also found where the 32-bit positions wrap around.
     #[test]
     fn past_the_largest_position() {
         let targets: Vec<i32> = (0..100).map(|i| (i32::MAX - 495).wrapping_add(10 * i)).collect();
@@ -98,8 +98,8 @@ mod tests {
         assert_eq!(gaps(&targets, 70, 7), [(70 * MS, 77 * MS)]);
     }
 
-    /// An empty FIFO is no gap if the axis stands, reverses, is starting or has slowly reached its end. A long pause is none
-    /// either.
+    /// An empty FIFO is no gap if the axis is at rest, reverses, is starting or has slowly reached its end. A long
+    /// pause is no gap either.
     #[test]
     fn between_motions() {
         let turns: Vec<i32> = (0..50).map(|i| 10 * i).chain((0..50).map(|i| 490 - 10 * i)).collect();

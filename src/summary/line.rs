@@ -57,15 +57,15 @@ pub struct Alarm {
     pub at_ns: Option<i64>,
 }
 
-/// An axis that its drive holds back: it is enabled and stands, and its statusword has shown internal limit active (bit 11)
-/// for a while. Its torque limit, a limit switch or a software limit keeps it from its target.
+/// An axis that its drive holds back: it is enabled but does not move, and its statusword has shown internal limit
+/// active (bit 11) for a while. Its torque limit, a limit switch or a software limit keeps it from its target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HeldBack {
     /// The slave, from 1.
     pub slave: u8,
     /// The position of the axis, counts.
     pub position: i32,
-    /// When this was found, ns; the time counts as that of an [`Alarm`].
+    /// When this was found, ns, counted from the same zero as [`Alarm::at_ns`].
     pub at_ns: Option<i64>,
 }
 
@@ -74,7 +74,8 @@ pub struct HeldBack {
 pub struct StateFailed {
     /// The state byte, byte 2 of slot 0, of the report that shows the failure.
     pub state: u8,
-    /// Whether SET_AXIS had declared a slave of another kind than IO before the change. If not, that is the likely cause.
+    /// Whether SET_AXIS had declared a slave of another kind than IO before the change. If not, the missing declaration
+    /// is the likely cause.
     pub declared: bool,
 }
 

@@ -15,8 +15,8 @@ use crate::sk::Frame;
 pub struct WatchLink {
     inner: Arc<dyn Link>,
     summary_writer: &'static SummaryWriter,
-    /// The time from which times of events count, ns on the link's clock: that of the opening, as in the log and in
-    /// scripts. If a program opens its board again and is recorded, that of the first opening, as in the recording.
+    /// The zero of the times of events, ns on the link's clock: the opening of the link, as in the log and in scripts.
+    /// If a recorded program opens its board again, it is the first opening, as in the recording.
     zero_ns: i64,
     watch: Mutex<FrameWatch>,
     /// The board's counters when the link was opened. They are subtracted from later values, because a served board has counted
@@ -36,7 +36,7 @@ impl WatchLink {
         Self { inner, summary_writer, zero_ns, watch, before, closed: AtomicBool::new(false) }
     }
 
-    /// The time from which events count to `at`, ns.
+    /// The time of an event, ns: from [`Self::zero_ns`] to `at`.
     fn time_ns(&self, at: Stamp) -> i64 {
         at.nanoseconds().saturating_sub(self.zero_ns)
     }

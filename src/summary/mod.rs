@@ -54,9 +54,9 @@ const RECORD_DROPPED: &str = "record_dropped";
 /// What went wrong in a run, and how often.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
-    /// The alarms by slave and error code: the first one, and how often it began.
+    /// The alarms by slave and error code: the first one, and how many times it began.
     alarms: BTreeMap<(u8, u16), (Alarm, u64)>,
-    /// The axes that were held back by their drives, by slave: when first, and how often.
+    /// The axes that their drives held back, by slave: the first event, and the number of events.
     held_back: BTreeMap<u8, (HeldBack, u64)>,
     failed: BTreeMap<StateFailed, u64>,
     counts: BTreeMap<String, u64>,
@@ -146,7 +146,7 @@ impl Summary {
         self.alarms.values().copied()
     }
 
-    /// The axes that their drives held back: when first, and how often.
+    /// The axes that their drives held back: the first event of each, and the number of events.
     pub fn held_back(&self) -> impl Iterator<Item = (HeldBack, u64)> {
         self.held_back.values().copied()
     }
@@ -235,8 +235,8 @@ pub fn is_sum(text: &str) -> bool {
     text.contains(" more rejected as ") || text.ends_with(" in all") || text.contains(" was still under way when ")
 }
 
-/// Whether the summary counts what a message of the log reports, so that the message is left out: a rejected command, or the
-/// beginning ("since ...") of a time in which commands were not executed.
+/// Whether the summary counts what a message of the log reports, so that the message is left out of the texts: a
+/// rejected command, or the beginning ("since ...") of a period in which commands were not executed.
 fn is_counted(text: &str) -> bool {
     is_sum(text) || text.contains(" rejected at ") || text.starts_with("since ")
 }

@@ -11,9 +11,9 @@ use crate::sk::{
     SlotSize, StateByte,
 };
 
-/// \[OURS] A drive holds its axis back if it shows an internal limit for this long while the axis stands, ns.
+/// \[OURS] A drive holds its axis back if it shows an internal limit for this long while the axis is at rest, ns.
 const HELD_MIN_NS: i64 = 150_000_000;
-/// \[OURS] An axis stands if its position changes by at most this many counts.
+/// \[OURS] An axis counts as at rest while its position changes by at most this many counts.
 const STANDING_COUNTS: u32 = 16;
 
 /// An event that was found in a report.
@@ -56,14 +56,15 @@ pub struct FrameWatch {
     state: StateByte,
     /// The time of the request for the state in [`FrameCounts::unreached`], ns on the clock of the frames.
     asked_ns: i64,
-    /// Whether the program still waits for that state: it has not requested a state since that the board had already.
+    /// Whether the program still waits for that state: since then it has not requested a state that the board already
+    /// had.
     is_waiting: bool,
     /// The FIFO-full count and the CRC error count in the last report of OP. An increase means lost command frames.
     losses: Option<(u16, u8)>,
     /// The error code of each slave that has an alarm.
     alarms: [Option<u16>; MAX_SLAVES],
-    /// For each slave whose drive shows an internal limit and whose axis stands: since when, at which position, and whether
-    /// that was reported.
+    /// For each slave whose drive shows an internal limit while the axis is at rest: since when, at which position, and
+    /// whether that was reported.
     held: [Option<(i64, i32, bool)>; MAX_SLAVES],
     gaps: [GapFinder; MAX_SLAVES],
     /// The time of the newest command frame, ns.
@@ -102,8 +103,8 @@ impl FrameWatch {
     }
 
     /// To be called before each frame of a recording that may be damaged, with its
-    /// [`damage_before`](crate::recording::Recorded::damage_before). What is missing makes no gap in a motion, and no lost
-    /// command frames.
+    /// [`damage_before`](crate::recording::Recorded::damage_before). The frames that the damage has destroyed then
+    /// count neither as a gap in a motion nor as lost command frames.
     pub fn damage(&mut self, damage_before: u64) {
         if damage_before > self.damage_before {
             self.damage_before = damage_before;
@@ -205,7 +206,8 @@ impl FrameWatch {
             self.alarm(at_ns, slave, is_fault(drive.statusword).then_some(code), on_event);
             let is_hsp = kind == Some(SlaveKind::Hsp);
             let position = if is_hsp { HspResponse::decode(&slot, self.size).first.position } else { drive.position };
-            // Homing may end at a stop, and an axis in CST may push on purpose.
+            // An internal limit is expected during homing, which may end at a stop, and in CST, where an axis may push
+            // on purpose.
             let is_held = drive.statusword.is_enabled()
                 && drive.statusword.0 & Statusword::INTERNAL_LIMIT != 0
                 && !matches!(CommandId::from_code(slot.id), CommandId::GoHome | CommandId::Cst);
@@ -213,7 +215,8 @@ impl FrameWatch {
         }
     }
 
-    /// `at`: the position of an axis whose drive shows an internal limit.
+    /// Updates since when a slave's axis is held back. `at` is the position of the axis if its drive shows an internal
+    /// limit; otherwise `None`.
     fn held_back(&mut self, at_ns: i64, slave: usize, at: Option<i32>, on_event: &mut dyn FnMut(FrameEvent)) {
         let held = &mut self.held[slave - 1];
         let Some(position) = at else {

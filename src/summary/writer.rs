@@ -226,7 +226,7 @@ impl WriterState {
             for WatchedBoard { number, link, written } in &mut self.boards {
                 let Some(link) = link.upgrade() else { continue };
                 for (name, value) in link.counts() {
-                    // A count may fall: the wait for a state is none any more when the state is reached.
+                    // A count may fall: the time of a wait for a state returns to 0 when the state is reached.
                     if value != written.get(&name).copied().unwrap_or_default() {
                         add(&Line::Count { board: *number, name: name.clone(), value });
                         written.insert(name, value);
@@ -326,7 +326,7 @@ mod tests {
         assert_eq!((texts, told(&file).last()), (TEXTS_MAX, Some(&Line::Dropped(10 + 101))));
     }
 
-    /// A program that reaches a state after its wait was written: the wait is written anew, as 0.
+    /// If a program reaches a state after the time of its wait was written, the time is written again, as 0.
     #[test]
     fn a_count_that_falls_is_told() {
         struct Wait(AtomicU64);

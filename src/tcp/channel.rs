@@ -1,5 +1,5 @@
-//! One TCP connection, of a client or of a server: a non-blocking socket, with or without TLS, and a way for another thread to
-//! end a wait for bytes.
+//! One TCP connection, of a client or of a server: a non-blocking socket, with or without TLS. Another thread can end a
+//! wait for bytes.
 
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::net::{Shutdown, SocketAddr, TcpStream};
@@ -55,8 +55,8 @@ impl Out {
         self.bytes.len() - self.sent
     }
 
-    /// Appends a message to the waiting bytes, unencrypted, for a client in the server's own process, which has no socket and
-    /// gets the bytes by [`take`](Self::take).
+    /// Appends an unencrypted message to the bytes that wait to be sent. This is for clients in the server's own process. They
+    /// have no socket and fetch the bytes with [`take`](Self::take).
     pub fn keep(&mut self, message: &Message<'_>) {
         let length = message.encode(&mut self.message);
         self.bytes.extend_from_slice(&self.message[..length]);

@@ -231,8 +231,8 @@ mod tests {
     use crate::link::{self, Share};
     use crate::port::tcp::{ServeOptions, Server};
 
-    /// TCP-22 What the program has in force is noted in the order in which the board has taken the frames of its threads: the
-    /// request of a second thread begins after the first one was noted.
+    /// TCP-22 The velocities and torques in force are noted in the order in which the board has accepted the frames of
+    /// several threads. The request of a second thread begins only after the first thread's frame was noted.
     #[test]
     fn writes_of_threads_are_noted_in_their_order() {
         let open = || link::open("sim:?slaves=drive&clock=real&name=noted", Share::ByUri);

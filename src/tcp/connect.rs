@@ -35,8 +35,8 @@ pub(super) struct Connected {
 }
 
 impl Connected {
-    /// Ends the connection after the answer has come, within this time. Errors of saying goodbye would only say that it has ended
-    /// already.
+    /// Ends the connection after the answer has come: sends a Bye and waits until the server has closed its end, for
+    /// `limit` at most. An error is ignored: it means that the connection has already ended.
     pub(super) fn end(&mut self, limit: Duration) {
         let bye = Message::Bye { end: End::Closed, text: "" };
         let until = Instant::now() + limit;
@@ -46,7 +46,7 @@ impl Connected {
         }
     }
 
-    /// Sends a message until this time.
+    /// Sends a message; fails if this takes longer than until the time `until`.
     pub(super) fn send(&mut self, message: &Message<'_>, until: Instant) -> io::Result<()> {
         self.channel.stage(message, &mut self.out)?;
         self.channel.flush(&mut self.out, until)
@@ -260,7 +260,7 @@ fn program() -> String {
 
 /// Waits until the other end has closed the connection, at most until `deadline`; received messages are discarded.
 pub(super) fn until_closed(channel: &Channel, deadline: Instant) {
-    // A separate inbox, since another thread may be using that of the link.
+    // A separate inbox, since another thread may be using the inbox of the link.
     let mut inbox = Inbox::default();
     loop {
         match channel.receive(&mut inbox) {

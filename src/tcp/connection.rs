@@ -66,8 +66,8 @@ pub(super) struct State {
     pub(super) exchange: Exchange,
     /// The thread that receives for all threads; `None`: no thread is receiving.
     pub(super) receiver: Option<CallingThread>,
-    /// The received bytes; `None` while the receiving thread takes bytes from the connection. If that thread is ended by force
-    /// there, the bytes are lost and with them where the next message begins, so the link ends.
+    /// The received bytes; `None` while the receiving thread takes bytes from the connection. If that thread is ended
+    /// by force meanwhile, the bytes are lost and the beginning of the next message is unknown, so the link ends.
     pub(super) inbox: Option<Inbox>,
     /// The threads that wait for a message while another thread receives for all.
     pub(super) waiting: Vec<CallingThread>,
@@ -77,8 +77,9 @@ pub(super) struct State {
 }
 
 impl State {
-    /// Whether another thread than the calling one receives for all. If the calling thread does, this call is one of a signal
-    /// handler that has interrupted it, and receives itself: the interrupted one cannot go on.
+    /// Whether a thread other than the calling one receives for all. If the calling thread itself is the receiver, this
+    /// call comes from a signal handler that has interrupted it. Then this call receives, because the interrupted call
+    /// cannot go on.
     fn is_received_by_another(&self) -> bool {
         self.receiver.is_some_and(|receiver| receiver != CallingThread::current())
     }
@@ -155,7 +156,8 @@ impl Shared {
         self.channel.wake();
     }
 
-    /// The number of calls that the program has made so far. A program that makes no more calls is detected by it (`hang_ms=`).
+    /// The number of calls that the program has made so far. If it stops rising, the program has stopped calling
+    /// (`hang_ms=`).
     fn calls(&self, state: &State) -> u64 {
         self.counts.ended() + state.exchange.next_request
     }
@@ -180,8 +182,8 @@ impl Shared {
             self.changed.notify_all();
         }
         state.waiting.retain(|caller| !caller.is_gone());
-        // Only one request may be in progress, and that of a thread that was ended by force is in progress until the server has
-        // answered it. Then the request is removed.
+        // Only one request may be in progress. The request of a thread that was ended by force stays in progress until
+        // the server has answered it, and is then removed here.
         if state.exchange.request.as_ref().is_some_and(|request| request.answer.is_some() && request.caller.is_gone()) {
             state.exchange.request = None;
             self.changed.notify_all();
@@ -210,8 +212,9 @@ impl Shared {
         drop(state);
         let (mut state, came) = self.receive(until);
         if state.receiver == Some(own) {
-            // In a signal handler that has interrupted this thread while it received: that call goes on when the handler
-            // returns. If it does not, nobody receives, and nobody may say that this program lives.
+            // If this call comes from a signal handler that has interrupted the receiving thread, the interrupted call
+            // is the receiver again, and goes on when the handler returns. If the handler does not return, no other
+            // thread receives: otherwise `hang_ms=` would not detect that the program hangs.
             state.receiver = before.filter(|before| *before == own);
         }
         if let Err(error) = came {
@@ -317,8 +320,8 @@ impl Shared {
         self.request_and(dir, wait, message, || ())
     }
 
-    /// As [`Self::request`]. `answered` is called if the server has executed the request, before that of another thread
-    /// begins, so that its calls come in the order of the requests.
+    /// As [`Self::request`]. If the server has executed the request, `answered` is called before the request of another
+    /// thread can begin, so that these calls come in the order of the requests.
     pub(super) fn request_and<'a>(
         &'a self,
         dir: Dir,
@@ -363,7 +366,8 @@ impl Shared {
                 self.done(state, Ok(answer))
             }
             Some(Err(Some(error))) => {
-                // A frame with a target beyond a limit was sent without its targets, and those leave nothing in force.
+                // The board has got the frame without its CSP targets. As a CSP target leaves nothing in force, the
+                // whole frame is noted.
                 if matches!(error, LinkError::BeyondLimit { .. }) {
                     answered();
                 }

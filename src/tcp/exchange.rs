@@ -88,8 +88,9 @@ impl Exchange {
         }
     }
 
-    /// Whether a request may begin: no other one is in progress. That of the calling thread itself is laid aside when it is
-    /// answered: this call is then one of a signal handler, and the thread takes its answer when the handler has returned.
+    /// Whether a request may begin: no other request is in progress. An answered request of the calling thread itself
+    /// does not count: this call then comes from a signal handler that has interrupted it. That request is kept in
+    /// `interrupted`, and the thread takes its answer when the handler has returned.
     pub(super) fn may_begin(&mut self) -> bool {
         if self.interrupted.is_none() {
             let is_own = |request: &mut Request| request.answer.is_some() && request.caller == CallingThread::current();

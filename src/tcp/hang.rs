@@ -29,11 +29,19 @@ impl MotionInForce {
         let mut slaves = self.slaves.load(Ordering::Relaxed);
         for slave in 1..=self.size.max_slaves() {
             let slot = frame.slot(self.size, slave);
-            let has_no_end = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
-                Ok(SlaveCommand::Csv(motion)) => motion.first.target != 0 || motion.second.target != 0,
-                Ok(SlaveCommand::Cst(torque)) => torque != 0,
-                Ok(SlaveCommand::Csp(_) | SlaveCommand::GoHome | SlaveCommand::ServoOff) => false,
-                _ => continue,
+            let Ok(SlotCommand { command, .. }) = SlotCommand::decode(&slot, self.size) else { continue };
+            let has_no_end = match command {
+                SlaveCommand::Csv(motion) => motion.first.target != 0 || motion.second.target != 0,
+                SlaveCommand::Cst(torque) => torque != 0,
+                SlaveCommand::Csp(_) | SlaveCommand::GoHome | SlaveCommand::ServoOff => false,
+                SlaveCommand::GetStatus
+                | SlaveCommand::DriveMode { .. }
+                | SlaveCommand::AlarmClear
+                | SlaveCommand::ServoOn
+                | SlaveCommand::IoRead
+                | SlaveCommand::IoWrite(_)
+                | SlaveCommand::AbortHome
+                | SlaveCommand::Other(_) => continue,
             };
             slaves = if has_no_end { slaves | 1 << slave } else { slaves & !(1 << slave) };
         }
@@ -58,9 +66,9 @@ impl CallMonitor {
         Self { calls: 0, since: now }
     }
 
-    /// Looks at `calls`, the number of calls so far. Begins to measure anew if it has changed, a call is in progress
-    /// (`is_under_way`) or no velocity or torque is in force. Otherwise returns for how long the program has made no call, if
-    /// that is at least `hang_ms=`.
+    /// Evaluates `calls`, the number of calls so far. Restarts the measurement if this number has changed, a call is in
+    /// progress (`is_under_way`) or no velocity or torque is in force. Otherwise returns for how long the program has
+    /// made no call, if that is at least `hang_ms=`.
     pub(super) fn look(
         &mut self,
         calls: u64,
@@ -87,9 +95,9 @@ pub(super) struct StuckCall {
 }
 
 impl StuckCall {
-    /// Looks whether a call is stuck. `takes_nothing`: the call is receiving, and has not read bytes that have arrived.
-    /// `heard`: when a call has last read a message. Returns for how long the call has read nothing, if that is at least
-    /// `hang_ms=` and a velocity or torque is in force.
+    /// Checks whether a call is stuck. `takes_nothing`: the call is receiving, and has not read bytes that have
+    /// arrived. `heard`: when a call has last read a message. Returns for how long the call has read nothing, if that
+    /// is at least `hang_ms=` and a velocity or torque is in force.
     pub(super) fn look(
         &mut self,
         takes_nothing: bool,

@@ -18,12 +18,12 @@ const CLOSE_LIMIT: Duration = Duration::from_millis(500);
 /// The longest machine file that is taken, bytes. \[OURS]
 const FILE_MAX: usize = 1 << 20;
 
-/// Asks the server of a `tcp:` link for its machine file; `None`: the server has none. This takes no place of another
-/// client, and the role in the link is not used.
+/// Asks the server of a `tcp:` link for its machine file; `None`: the server has none. This client does not count
+/// towards the server's limit of clients, and the role in the link is not used.
 ///
 /// # Errors
-/// It is no `tcp:` link, the server cannot be reached or refuses this client, as one does that is too old to have a
-/// machine file, or it does not answer within 3 s.
+/// The URI is not a `tcp:` link, the server cannot be reached, it refuses this client (so does an old server without
+/// machine files), or it does not answer within 3 s.
 pub fn machine(uri: &LinkUri) -> Result<Option<CarriedFile>, LinkError> {
     let options = TcpOptions { role: Role::Asker, ..TcpOptions::from_uri(uri)? };
     let name = uri.to_string();

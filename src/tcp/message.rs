@@ -13,10 +13,12 @@ pub enum Role {
     Writer,
     /// The client receives every report, but must not send commands.
     Reader,
-    /// The client has axes stopped ([`Message::Stop`]). It receives no reports, and takes no place of the other clients.
+    /// The client has axes stopped ([`Message::Stop`]). It receives no reports, and does not count towards the limit of
+    /// clients.
     Stopper,
-    /// The client asks for the machine file of the server ([`Message::Ask`]). It receives no reports, and takes no place of
-    /// the other clients. A server before this role refuses the client for its Hello ([`Refusal::NoHello`]).
+    /// The client asks for the machine file of the server ([`Message::Ask`]). It receives no reports, and does not
+    /// count towards the limit of clients. A server of an older version does not know this role and refuses the
+    /// client's Hello ([`Refusal::NoHello`]).
     Asker,
 }
 
@@ -25,8 +27,8 @@ pub enum Role {
 pub struct Hello<'a> {
     /// The role that the client asks for.
     pub role: Role,
-    /// The client sends a message at least this often, in milliseconds. After four such times without any, the server takes it
-    /// for dead.
+    /// The client sends a message at least this often, in milliseconds. If four such times pass without a message, the
+    /// server considers the client dead.
     pub keepalive_ms: u32,
     /// The process id of the client.
     pub pid: u32,
@@ -97,7 +99,8 @@ pub enum StopEnd {
     Stand = 1,
     /// The network is not in OP, so that no axis follows commands.
     NotInOp = 2,
-    /// The server has not seen the configuration of the network, so it does not know the axes: what moves goes on.
+    /// The server has not seen the configuration of the network, so it does not know the axes: moving axes continue to
+    /// move.
     Unknown = 3,
     /// The stop has failed, and axes may still move; the text has the reason.
     Failed = 4,
@@ -106,8 +109,8 @@ pub enum StopEnd {
 /// The counters that the server gives for its link to the board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Reports that were dropped because a client did not receive them in time: by the server, and by its link to the board
-    /// before.
+    /// The number of reports that were dropped for a client: by the server's link to the board, and by the server,
+    /// because the client did not receive them in time.
     pub reports_dropped: u64,
     /// The counters of the board, if the server's link has them.
     pub board: Option<Counters>,
@@ -162,7 +165,7 @@ pub enum Message<'a> {
         request: u64,
     },
     /// A request of a stopper: the server ends the connection of the writer, if there is one, and brings the axes to a
-    /// standstill, as those of a writer that has vanished.
+    /// standstill, as after a writer that has vanished.
     Stop {
         /// The number of the request.
         request: u64,

@@ -6,10 +6,11 @@
 //! frame, so it takes a round trip. No frame is ever sent twice: if the connection ends during a write, the call fails
 //! with [`LinkError::Unsure`], or with [`LinkError::Lost`] where it is certain that the board has not taken the frame.
 //!
-//! If several threads wait in calls, one of them receives for all. A background thread receives only while no call waits, and
-//! sends the keep-alive messages. So a report wakes only the thread that waits for it. Programs may end their threads by force:
-//! a waiting thread holds no lock, and only if a thread ends while it takes received bytes does the connection end. Once the
-//! link is open nothing is allocated, except in a TLS session, where rustls allocates for each message.
+//! If several threads wait in calls, one of them receives for all. A background thread receives only while no call
+//! waits, and sends the keep-alive messages. So a report wakes only the thread that waits for it. Programs may end
+//! their threads by force: a waiting thread holds no lock. Only a thread that ends while it takes received bytes, or
+//! while it sends, costs the connection. Once the link is open nothing is allocated, except in a TLS session, where
+//! rustls allocates for each message.
 //!
 //! Files, in the order in which to read them:
 //!

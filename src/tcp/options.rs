@@ -83,7 +83,7 @@ fn address(path: &str) -> Option<(String, u16)> {
     };
     let port = match port {
         None => DEFAULT_PORT,
-        // An IPv6 address without brackets is refused: its other colons make this no number.
+        // An IPv6 address without brackets is refused: after its first colon it continues with text that is no number.
         Some(port) => decimal(port).and_then(|port| u16::try_from(port).ok()).filter(|port| *port != 0)?,
     };
     (!host.is_empty()).then(|| (host.to_owned(), port))

@@ -24,6 +24,8 @@ pub const PROOF_LEN: usize = 32;
 pub(crate) type Material = [u8; 32];
 /// The label for deriving the keying material from a TLS session (RFC 5705).
 pub(crate) const LABEL: &[u8] = b"EXPORTER-ecmsk-tcp";
+/// Comes before the label in [`Secret::derived`], so that no derived key is a proof.
+const DERIVED: &[u8] = b"derived: ";
 /// \[OURS] The shortest secret in bytes. An attacker who connects to one end gets a proof, an HMAC with the secret as its key,
 /// and can then try any number of secrets on its own computer until one gives the same HMAC. So a secret has to be too long to
 /// guess, and random instead of chosen by a person.
@@ -98,6 +100,14 @@ impl Secret {
             return Err(format!("it can be guessed: it has only {different} different characters; {HOW_TO_MAKE_ONE}"));
         }
         Ok(Self(hmac::Key::new(hmac::HMAC_SHA256, text)))
+    }
+
+    /// A key that only who knows the secret can make, for another purpose than proofs. Different labels give keys of which
+    /// none tells anything about another one, or about the secret.
+    #[must_use]
+    pub fn derived(&self, label: &str) -> [u8; 32] {
+        let tag = hmac::sign(&self.0, &[DERIVED, label.as_bytes()].concat());
+        std::array::from_fn(|i| tag.as_ref()[i])
     }
 
     /// The proof that `side` knows the secret, valid for the TLS session with this keying material.
@@ -185,6 +195,17 @@ mod tests {
         assert_eq!(secret(&format!(" {}\n", letters(b'a'))).prove(Side::Client, &[1; 32]), proof);
         let short = Secret::new(&letters(b'a').as_bytes()[..31]).unwrap_err();
         assert!(short.contains("31") && short.contains("32"), "{short}");
+    }
+
+    /// A derived key depends on secret and label, and is no proof.
+    #[test]
+    fn a_derived_key_is_no_proof() {
+        let secret = |text: &str| Secret::new(text.as_bytes()).unwrap();
+        let (ours, other) = (secret(&letters(b'a')), secret(&letters(b'b')));
+        let key = ours.derived("page");
+        assert_eq!(key, ours.derived("page"));
+        assert!(![ours.derived("pages"), ours.derived(""), other.derived("page")].contains(&key));
+        assert!(!ours.is_proof(Side::Client, &[1; 32], &key));
     }
 
     /// Secrets that can be guessed or are too long are refused; random ones are accepted.

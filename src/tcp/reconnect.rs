@@ -32,9 +32,9 @@ pub(super) struct Reconnecting {
     cancels: Mutex<u64>,
     cancelled: Condvar,
     closed: AtomicBool,
-    /// Each connection numbers its reports anew, but the numbers that the program gets must not repeat. `first` is added to
-    /// those of the current connection; `next` is the number after the last report that was read, and becomes `first` of the
-    /// next connection.
+    /// Each connection numbers its reports from 0, but the numbers that the program gets must not repeat. So `first` is
+    /// added to the numbers of the current connection. `next` is the number after the last report that was read, and
+    /// becomes `first` of the next connection.
     first: AtomicU64,
     next: AtomicU64,
 }
@@ -60,8 +60,8 @@ impl Reconnecting {
         Arc::clone(&self.current.lock())
     }
 
-    /// Waits until no other thread reconnects. Fails with a timeout if `until` comes first, and if the link was closed or the
-    /// read was cancelled.
+    /// Waits until no other thread reconnects. Fails with a timeout if `until` comes first. Also fails if the link was
+    /// closed or the read was cancelled.
     fn turn(&self, cancels_before: u64, until: Option<Instant>) -> Result<MutexGuard<'_, ()>, LinkError> {
         loop {
             let now = Instant::now();
@@ -81,9 +81,9 @@ impl Reconnecting {
         }
     }
 
-    /// Replaces the connection `gone`, which has failed with `error`, by a new one, unless another thread has replaced it
-    /// already. Fails with `error` after `reconnect_ms=` without a connection, or if the server now has another slot size.
-    /// Fails with a timeout if `until` comes first, and if the link was closed or the read was cancelled.
+    /// Replaces the connection `gone`, which has failed with `error`, by a new one, unless another thread has replaced
+    /// it already. Fails with `error` after `reconnect_ms=` without a connection, or if the server now has another slot
+    /// size. Fails with a timeout if `until` comes first. Also fails if the link was closed or the read was cancelled.
     fn reconnect(&self, gone: &Arc<TcpLink>, error: LinkError, until: Option<Instant>) -> Result<(), LinkError> {
         let cancels_before = *self.cancels.lock();
         let _connecting = self.turn(cancels_before, until)?;
@@ -176,7 +176,8 @@ impl Link for Reconnecting {
         self.current().close();
     }
 
-    /// An error only if the program has closed the link. A lost connection is none, because the next read makes a new one.
+    /// Returns an error only if the program has closed the link. A lost connection is no error, because the next read
+    /// makes a new one.
     fn check(&self) -> Result<(), LinkError> {
         if self.closed.load(Ordering::Acquire) { Err(LinkError::Closed) } else { Ok(()) }
     }

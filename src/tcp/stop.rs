@@ -1,4 +1,4 @@
-//! A client that has the axes of a served board stopped, whoever moves them.
+//! A client that makes the server of a board stop all axes, whichever client moves them.
 
 use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
@@ -10,21 +10,22 @@ use super::wire::{End, Message, Role, StopEnd, WireError};
 use crate::address::uri::LinkUri;
 use crate::link::LinkError;
 
-/// How long the server may take until the axes stand: two brakes of 2 s, with the entries of the FIFO before each, and the
-/// transport. \[OURS]
+/// How long the server may take until the axes stand: two stops of up to 2 s each, the FIFO entries before each of
+/// them, and the transport. \[OURS]
 const STOP_LIMIT: Duration = Duration::from_secs(10);
 /// How long the server may take to close the connection after the stop. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_millis(500);
 const REQUEST: u64 = 1;
 
-/// The axes of a served board that [`stop`] has had stopped.
+/// The result of [`stop`]: the axes of the served board were stopped, or could not move because the network is not in
+/// OP.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stopped {
-    /// The name of the program that was the writer, with its process id and address; `None` if no program was.
+    /// The name of the program that was the writer, with its process id and address; `None`: there was no writer.
     pub writer: Option<String>,
     /// Whether the network is in OP. If it is not, no axis follows commands, and none was moved by the network.
     pub in_op: bool,
-    /// What else the server says, for example how many commands it has dropped; may be empty.
+    /// Further details from the server, for example how many commands it has dropped; may be empty.
     pub text: String,
 }
 
@@ -35,8 +36,8 @@ pub enum StopError {
     /// The server cannot be reached or does not take the request, or the connection has ended before its answer.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The server does not know the axes, since it has not seen how the network was configured. What moves goes on. The
-    /// writer was stopped, so that another program can be the writer and stop the axes.
+    /// The server does not know the axes, since it has not seen how the network was configured. Moving axes continue to
+    /// move. The connection of the writer has ended, so that another program can become the writer and stop the axes.
     #[error(
         "the network was configured before its server came: what moves is not known to it and goes on; use the emergency \
          stop if axes move"
@@ -53,10 +54,10 @@ pub enum StopError {
     },
 }
 
-/// Has the server of a board bring all axes to a standstill, as those of a writer that has vanished, and waits for it. The
-/// connection of the program that writes, if there is one, ends, and its calls fail. With `off` the axes are switched off
-/// then. The role in the link is not used, and the stop takes no place of another client. Once the server has taken the
-/// request it carries it out, also if this call ends before.
+/// Makes the server of a board bring all axes to a standstill, as after a writer that has vanished, and waits for the
+/// result. If a client is the writer, its connection ends, and the calls of its program fail. With `off`, the axes are
+/// switched off at standstill. The role in the link is not used, and this client does not count towards the server's
+/// limit of clients. Once the server has accepted the request, it carries it out even if this call ends before.
 ///
 /// # Errors
 /// [`StopError::Link`] if it is no `tcp:` link, the server cannot be reached, refuses this client or does not answer within
@@ -74,8 +75,8 @@ pub fn stop(uri: &LinkUri, off: bool) -> Result<Stopped, StopError> {
     answer
 }
 
-/// The URI with which the server of a `tcp:` link has opened its board, for example `nic:eth1`. The call takes no place of a
-/// client, and changes nothing. A URI longer than 256 bytes is cut.
+/// The URI with which the server of a `tcp:` link has opened its board, for example `nic:eth1`. This client does not
+/// count towards the server's limit of clients, and changes nothing. A URI longer than 256 bytes is cut.
 ///
 /// # Errors
 /// [`LinkError`] if it is no `tcp:` link, or the server cannot be reached, has no board or refuses this client.

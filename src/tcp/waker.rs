@@ -7,8 +7,8 @@ use pair::Pair;
 #[cfg(unix)]
 use std::os::unix::net::UnixStream as Pair;
 
-/// Ends a wait of another thread. Of two connected sockets, a wait polls `woken`, and a byte that is written to `wakes` ends
-/// it.
+/// Ends a wait of another thread. It has two connected sockets: a wait polls `woken`, and a byte that is written to
+/// `wakes` ends the wait.
 pub struct Waker {
     wakes: Pair,
     woken: Pair,

@@ -29,7 +29,7 @@ pub const MESSAGE_MAX: usize = HEADER_LEN + PAYLOAD_MAX;
 pub struct Greeting {
     /// Whether a TLS session begins after the greeting.
     pub tls: bool,
-    /// Whether the server accepts the connection; otherwise it closes it after the greeting.
+    /// Whether the server accepts the connection; otherwise the server closes the connection after the greeting.
     pub has_room: bool,
 }
 

@@ -1,9 +1,9 @@
 //! The simulated boards of this process that outlive their links. Like a real board, a simulated one stays powered when
 //! its link is closed.
 //!
-//! A board without a link is parked: its state and the time of parking are kept, and no thread runs for it. On the real
-//! clock, the next link advances it by the time that has passed (`catch_up_ms=`). So it does on a virtual clock if the
-//! program's waits take virtual time.
+//! A board without a link is parked: its state and the time of parking are kept, and no thread runs for it. The next
+//! link advances the board by the time that has passed since then, at most by `catch_up_ms=`. On a virtual clock, time
+//! passes only if the program's waits take virtual time.
 
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
@@ -14,7 +14,7 @@ use crate::fieldbus::sim::SimHandle;
 use crate::link::LinkError;
 use crate::recording::Clock;
 
-/// What a later link must have in common with the link that has parked a board to get this board.
+/// The key of a board that can be parked: a later link with the same key gets the parked board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Key {
     /// The value of the link's key `name=`.
@@ -42,17 +42,17 @@ pub(crate) type Parked = (Board, SimHandle, Since);
 /// The clock of a program whose waits take virtual time, in nanoseconds.
 static PROGRAM_CLOCK: OnceLock<fn() -> u64> = OnceLock::new();
 
-/// Sets the clock of a program whose waits take virtual time, for boards that no link uses. For the C library; the first
-/// clock counts.
+/// Sets the clock of a program whose waits take virtual time. It measures how long boards are parked. The C library
+/// calls this; only the first call has an effect.
 #[doc(hidden)]
 pub fn use_program_clock(clock: fn() -> u64) {
     let _ = PROGRAM_CLOCK.set(clock);
 }
 
-/// The time of parking.
+/// The time at which a board was parked, on the real clock and on the clock of the program.
 pub(crate) struct Since {
     real: Instant,
-    /// [`PROGRAM_CLOCK`]; 0 without one.
+    /// The time of [`PROGRAM_CLOCK`], ns; 0 if no such clock is set.
     program_ns: u64,
 }
 
@@ -61,7 +61,8 @@ impl Since {
         Self { real: Instant::now(), program_ns: program_ns() }
     }
 
-    /// The time since then for a board on this clock. Without [`PROGRAM_CLOCK`] none passes on a virtual one.
+    /// The time for which a board on this clock has been parked. On a virtual clock it is 0 if no [`PROGRAM_CLOCK`] is
+    /// set.
     pub(crate) fn elapsed(&self, clock: Clock) -> Duration {
         match clock {
             Clock::Real => self.real.elapsed(),
@@ -74,9 +75,9 @@ fn program_ns() -> u64 {
     PROGRAM_CLOCK.get().map_or(0, |clock| clock())
 }
 
-/// Reserves the board with the key `key` for a link, until [`park`] or [`forget`]. Returns the parked board, or `None` if there
-/// is none yet and the caller has to make one. An error if another link uses the board, or if it has other options. `uri` is
-/// the name of the link in error messages.
+/// Reserves the board with the key `key` for a link, until [`park`] or [`forget`]. Returns the parked board, or `None`
+/// if there is none yet and the caller has to make one. Fails if another link uses the board, or if the board has other
+/// options. `uri` is the name of the link in error messages.
 pub(crate) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<Box<Parked>>, LinkError> {
     let mut boards = boards();
     let Some(entry) = boards.iter_mut().find(|entry| entry.key == *key) else {
@@ -103,7 +104,7 @@ pub(crate) fn park(key: &Key, board: Board, network: SimHandle) {
     park_since(key, board, network, Since::now());
 }
 
-/// Parks a board with the time of its parking, for a link that has claimed it and does not open.
+/// Parks a board again with its former time of parking, because the link that has claimed it does not open.
 pub(crate) fn park_since(key: &Key, board: Board, network: SimHandle, since: Since) {
     if let Some(entry) = boards().iter_mut().find(|entry| entry.key == *key) {
         entry.parked = Some(Box::new((board, network, since)));

@@ -66,7 +66,7 @@ fn hsp(channels: Channels, said: &TravelSpec) -> Box<dyn Slave> {
     Box::new(Hsp::new(HspConfig { positions, travels, ..config }))
 }
 
-/// The travel that the link gives; a value that it does not give is that of `usual`, the default of the kind of slave.
+/// The travel that the link gives; a missing value is taken from `usual`, the default of the kind of slave.
 fn travel(said: &TravelSpec, usual: Travel) -> Travel {
     let home = |span: PositionRange| match span {
         PositionRange { from: Some(first), to: Some(last) } => Some(HomeSwitch::Cam { first, last }),

@@ -22,8 +22,8 @@ pub struct SimChip {
     clock: ChipClock,
     /// The transfer time of a byte, picoseconds.
     byte_ps: u64,
-    /// Whether INT0 will still show that the chip is ready (by an edge): an exchange or a reset has made it busy, and no wait
-    /// has seen the edge since.
+    /// Whether the INT0 edge that shows the chip ready is still expected: an exchange or a reset has made the chip
+    /// busy, and no wait has seen the edge since.
     edge_to_come: bool,
     /// The events of `script=`, in the chip's time.
     script: Option<RunningScript>,
@@ -72,9 +72,9 @@ impl SimChip {
     /// Builds the chip with these options; `name` is the name of the link in messages. The script starts immediately.
     ///
     /// # Errors
-    /// [`ChipError::Script`] if the script cannot be read or is invalid; [`ChipError::ManufacturerObjects`] if that is
-    /// so for a file of manufacturer-specific objects; [`ChipError::Network`] if a slave does not define the content of
-    /// its EEPROM.
+    /// [`ChipError::Script`] if the script cannot be read or is invalid; [`ChipError::ManufacturerObjects`] if a file
+    /// of manufacturer-specific objects cannot be read or is invalid; [`ChipError::Network`] if a slave does not define
+    /// the content of its EEPROM.
     pub fn with_options(name: &str, options: &SimChipOptions) -> Result<Self, ChipError> {
         let network = options.chip.network.unwrap_or(ChipNetwork::Controllers);
         let script = match &options.script {

@@ -69,9 +69,9 @@ pub struct ModelledChip {
     pub speed_hz: u32,
     /// Whether the INT0 line is connected to the host.
     pub int0: bool,
-    /// How the chip reaches its slaves. `None`: by calls to the models if a board uses the chip, because that is faster and a
-    /// board needs only such commands; through slave controllers if a program uses the chip directly, because it may use any
-    /// command.
+    /// How the chip reaches its slaves. `None`: by calls to the models if a board uses the chip, because that is faster
+    /// and supports all commands of a board; through slave controllers if a program uses the chip directly, because it
+    /// may use any command.
     pub network: Option<ChipNetwork>,
 }
 
@@ -120,7 +120,8 @@ impl SimChipOptions {
     /// The options in a URI; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError::OtherScheme`] if it is not an `xf-sim:` link; [`UriError::BadValue`] if it has a control socket.
+    /// [`UriError::OtherScheme`] if it is not an `xf-sim:` link; [`UriError::BadValue`] if a value is invalid, or if
+    /// the link has the key `control=`.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         uri.expect_scheme(Scheme::XfSim)?;
         if let Some(value) = uri.value("control") {

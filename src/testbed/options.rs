@@ -40,14 +40,14 @@ pub struct SimOptions {
     pub clock: Clock,
     /// The name of the board: links of this process with the same name and the same options open the same board.
     pub name: Option<String>,
-    /// How much time a board catches up at most when it is opened again after its link was closed. Longer absence does not
-    /// count.
+    /// The maximum time by which a board is advanced when it is opened again after its link was closed.
     pub catch_up: Duration,
     /// The rate of the board's clock relative to the real clock, 0.001..=1; with 0.1 the board is ten times slower.
     pub rate: Fraction,
     /// The script file with events that happen to the board and its slaves.
     pub script: Option<PathBuf>,
-    /// The name or path of the control socket, by which events happen while the board runs ([`super::control`]).
+    /// The name or path of the control socket, through which events are injected while the board runs
+    /// ([`super::control`]).
     pub control: Option<String>,
     /// The connection between the board and its slaves.
     pub bus: ModelledBus,

@@ -107,7 +107,7 @@ fn has_frames(options: &SimOptions) -> bool {
     matches!(&options.bus, ModelledBus::Chip { chip, .. } if chip.network == Some(ChipNetwork::Controllers))
 }
 
-/// Starts the control socket of a link, if the link has one. The events that come by it wait in the slot.
+/// Starts the control socket of a link, if the link has one. Its events wait in the returned slot for the next cycle.
 #[cfg(unix)]
 fn control_of(link: &str, options: &SimOptions) -> Result<Option<(Control, Arc<Slot>)>, LinkError> {
     let Some(name) = &options.control else { return Ok(None) };
@@ -117,7 +117,7 @@ fn control_of(link: &str, options: &SimOptions) -> Result<Option<(Control, Arc<S
     Ok(Some((control, slot)))
 }
 
-/// A control socket on a system without Unix sockets.
+/// The type of control sockets on a system without Unix sockets; it has no values.
 #[cfg(not(unix))]
 enum Control {}
 
@@ -142,7 +142,7 @@ fn give_back(key: Option<&Key>, found: Option<Box<Parked>>) {
     }
 }
 
-/// What happens to the board when its link is closed: its control socket ends, and a board with a key is parked.
+/// The function to call when the link is closed: it ends the control socket, and parks a board that has a key.
 fn keeper(key: Option<Key>, control: Option<Control>, network: SimHandle) -> Option<Keeper> {
     if key.is_none() && control.is_none() {
         return None;
@@ -150,7 +150,7 @@ fn keeper(key: Option<Key>, control: Option<Control>, network: SimHandle) -> Opt
     #[cfg(unix)]
     let control = Mutex::new(control);
     Some(Box::new(move |board| {
-        // Ended before the board is parked: no event comes to a board without a link.
+        // The control socket ends before the board is parked, so that no event reaches a board without a link.
         #[cfg(unix)]
         drop(control.lock().unwrap_or_else(PoisonError::into_inner).take());
         match (&key, board) {
@@ -218,8 +218,9 @@ fn bus(
     })
 }
 
-/// Advances a board by the time in which no link used it, by `catch_up_ms=` at most. On a virtual clock none has passed,
-/// unless the program's waits take virtual time; a board that is still starting up is advanced by [`FAILED_OPEN`] at least.
+/// Advances a board by the time for which it was parked, at most by `catch_up_ms=`. On a virtual clock this time is 0,
+/// unless the program's waits take virtual time. A board on a virtual clock that is still starting up is advanced by at
+/// least [`FAILED_OPEN`].
 fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
     let away = rate(options).slowed(away);
     let away = if board.engine().talks() {

@@ -1,6 +1,6 @@
 //! Identifies the thread that holds a lock or does work that other threads wait for. A program may end such a thread by
-//! force: a watchdog ends one that waits in a read (`TerminateThread`), and a signal handler may end the thread that it
-//! has interrupted. Another thread then takes over what the ended thread has begun in this crate.
+//! force: a watchdog may end a thread that waits in a read (`TerminateThread`), and a signal handler may end the thread
+//! that it has interrupted. Another thread then takes over the work that the ended thread has begun in this crate.
 
 /// The identity of a thread that is in a call of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,7 +49,7 @@ mod imp {
 
         pub fn is_gone(self) -> bool {
             let process = rustix::process::getpid().as_raw_nonzero().get();
-            // SAFETY: signal 0 is sent to nobody; the call only looks whether the thread is there.
+            // SAFETY: signal 0 is not delivered; the call only checks whether the thread exists.
             let found = unsafe { libc::syscall(libc::SYS_tgkill, process, self.0.as_raw_nonzero().get(), 0) };
             found != 0 && std::io::Error::last_os_error().raw_os_error() == Some(Errno::SRCH.raw_os_error())
         }
@@ -71,7 +71,8 @@ mod imp {
     /// `ERROR_INVALID_PARAMETER`: no thread has the id.
     const NO_SUCH_THREAD: u32 = 87;
 
-    /// A thread by its id, which Windows may soon reuse, and its creation time, which tells the two threads apart.
+    /// A thread by its id and its creation time. Windows may soon give the id to a new thread, which then has another
+    /// creation time.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Thread {
         pub number: u32,
@@ -99,7 +100,7 @@ mod imp {
             unsafe {
                 let handle = OpenThread(ACCESS, 0, self.number);
                 if handle.is_null() {
-                    // Without rights, memory or handles the thread may still be there.
+                    // After any other error, such as missing rights, memory or handles, the thread may still exist.
                     return GetLastError() == NO_SUCH_THREAD;
                 }
                 // The handle of a thread that has ended is signalled, so that the wait returns 0. A different creation

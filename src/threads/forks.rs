@@ -1,13 +1,13 @@
-//! Descriptors of links after a fork. The child has a copy of each one, and the system closes a connection or releases a USB
-//! device only with the last copy: while the child keeps one, the server does not notice that the writer has ended, and no other
-//! program may have the USB board. A child that executes another program closes its copies then (`CLOEXEC`), so only
-//! children that do not are handled here.
+//! Descriptors of links after a fork. The child has a copy of each descriptor, and the system closes a connection or
+//! releases a USB device only when the last copy is closed. While the child keeps a copy, the server does not notice
+//! that the writer has ended, and no other program can open the USB board. A child that executes another program then
+//! closes its copies (`CLOEXEC`), so only children that execute no other program are handled here.
 
 use std::os::fd::RawFd;
 use std::sync::atomic::{AtomicI32, Ordering};
 
-/// The maximum number of descriptors that are registered, so that forked children close their copies: one for a connection to a
-/// server, some three for a USB board. \[OURS] If a writer has more links and its children live on, the server notices the
+/// The maximum number of descriptors whose copies forked children close: one for each connection to a server, about
+/// three for each USB board. \[OURS] If a writer has more links and its children live on, the server notices the
 /// writer's end only after four keep-alive times.
 const DESCRIPTORS_MAX: usize = 64;
 /// The value of an entry in which no descriptor is registered.
@@ -37,8 +37,8 @@ impl Drop for LetGo {
     }
 }
 
-/// Closes this child's copies of the descriptors of all links. It is made for a handler of `pthread_atfork`: it neither
-/// locks nor allocates.
+/// Closes this child's copies of the descriptors of all links. It neither locks nor allocates, so a handler of
+/// `pthread_atfork` may call it.
 ///
 /// # Safety
 /// The process is a child that was just forked, and it never uses or drops a link of its parent.

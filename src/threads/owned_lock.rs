@@ -1,6 +1,7 @@
-//! A lock that stores its owner. `TerminateThread` may end the owner between any two instructions; then the next thread takes
-//! the lock over. The lock has no list of waiting threads: those of Windows and of `parking_lot` have one, and would hand the
-//! lock to a thread that was ended while it waited, so that no other thread would ever get it.
+//! A lock that stores its owner. `TerminateThread` may end the owner between any two instructions; then the next thread
+//! takes the lock over. The lock has no list of waiting threads. The locks of Windows and of `parking_lot` have such a
+//! list, and would pass the lock on to a thread that was ended while it waited, so that no other thread would ever get
+//! it.
 
 use std::cell::UnsafeCell;
 use std::marker::PhantomData;
@@ -15,14 +16,14 @@ const SPINS: u32 = 64;
 /// How many times a thread yields before it sleeps. \[OURS]
 const YIELDS: u32 = 64;
 const SLEEP_MS: u32 = 1;
-/// How often a waiting thread sleeps before it asks the system whether the owner has ended, some 32 ms. By then an owner that
-/// still runs would have released the lock. \[OURS]
+/// The number of sleeps, together about 32 ms, after which a waiting thread asks the system whether the owner has
+/// ended. An owner that still runs would normally have released the lock by then. \[OURS]
 const CHECK_AFTER: u32 = 32;
 /// Value of [`Mutex::owner`] while the lock is free.
 const NOBODY: u64 = 0;
 
-/// Sleeps without using a handle. The sleep of std closes the handle of a timer. If a program ends the thread at that moment,
-/// the thread keeps a lock of Wine that all other threads need to close their handles.
+/// Sleeps without using a handle. The sleep of std closes the handle of a timer. If a program ends the thread at that
+/// moment, a lock of Wine stays taken that all other threads need to close their handles.
 pub fn sleep(limit_ms: u32) {
     // SAFETY: the function has no safety conditions.
     unsafe { Sleep(limit_ms) };

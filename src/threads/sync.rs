@@ -1,6 +1,6 @@
-//! Locks and condition variables for the program's threads, which may be ended by force. No list of waiting threads is on the
-//! threads' own stacks (on Windows the list is on the heap): the stack of an ended thread goes away, and a list through it
-//! would keep others from getting the lock.
+//! Locks and condition variables for the program's threads, which may be ended by force. They keep no list of waiting
+//! threads on the stacks of these threads (on Windows the list is on the heap): the stack of an ended thread is freed,
+//! and a list with an entry there would keep other threads from getting the lock.
 
 pub(crate) use imp::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 

@@ -1,6 +1,6 @@
-//! Waits of the program's threads for another thread. The threads wait in the kernel. Condition variables of Windows
-//! and of `parking_lot` keep a list of waiting threads, and a thread that is ended by force during its wait stays in
-//! that list forever.
+//! Lets the program's threads wait for another thread. The threads wait in the kernel (futex, or an event of Windows).
+//! Condition variables of Windows and of `parking_lot` are not used: they keep a list of waiting threads, and a thread
+//! that is ended by force during its wait stays in that list forever.
 
 use std::time::Duration;
 
@@ -24,8 +24,8 @@ impl WaitQueue {
         WaitTicket(self.0.ticket())
     }
 
-    /// Waits for at most `limit` until there is a notification; one that came after the ticket was taken counts. The wait may
-    /// end early.
+    /// Waits for at most `limit` until there is a notification. A notification that came after the ticket was taken,
+    /// but before this call, ends the wait at once. The wait may also end without a notification.
     pub fn wait(&self, ticket: WaitTicket, limit: Option<Duration>) {
         self.0.wait(ticket.0, limit);
     }
@@ -42,7 +42,7 @@ mod imp {
     use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
     use std::time::Duration;
 
-    /// The condition variable of std, whose waits are in the kernel (futex).
+    /// The condition variable of std, whose threads wait in the kernel (futex).
     #[derive(Debug, Default)]
     pub struct WaitQueue {
         notifications: Mutex<u64>,
@@ -102,11 +102,11 @@ mod imp {
     type Handle = *mut c_void;
 
     const FOREVER: u32 = u32::MAX;
-    /// The number of events that `notify_all` collects under the lock before it sets them without the lock: as many as its
-    /// array holds, so that it need not allocate.
+    /// The maximum number of events that `notify_all` collects at once while it holds the lock, before it sets them
+    /// without the lock: the length of its array, so that it need not allocate.
     const AT_ONCE: usize = 8;
-    /// How long a wait lasts, ms, if Windows could not create an event for it. It then ends without a notification, and its
-    /// caller checks its condition and waits again.
+    /// The duration, ms, of a wait for which Windows could not create an event. The wait then ends without a
+    /// notification, and the caller checks its condition and waits again.
     const WITHOUT_EVENT_MS: u32 = 1;
 
     /// One Windows event per waiting thread, reused by the next thread that waits. The event of a thread that was ended

@@ -1,8 +1,8 @@
 //! The check word after the data segment: a fixed word, or a CRC-32 of the header and the data.
 //!
-//! The CRC-32 is that of zlib (XF EN 741). Host and chip check every packet of every cycle, so `crc32fast` is used, which
-//! computes it with the processor's carry-less multiplication, if available. The crate is small, needs no `std`, and is the
-//! usual one for zlib's CRC-32 in Rust.
+//! The CRC-32 is the one that zlib computes (XF EN 741). Host and chip check every packet of every cycle, so
+//! `crc32fast` is used, which computes it with the processor's carry-less multiplication, if available. The crate is
+//! small, needs no `std`, and is the usual one for zlib's CRC-32 in Rust.
 
 pub use super::check_type::CheckType;
 use super::header::CommandHeader;

@@ -37,7 +37,20 @@ pub enum AnswerForm {
     ByFunction,
 }
 
-/// A command of the chip: its code, its name, its timing and its answer.
+/// Whether a command changes anything, so that it must not run again when its answer was lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CommandEffect {
+    /// The command only reads: all immediate commands with a result, except those under the other variants. In the rows
+    /// of the codes 31 to 35 this is true only for functions with a result.
+    Reads,
+    /// The command has an effect. Two such commands return a result as well: 5 (PDO_DATA_FIFO_OP) takes TxPDOs out of
+    /// the FIFO, and 24 (CRC_ERR_CNT_CLR) clears a counter.
+    Acts,
+    /// The arguments select a read or an effect.
+    ByArguments,
+}
+
+/// A command of the chip: its code, its name, its timing, its answer and its effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandInfo {
     /// The code in byte 0x0C of the command that this row describes.
@@ -48,6 +61,8 @@ pub struct CommandInfo {
     pub timing: CommandTiming,
     /// The part of the answer that carries the result.
     pub answer: AnswerForm,
+    /// Whether the command changes anything.
+    pub effect: CommandEffect,
     /// The functions that the parameter byte selects; empty if the command is a single function.
     pub functions: &'static [Function],
 }
@@ -67,7 +82,7 @@ pub struct Function {
 }
 
 macro_rules! commands {
-    ($($variant:ident = $code:literal, $name:literal, $timing:ident, $answer:ident;)*) => {
+    ($($variant:ident = $code:literal, $name:literal, $timing:ident, $answer:ident, $effect:ident;)*) => {
         /// A command code: byte 0x0C of a command's header, repeated in the header of its answer. A code that is not in
         /// the manuals becomes [`Self::Unknown`] with its number.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -83,6 +98,7 @@ macro_rules! commands {
             name: $name,
             timing: CommandTiming::$timing,
             answer: AnswerForm::$answer,
+            effect: CommandEffect::$effect,
             functions: functions_of($code),
         },)*];
 
@@ -107,73 +123,73 @@ macro_rules! commands {
 }
 
 commands! {
-    InfoUpdate = 0, "ECM_CMD_INFO_UPDATE_OP", Immediate, Nothing;
-    EcatInit = 1, "ECM_CMD_ECAT_INIT_OP", NonImmediate, Nothing;
-    Reconfig = 2, "ECM_CMD_ECAT_RECONFIG_OP", NonImmediate, Nothing;
-    InitDc = 3, "ECM_CMD_ECAT_INIT_DC_OP", NonImmediate, Nothing;
-    PdoWorkingCounterGet = 4, "ECM_CMD_ECAT_PDO_WC_GET", Immediate, Data;
-    PdoDataFifo = 5, "ECM_CMD_ECAT_PDO_DATA_FIFO_OP", Immediate, ValueAndData;
-    PdoData = 6, "ECM_CMD_ECAT_PDO_DATA_OP", Immediate, ValueAndData;
-    PdoConfigSet = 7, "ECM_CMD_ECAT_PDO_CONFIG_SET", NonImmediate, Nothing;
-    PdoConfigRequest = 8, "ECM_CMD_ECAT_PDO_CONFIG_REQ", NonImmediate, Nothing;
-    PdoConfigGet = 9, "ECM_CMD_ECAT_PDO_CONFIG_GET", Immediate, Data;
-    SdoRequest = 10, "ECM_CMD_ECAT_SDO_REQ", NonImmediate, Nothing;
-    SdoGet = 11, "ECM_CMD_ECAT_SDO_GET", Immediate, Data;
-    StateSet = 12, "ECM_CMD_ECAT_STATE_SET", NonImmediate, Nothing;
-    StateGet = 13, "ECM_CMD_ECAT_STATE_GET", Immediate, Value;
-    SlaveInfoGet = 15, "ECM_CMD_ECAT_SLV_INFO_GET", Immediate, Data;
-    SlaveCountGet = 16, "ECM_CMD_ECAT_SLV_CNT_GET", Immediate, Value;
-    FifoEnable = 18, "ECM_CMD_FIFO_ENABLE", Immediate, Nothing;
-    FifoPackSizeGet = 19, "ECM_CMD_FIFO_PACK_SIZE_GET", Immediate, Data;
-    SpiPackSizeGet = 20, "ECM_CMD_SPI_PACK_SIZE_GET", Immediate, Data;
-    SpiReconfig = 23, "ECM_CMD_SPI_RECONFIG_OP", Immediate, Nothing;
-    CrcErrorCountClear = 24, "ECM_CMD_CRC_ERR_CNT_CLR", Immediate, Value;
-    CrcTypeSet = 25, "ECM_CMD_CRC_TYPE_SET", Immediate, Nothing;
-    HelperConfigSet = 26, "ECM_CMD_402_CONFIG_SET", Immediate, Nothing;
-    HelperStateSet = 27, "ECM_CMD_402_STATE_SET", Immediate, Nothing;
-    HelperStateGet = 28, "ECM_CMD_402_STATE_GET", Immediate, Value;
-    HelperControlSet = 29, "ECM_CMD_402_CTL_SET", Immediate, Nothing;
-    HelperControlGet = 30, "ECM_CMD_402_CTL_GET", Immediate, Value;
-    GpioConfig = 31, "ECM_GPIO_CONFIG_SET", Immediate, ByFunction;
-    GpioFunction = 32, "ECM_GPIO_FUNC_OP", Immediate, ByFunction;
-    EncoderFunction = 33, "ECM_QEI_FUNC_OP", Immediate, ByFunction;
-    DacFunction = 34, "ECM_DAC_FUNC_OP", Immediate, ByFunction;
-    AdcFunction = 35, "ECM_ADC_FUNC_OP", Immediate, ByFunction;
-    EepromRequest = 38, "ECM_EEPROM_REQ", NonImmediate, Nothing;
-    EepromGet = 39, "ECM_EEPROM_GET", Immediate, ValueAndData;
-    StateCheck = 41, "ECM_CMD_ECAT_STATE_CHECK", NonImmediate, Nothing;
-    DcSync = 50, "ECM_CMD_ECAT_DCSYNC", NonImmediate, Nothing;
-    FifoClear = 51, "ECM_CMD_FIFO_CLR_OP", Immediate, Nothing;
-    FifoSetTxCount = 52, "ECM_CMD_FIFO_SET_TX_CNT", Immediate, Nothing;
-    FifoGetTxCount = 53, "ECM_CMD_FIFO_GET_TX_CNT", Immediate, Value;
-    FifoSetRxCount = 54, "ECM_CMD_FIFO_SET_RX_CNT", Immediate, Nothing;
-    FifoGetRxCount = 55, "ECM_CMD_FIFO_GET_RX_CNT", Immediate, Value;
-    FirmwareVersionGet = 56, "ECM_CMD_FW_VERSION_GET", Immediate, ValueAndData;
-    StateUpdate = 57, "ECM_CMD_ECAT_STATE_UPDATE", NonImmediate, Nothing;
-    InterruptSetEnable = 58, "ECM_CMD_ECAT_INT_SET_ENABLE", Immediate, Nothing;
-    InterruptGetEnable = 59, "ECM_CMD_ECAT_INT_GET_ENABLE", Immediate, ValueAndData;
-    FifoInit = 66, "ECM_CMD_FIFO_INIT", NonImmediate, Nothing;
-    SdoAbortCodeGet = 69, "ECM_CMD_ECAT_SDO_ABORTCODE_GET", Immediate, Data;
-    FifoThresholdSet = 70, "ECM_CMD_ECAT_SET_FIFO_TH", Immediate, Nothing;
-    ConfigSyncManager = 71, "ECM_CMD_ECAT_CONFIG_SM", NonImmediate, Nothing;
-    ConfigFmmu = 72, "ECM_CMD_ECAT_CONFIG_FMMU", NonImmediate, Nothing;
-    ConfigMap = 73, "ECM_CMD_ECAT_CONFIG_MAP", NonImmediate, Nothing;
-    HelperStatuswordGet = 74, "ECM_CMD_402_GET_STATUSWORD", Immediate, Data;
-    AsyncReset = 75, "ECM_CMD_ASYNCCMD_RESET", Immediate, Nothing;
-    Mdio = 81, "ECM_CMD_MDIO", Immediate, Data;
-    DirectAssign = 82, "ECM_CMD_DIRECT_ASSIGN", Immediate, Nothing;
-    CoeEmergency = 83, "ECM_CMD_COE_EMERGENCY", Immediate, Data;
-    WarmReset = 127, "ECM_CMD_WARM_RESET", Immediate, Nothing;
-    WkcErrorCountGet = 130, "ECM_CMD_ECAT_WKC_CONTI_ERR_CNT_GET", Immediate, Value;
-    WkcErrorMaxGet = 131, "ECM_CMD_ECAT_WKC_CONTI_ERR_MAX_GET", Immediate, Value;
-    WkcErrorMaxSet = 132, "ECM_CMD_ECAT_WKC_CONTI_ERR_MAX_SET", Immediate, Nothing;
-    RawRequest = 137, "ECM_CMD_RAW_ECAT_FUNC_REQ", NonImmediate, Nothing;
-    RawGet = 138, "ECM_CMD_RAW_ECAT_FUNC_GET", Immediate, Data;
-    FoeRequest = 139, "ECM_CMD_FOE_FUNC_REQ", NonImmediate, Nothing;
-    FoeGet = 140, "ECM_CMD_FOE_FUNC_GET", Immediate, Data;
-    EnableLrw = 142, "ECM_CMD_ENABLE_LRW", Immediate, Nothing;
-    ReceiveMailbox = 143, "ECM_CMD_RECV_MAILBOX", ByParameter, Data;
-    MailboxStatus = 144, "ECM_CMD_MBX_STAT", Immediate, Data;
+    InfoUpdate = 0, "ECM_CMD_INFO_UPDATE_OP", Immediate, Nothing, Acts;
+    EcatInit = 1, "ECM_CMD_ECAT_INIT_OP", NonImmediate, Nothing, Acts;
+    Reconfig = 2, "ECM_CMD_ECAT_RECONFIG_OP", NonImmediate, Nothing, Acts;
+    InitDc = 3, "ECM_CMD_ECAT_INIT_DC_OP", NonImmediate, Nothing, Acts;
+    PdoWorkingCounterGet = 4, "ECM_CMD_ECAT_PDO_WC_GET", Immediate, Data, Reads;
+    PdoDataFifo = 5, "ECM_CMD_ECAT_PDO_DATA_FIFO_OP", Immediate, ValueAndData, Acts;
+    PdoData = 6, "ECM_CMD_ECAT_PDO_DATA_OP", Immediate, ValueAndData, ByArguments;
+    PdoConfigSet = 7, "ECM_CMD_ECAT_PDO_CONFIG_SET", NonImmediate, Nothing, Acts;
+    PdoConfigRequest = 8, "ECM_CMD_ECAT_PDO_CONFIG_REQ", NonImmediate, Nothing, Acts;
+    PdoConfigGet = 9, "ECM_CMD_ECAT_PDO_CONFIG_GET", Immediate, Data, Reads;
+    SdoRequest = 10, "ECM_CMD_ECAT_SDO_REQ", NonImmediate, Nothing, Acts;
+    SdoGet = 11, "ECM_CMD_ECAT_SDO_GET", Immediate, Data, Reads;
+    StateSet = 12, "ECM_CMD_ECAT_STATE_SET", NonImmediate, Nothing, Acts;
+    StateGet = 13, "ECM_CMD_ECAT_STATE_GET", Immediate, Value, Reads;
+    SlaveInfoGet = 15, "ECM_CMD_ECAT_SLV_INFO_GET", Immediate, Data, Reads;
+    SlaveCountGet = 16, "ECM_CMD_ECAT_SLV_CNT_GET", Immediate, Value, Reads;
+    FifoEnable = 18, "ECM_CMD_FIFO_ENABLE", Immediate, Nothing, Acts;
+    FifoPackSizeGet = 19, "ECM_CMD_FIFO_PACK_SIZE_GET", Immediate, Data, Reads;
+    SpiPackSizeGet = 20, "ECM_CMD_SPI_PACK_SIZE_GET", Immediate, Data, Reads;
+    SpiReconfig = 23, "ECM_CMD_SPI_RECONFIG_OP", Immediate, Nothing, Acts;
+    CrcErrorCountClear = 24, "ECM_CMD_CRC_ERR_CNT_CLR", Immediate, Value, Acts;
+    CrcTypeSet = 25, "ECM_CMD_CRC_TYPE_SET", Immediate, Nothing, Acts;
+    HelperConfigSet = 26, "ECM_CMD_402_CONFIG_SET", Immediate, Nothing, Acts;
+    HelperStateSet = 27, "ECM_CMD_402_STATE_SET", Immediate, Nothing, Acts;
+    HelperStateGet = 28, "ECM_CMD_402_STATE_GET", Immediate, Value, Reads;
+    HelperControlSet = 29, "ECM_CMD_402_CTL_SET", Immediate, Nothing, Acts;
+    HelperControlGet = 30, "ECM_CMD_402_CTL_GET", Immediate, Value, Reads;
+    GpioConfig = 31, "ECM_GPIO_CONFIG_SET", Immediate, ByFunction, Reads;
+    GpioFunction = 32, "ECM_GPIO_FUNC_OP", Immediate, ByFunction, Reads;
+    EncoderFunction = 33, "ECM_QEI_FUNC_OP", Immediate, ByFunction, Reads;
+    DacFunction = 34, "ECM_DAC_FUNC_OP", Immediate, ByFunction, Reads;
+    AdcFunction = 35, "ECM_ADC_FUNC_OP", Immediate, ByFunction, Reads;
+    EepromRequest = 38, "ECM_EEPROM_REQ", NonImmediate, Nothing, Acts;
+    EepromGet = 39, "ECM_EEPROM_GET", Immediate, ValueAndData, Reads;
+    StateCheck = 41, "ECM_CMD_ECAT_STATE_CHECK", NonImmediate, Nothing, Acts;
+    DcSync = 50, "ECM_CMD_ECAT_DCSYNC", NonImmediate, Nothing, Acts;
+    FifoClear = 51, "ECM_CMD_FIFO_CLR_OP", Immediate, Nothing, Acts;
+    FifoSetTxCount = 52, "ECM_CMD_FIFO_SET_TX_CNT", Immediate, Nothing, Acts;
+    FifoGetTxCount = 53, "ECM_CMD_FIFO_GET_TX_CNT", Immediate, Value, Reads;
+    FifoSetRxCount = 54, "ECM_CMD_FIFO_SET_RX_CNT", Immediate, Nothing, Acts;
+    FifoGetRxCount = 55, "ECM_CMD_FIFO_GET_RX_CNT", Immediate, Value, Reads;
+    FirmwareVersionGet = 56, "ECM_CMD_FW_VERSION_GET", Immediate, ValueAndData, Reads;
+    StateUpdate = 57, "ECM_CMD_ECAT_STATE_UPDATE", NonImmediate, Nothing, Acts;
+    InterruptSetEnable = 58, "ECM_CMD_ECAT_INT_SET_ENABLE", Immediate, Nothing, Acts;
+    InterruptGetEnable = 59, "ECM_CMD_ECAT_INT_GET_ENABLE", Immediate, ValueAndData, Reads;
+    FifoInit = 66, "ECM_CMD_FIFO_INIT", NonImmediate, Nothing, Acts;
+    SdoAbortCodeGet = 69, "ECM_CMD_ECAT_SDO_ABORTCODE_GET", Immediate, Data, Reads;
+    FifoThresholdSet = 70, "ECM_CMD_ECAT_SET_FIFO_TH", Immediate, Nothing, Acts;
+    ConfigSyncManager = 71, "ECM_CMD_ECAT_CONFIG_SM", NonImmediate, Nothing, Acts;
+    ConfigFmmu = 72, "ECM_CMD_ECAT_CONFIG_FMMU", NonImmediate, Nothing, Acts;
+    ConfigMap = 73, "ECM_CMD_ECAT_CONFIG_MAP", NonImmediate, Nothing, Acts;
+    HelperStatuswordGet = 74, "ECM_CMD_402_GET_STATUSWORD", Immediate, Data, Reads;
+    AsyncReset = 75, "ECM_CMD_ASYNCCMD_RESET", Immediate, Nothing, Acts;
+    Mdio = 81, "ECM_CMD_MDIO", Immediate, Data, ByArguments;
+    DirectAssign = 82, "ECM_CMD_DIRECT_ASSIGN", Immediate, Nothing, Acts;
+    CoeEmergency = 83, "ECM_CMD_COE_EMERGENCY", Immediate, Data, Reads;
+    WarmReset = 127, "ECM_CMD_WARM_RESET", Immediate, Nothing, Acts;
+    WkcErrorCountGet = 130, "ECM_CMD_ECAT_WKC_CONTI_ERR_CNT_GET", Immediate, Value, Reads;
+    WkcErrorMaxGet = 131, "ECM_CMD_ECAT_WKC_CONTI_ERR_MAX_GET", Immediate, Value, Reads;
+    WkcErrorMaxSet = 132, "ECM_CMD_ECAT_WKC_CONTI_ERR_MAX_SET", Immediate, Nothing, Acts;
+    RawRequest = 137, "ECM_CMD_RAW_ECAT_FUNC_REQ", NonImmediate, Nothing, Acts;
+    RawGet = 138, "ECM_CMD_RAW_ECAT_FUNC_GET", Immediate, Data, Reads;
+    FoeRequest = 139, "ECM_CMD_FOE_FUNC_REQ", NonImmediate, Nothing, Acts;
+    FoeGet = 140, "ECM_CMD_FOE_FUNC_GET", Immediate, Data, Reads;
+    EnableLrw = 142, "ECM_CMD_ENABLE_LRW", Immediate, Nothing, Acts;
+    ReceiveMailbox = 143, "ECM_CMD_RECV_MAILBOX", ByParameter, Data, Reads;
+    MailboxStatus = 144, "ECM_CMD_MBX_STAT", Immediate, Data, ByArguments;
 }
 
 impl Default for CommandCode {

@@ -17,8 +17,8 @@ bits! {
         LRW = 1 << 11;
     }
 
-    /// Byte 0x0A of a command: clears error bits, and may request an update of the slaves' states beside the command
-    /// itself.
+    /// Byte 0x0A of a command: clears error bits, and may request an update of the slaves' states in addition to the
+    /// command itself.
     Control(u8) {
         /// Bit 0: "header outputs valid" in the manuals, "update state" in the vendor's header. Always send 0, since
         /// the sources disagree.
@@ -73,7 +73,7 @@ bits! {
         PORT_READY = 1 << 3;
         /// Bit 4: process data are configured and exchanged.
         PDO_CONFIGURED = 1 << 4;
-        /// Bit 5: the answer has no result, since the chip took the packet for a repetition of the one before, or
+        /// Bit 5: the answer has no result, since the chip took the packet for a repetition of the previous packet, or
         /// rejected it. Its return byte and its data have no meaning.
         NOP = 1 << 5;
         /// Bit 6: the chip takes an RxPDO out of the RxFIFO in each cycle.
@@ -144,8 +144,7 @@ pub struct NetworkState(pub u8);
 impl NetworkState {
     /// 0: the network is not initialised.
     pub const NONE: Self = Self(0);
-    /// Bit 4, set beside the state: a slave reports an error of its state, as with the error bit of its AL status
-    /// (OBS).
+    /// Bit 4, in addition to the state: a slave reports an error, as by the error bit of its AL status (OBS).
     pub const ERROR: u8 = 0x10;
 
     /// The state; `None` for 0 and for values that are not in the manuals.

@@ -1,14 +1,14 @@
 //! The wire format of the ECM-XF: packets, check words, typed requests and answers, and a search for packets in a
-//! stream. Also the driver of a host, and a model of the chip.
+//! stream. The module also has the driver for a host and a model of the chip.
 //!
-//! The ECM-XF is a chip that works as an EtherCAT master behind SPI; the ECM-XFU is the same behind USB. A host sends
-//! it one command packet and receives, in the same exchange, one answer packet, which belongs to an earlier command.
-//! Both have the same layout: a header of 24 bytes, a data segment of n bytes, a check word and an end word. Apart from
-//! `chip` this module has no I/O and no allocation, is `no_std`, and keeps state only in [`resync`] and [`host`]. All
-//! byte offsets of the protocol are in this module; the rest of the crate uses its types. Each request and each answer
-//! can be encoded and decoded, so that hosts and models of the chip use the same types.
+//! The ECM-XF is a chip that works as an EtherCAT master and is controlled over SPI; the ECM-XFU is the same with USB.
+//! A host sends it one command packet and receives, in the same exchange, one answer packet, which belongs to an
+//! earlier command. Both have the same layout: a header of 24 bytes, a data segment of n bytes, a check word and an end
+//! word. Apart from `chip` this module has no I/O and no allocation, is `no_std`, and keeps state only in [`resync`]
+//! and [`host`]. All byte offsets of the protocol are in this module; the rest of the crate uses its types. Each
+//! request and each answer can be encoded and decoded, so that hosts and models of the chip use the same types.
 //!
-//! To add a command, begin with its row in `command_table.rs`, whose head names the other places.
+//! To add a command, begin with its row in `command_table.rs`, whose first comment names the other files to change.
 //!
 //! How to read it:
 //!

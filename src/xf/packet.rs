@@ -102,7 +102,8 @@ impl From<Malformed> for WriteError {
 /// written.
 ///
 /// The index, the control byte, the interrupt flags to clear and the GPIO outputs are taken from `header`. Code,
-/// parameter, information bytes and length come from the request, whose reserve bits are added.
+/// parameter, information bytes and length come from the request. The reserve bits are those of `header` and of the
+/// request together.
 ///
 /// # Errors
 /// The buffer is too short, or the request does not fit into n bytes.
@@ -120,8 +121,8 @@ pub fn write_request<'b>(
     Ok(close_request(packet, size, rule, header, code, arguments))
 }
 
-/// Builds the command packet around data that are already in its segment, as many bytes as `arguments` says. The rest
-/// of the segment is set to 0.
+/// Builds the command packet around data that `buffer` already holds at the position of the data segment; `arguments`
+/// gives their length. The rest of the segment is set to 0.
 ///
 /// # Errors
 /// The buffer is too short, or the data do not fit into n bytes.
@@ -250,7 +251,7 @@ impl<'p> Framed<'p> {
         Ok(Self { head, covered, data, check_word: u32::from_le_bytes(*check_word) })
     }
 
-    /// Checks the check word: whether the packet is an answer or "not ready".
+    /// Checks the check word, which also shows whether the packet is an answer or "not ready".
     fn classify(&self, coverage: CrcCoverage) -> Result<PacketKind, PacketError> {
         let (status, len) = AnswerHeader::status_and_len(self.head);
         let found = self.check_word;
@@ -315,7 +316,7 @@ impl CommandHeader {
 /// A valid packet that a host received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received<'p> {
-    /// An answer to a command, or one with the NOP flag, which belongs to no command.
+    /// An answer to a command, or an answer with the NOP flag, which has no result.
     Answer(AnswerPacket<'p>),
     /// The chip was not ready for the exchange. This is no error: the host tries again and leaves the chip more idle
     /// time.

@@ -1,7 +1,7 @@
 //! Finds packets in a stream of bytes in which the position and the length of packets are unknown.
 //!
-//! This happens on SPI when a host starts while the chip is running, and on USB behind a serial port. The method is
-//! that of the vendor's driver (OBS): an end word followed by a start word is a border between packets, and two such
+//! Such a stream occurs on SPI when a host starts while the chip is running, and on a USB serial port. The method is
+//! the one of the vendor's driver (OBS): an end word followed by a start word is a border between packets, and two such
 //! borders give n. Data may contain the same words, so this reader also requires a valid check word between the
 //! borders, of either type and with any coverage. Once n is known, start word and end word alone identify a packet. A
 //! packet with a wrong check word then reaches the parser, which reports the error.
@@ -10,8 +10,8 @@ use super::{DataSize, END_WORD, FIXED_CHECK, HEADER_LEN, MAX_PACKET, NOT_READY, 
 
 /// Length of a border in bytes: end word and start word.
 const BORDER: usize = 8;
-/// Capacity of the reader in bytes: two packets of the longest kind and the beginning of a third one. So the packet
-/// before a border is kept until the next border has come.
+/// Capacity of the reader in bytes: two packets of the maximum length and one border. This is enough to keep the packet
+/// before a border until the next border arrives.
 const CAPACITY: usize = 2 * MAX_PACKET + BORDER;
 
 /// \[OURS] After this many bytes in a row that belong to no packet, a size that the reader has found by itself counts
@@ -51,11 +51,11 @@ pub struct Resync {
     /// Number of bytes at the beginning of `bytes` that were returned as a packet. The next call of `push` or
     /// `next_packet` removes them.
     given: usize,
-    /// The position of the first possible border that was not yet compared with earlier ones. Without it, a stream full
-    /// of borders would be compared again with each new byte.
+    /// All borders before this position of `bytes` were already compared with the borders before them. Without it, each
+    /// new byte would cause all pairs of borders to be compared again.
     compared: usize,
     size: Option<DataSize>,
-    /// Whether the reader has found the packet size by itself, and not the caller has set it.
+    /// True if the reader itself has found the packet size; false if the caller has set it or it is unknown.
     found: bool,
     /// Number of bytes outside packets since the newest packet, or since the size was found.
     fruitless: usize,
@@ -83,7 +83,7 @@ impl Resync {
         }
     }
 
-    /// A reader for packets whose data segment has that size.
+    /// A reader for packets whose data segment has this size.
     pub const fn with_size(size: DataSize) -> Self {
         Self { size: Some(size), ..Self::new() }
     }
@@ -106,7 +106,7 @@ impl Resync {
         self.dropped
     }
 
-    /// Takes as many bytes as there is room for, and returns their number. This is at least one if
+    /// Takes as many bytes as there is room for, and returns their number. There is room for at least one if
     /// [`Self::next_packet`] has just returned `None`.
     pub fn push(&mut self, bytes: &[u8]) -> usize {
         self.forget_given();
@@ -116,7 +116,7 @@ impl Resync {
         taken
     }
 
-    /// The next packet, n + 32 bytes with valid start and end words; `None` until more bytes have come.
+    /// The next packet, n + 32 bytes with valid start and end words; `None` if more bytes are needed.
     pub fn next_packet(&mut self) -> Option<&[u8]> {
         self.forget_given();
         let len = loop {
@@ -183,16 +183,16 @@ impl Resync {
         self.has(at, FIXED_CHECK) || self.has(at, NOT_READY)
     }
 
-    /// `[OURS]` Whether the packet of `len` bytes at the beginning is more likely two packets. Without a CRC, the data
-    /// segment size comes out too large if the border between two packets was damaged during the search.
+    /// `[OURS]` Whether the packet of `len` bytes at the beginning is more likely two packets. Without a CRC, the
+    /// reader finds a size that is too large if the border between two packets was damaged during the search.
     fn is_joined(&self, len: usize) -> bool {
         let shortest = DataSize::MIN.packet_len();
         let is_end = |at: usize| self.has_constant_check(at - 4) && self.is_border(at);
         self.has_constant_check(len - 8) && (shortest..=len.saturating_sub(shortest)).any(|end| is_end(end - 4))
     }
 
-    /// The number of bytes before the first position at which a packet of that length begins, or may begin once more
-    /// bytes have come.
+    /// The number of bytes before the first position at which a packet of `len` bytes begins. A start word whose packet
+    /// is still incomplete counts as such a position.
     fn find_packet(&self, len: usize) -> usize {
         (0..self.held)
             .find(|&at| {
@@ -220,13 +220,13 @@ impl Resync {
         }
         self.compared = places;
         if self.held == CAPACITY {
-            // Behind a border before this position, as many bytes are held as the longest packet needs. So each such
-            // border was compared with every border that can end a packet behind it, and no packet with a valid check
-            // word begins there.
+            // The buffer holds the longest packet, and the border after it, for each border before position
+            // `undecided`. So every border that can end that packet was tried, and no packet with a valid check word
+            // begins at such a border.
             let undecided = CAPACITY + 1 - (MAX_PACKET + BORDER);
-            // The last bytes may be the beginning of a border.
+            // If no complete border (end word, start word) follows, the last bytes are kept: a border may begin in them.
             let border = (undecided..places).find(|at| self.is_border(*at)).unwrap_or(places);
-            // The packet before that border may be complete.
+            // The packet that ends at that border may be complete, so it is kept.
             let earliest = border + 4 - MAX_PACKET;
             let kept = (earliest..border).find(|at| self.has(*at, START_WORD)).unwrap_or(border);
             self.drop_front(kept);
@@ -234,9 +234,10 @@ impl Resync {
         None
     }
 
-    /// The first of the ascending lengths for which the packet at byte `packet` has a valid check word.
+    /// The data segment size for the first of the lengths `lens`, in ascending order, with which the packet at byte
+    /// `packet` has a valid check word.
     ///
-    /// `[OURS]` The vendor's driver relies on the borders alone.
+    /// `[OURS]` The check of the check word is an addition: the vendor's driver relies on the borders alone.
     fn checked(&self, packet: usize, lens: impl Iterator<Item = usize>) -> Option<DataSize> {
         let bytes = &self.bytes[packet..self.held];
         let valid = HEADER_LEN + usize::from(u16::from_le_bytes([*bytes.get(0x0E)?, *bytes.get(0x0F)?]));

@@ -26,7 +26,7 @@ macro_rules! numbers {
                 self.0
             }
 
-            /// The number `n`, from the wire.
+            /// Converts the number `n` from the wire.
             ///
             /// # Errors
             /// `n` is above [`Self::MAX`].
@@ -83,7 +83,7 @@ pub enum Slaves {
 }
 
 impl Slaves {
-    /// The byte on the wire that stands for all slaves.
+    /// The byte on the wire that means all slaves.
     const ALL: u8 = 0xFF;
 
     /// The byte on the wire: 0..=127 or 0xFF.

@@ -33,8 +33,9 @@ impl<L: ChipLink> Xf<L> {
     ///
     /// # Errors
     /// [`XfError::NotMapped`] if the slave does not map both words, [`XfError::BeyondHelperRange`] if one of them is
-    /// not among its first 256 bytes, [`XfError::AxisOn`] if axis `motor` may be on, [`XfError::SlaveHasAxis`] if the
-    /// slave has another axis, [`XfError::NoSuchSlave`] if there is no such slave; otherwise as with [`Xf::run`].
+    /// not among the first 256 bytes of the slave's process data, [`XfError::AxisOn`] if axis `motor` may be on,
+    /// [`XfError::SlaveHasAxis`] if the slave has another axis, [`XfError::NoSuchSlave`] if there is no such slave;
+    /// otherwise as with [`Xf::run`].
     pub fn add_axis(&mut self, motor: u8, slave: u8, data: &ProcessData) -> Result<(), XfError> {
         let controlword = data.output::<u16>(slave, CONTROLWORD)?.offset();
         let statusword = data.input::<u16>(slave, STATUSWORD)?.offset();
@@ -59,7 +60,8 @@ impl<L: ChipLink> Xf<L> {
 
     /// Switches an axis on and waits until it is in Operation enabled. A fault has to be reset first.
     ///
-    /// In CSP the drive follows its target from then on, so the target that is sent has to equal the actual position.
+    /// In CSP the drive follows its target position as soon as it is enabled. So the target that the program sends at
+    /// this time has to equal the actual position.
     ///
     /// # Errors
     /// [`XfError::NoAxis`] if the axis was not added, [`XfError::AxisStuck`] if it is in another state after 5 s;
@@ -92,7 +94,7 @@ impl<L: ChipLink> Xf<L> {
         Ok(())
     }
 
-    /// The CiA 402 state of an axis that the helper drives; `None` if its statusword stands for no state.
+    /// The CiA 402 state of an axis that the helper drives; `None` if the statusword encodes no state.
     ///
     /// # Errors
     /// As with [`Xf::run`]; the chip refuses an axis that was not added.

@@ -28,7 +28,8 @@ pub enum XfError {
         "slave {slave} aborts the SDO transfer of {object}: {abort}; check object, size and state in the slave's manual"
     )]
     SdoAborted { slave: u8, object: ObjectAddress, abort: AbortCode },
-    /// The chip returned another number of bytes for an object than the Rust type has as which the program reads it.
+    /// The number of bytes that the chip returned for an object differs from the size of the Rust type that the program
+    /// uses.
     #[error("{object} of slave {slave} has {found} bytes, not {wanted}; read it as a type of that size, or as bytes")]
     SdoSize { slave: u8, object: ObjectAddress, found: usize, wanted: usize },
     /// After a change of state some slaves are in another state, or report an error.

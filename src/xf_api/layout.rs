@@ -73,8 +73,9 @@ pub(super) fn total(slaves: &[SlaveLayout]) -> usize {
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// Reads each slave's mapping (0x1C12, 0x1C13 and the objects that they name), and from the chip where the slave's
-    /// process data are. Possible in PreOP after `Reconfig`, in SafeOP and in OP.
+    /// Reads each slave's mapping (0x1C12, 0x1C13 and the objects that they name), and from the chip the size of the
+    /// slave's process data, which must agree with the mapping. Possible in PreOP after `Reconfig`, in SafeOP and in
+    /// OP.
     ///
     /// # Errors
     /// [`XfError::OtherLayout`] if the mapping of a slave has another length than the chip has laid out for it,

@@ -2,7 +2,8 @@
 //!
 //! [`Xf`] owns a chip behind a [`ChipLink`] and drives it with [`Host`]. It has no thread: bytes move only while one of
 //! its functions runs. That is enough, since the chip runs the EtherCAT cycle by itself and takes RxPDOs out of its
-//! FIFO. If the program is late, the RxPDOs that it has written ahead bridge the time ([`ProcessData::ahead`]).
+//! FIFO. If the program is late, the chip still has RxPDOs to send that the program has written in advance
+//! ([`ProcessData::ahead`]).
 //!
 //! A typical start of an application, with an axis that moves:
 //!
@@ -162,7 +163,7 @@ impl<L: ChipLink> Xf<L> {
         &self.link
     }
 
-    /// The link, to read INT1 and, for a model, to use its pins.
+    /// The link, to read INT1 and, for a modelled chip, to use its pins.
     pub const fn link_mut(&mut self) -> &mut L {
         &mut self.link
     }

@@ -63,7 +63,8 @@ impl<L: ChipLink> Xf<L> {
     /// was running is brought to Init. Axes have to be added again ([`Self::add_axis`]).
     ///
     /// # Errors
-    /// [`XfError::Chip`] if the initialisation fails, as without a slave; otherwise as with [`Xf::run`].
+    /// [`XfError::Chip`] if the initialisation fails, for example because there is no slave; otherwise as with
+    /// [`Xf::run`].
     pub fn start_network(&mut self, config: &NetworkConfig) -> Result<u8, XfError> {
         self.stop_before_init();
         self.run(&FifoEnable { on: false })?;
@@ -93,7 +94,7 @@ impl<L: ChipLink> Xf<L> {
     /// [`XfError::StateStuck`] names the slaves that have not reached it, [`XfError::NoSuchSlave`] if the network has
     /// no slave with this number; otherwise as with [`Xf::run`].
     pub fn set_state(&mut self, slaves: Slaves, state: EtherCatState) -> Result<(), XfError> {
-        // The chip's answer to the change of state does not tell which slave has refused it.
+        // The chip's answer to the change of state does not show which slave has refused it.
         let changed = self.run(&StateSet { slaves, state });
         match changed {
             Ok(()) | Err(XfError::Chip(HostError::Failed { .. })) => {}
@@ -125,7 +126,7 @@ impl<L: ChipLink> Xf<L> {
         self.run(&StateGet { slaves: Slaves::All })
     }
 
-    /// Describes a slave. Its state is that of the last [`Self::state`] or [`Self::set_state`].
+    /// Describes a slave. Its state is as read by the last [`Self::state`] or [`Self::set_state`].
     ///
     /// # Errors
     /// [`XfError::NoSuchSlave`] if the network has no slave with this number; otherwise as with [`Xf::run`].

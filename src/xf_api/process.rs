@@ -14,7 +14,7 @@ use crate::xf::host::{Budget, HostError, ProcessOutcome, ProcessRequest};
 /// 20 ms.
 const AHEAD: u8 = 20;
 /// How many TxPDOs may wait in the TxFIFO. If there are more, as many as fit into a packet are read at once, so that
-/// inputs are not old. \[OURS] The known level lags two exchanges behind.
+/// the inputs are not outdated. \[OURS] The level that the driver knows lags two exchanges behind.
 const TX_BACKLOG: u8 = 3;
 /// How many times per cycle the driver polls the chip's FIFO levels. \[OURS]
 const POLLS_A_CYCLE: Ns = 2;
@@ -41,8 +41,8 @@ pub struct ProcessData {
     layout: Layout,
     outputs: Vec<u8>,
     inputs: Vec<u8>,
-    /// The maximum number of RxPDOs to keep in the chip's FIFO, 1 or more; 20 by default. A higher value lets the program
-    /// be later, and delays its outputs to the slaves.
+    /// The maximum number of RxPDOs to keep in the chip's FIFO, 1 or more; 20 by default. With a higher value the
+    /// program may be late for longer, but its outputs reach the slaves later.
     pub ahead: u8,
 }
 
@@ -159,9 +159,9 @@ impl<L: ChipLink> Xf<L> {
     /// Builds the process data from the slaves' mapping, with all outputs 0 and the current inputs, read directly and
     /// not from the FIFO. Called in SafeOP it shows the actual positions.
     ///
-    /// This also chooses n, the size of the data segment, unless the link sets it (`use_n=`) or has only one: large
-    /// packets take long, and a cycle too short for them would leave gaps in every motion. If the size changes, the
-    /// RxFIFO is off and empty afterwards.
+    /// This also chooses n, the size of the data segment, unless the link sets it (`use_n=`) or supports only one size.
+    /// Large packets take long to transfer: if they do not fit into a cycle, the RxFIFO runs empty and every motion has
+    /// gaps. If the size changes, the RxFIFO is off and empty afterwards.
     ///
     /// # Errors
     /// As with [`Self::layout`] and [`Self::read_inputs`]; [`XfError::Budget`], with the calculation, if the exchanges
@@ -175,7 +175,7 @@ impl<L: ChipLink> Xf<L> {
         Ok(data)
     }
 
-    /// Chooses the data segment size, unless it is fixed, and checks that this number of bytes of process data can be
+    /// Chooses the data segment size, unless it is fixed, and checks that `process_bytes` bytes of process data can be
     /// transferred within a network cycle.
     fn fit(&mut self, process_bytes: usize) -> Result<(), XfError> {
         let info = self.link.info();
@@ -285,7 +285,7 @@ impl<L: ChipLink> Xf<L> {
         };
         match outcome {
             ProcessOutcome::Done { read } => Ok(read),
-            // The outputs are in the FIFO; only the inputs were lost, so those of an earlier cycle remain.
+            // The outputs are in the FIFO; only the inputs were lost, so the inputs of an earlier cycle are kept.
             ProcessOutcome::AnswerLost => Ok(false),
             outcome => Err(XfError::ProcessData { outcome }),
         }

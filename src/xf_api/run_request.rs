@@ -25,11 +25,11 @@ impl<L: ChipLink> Visit for Run<'_, '_, L> {
 
 impl<L: ChipLink> Xf<L> {
     /// Runs any request to its end, and writes its answer into `data` in the layout of a data segment, at most 1408
-    /// bytes. [`FunctionFields`](crate::xf::fields::FunctionFields) reads its fields.
+    /// bytes. With [`FunctionFields`](crate::xf::fields::FunctionFields) a program reads the fields of this answer.
     ///
-    /// PDO_DATA_FIFO_OP and PDO_DATA_OP do not wait in a queue of commands: they are sent as the process data of
-    /// [`Self::cycle`] are. The driver supports five of their operations. Through the FIFO: write, read, or both. Past
-    /// the FIFO: read, or write and read together. The layout of their answers is that of the manuals.
+    /// PDO_DATA_FIFO_OP and PDO_DATA_OP do not wait in a queue of commands: they are sent like the process data of
+    /// [`Self::cycle`]. The driver supports five of their operations. Through the FIFO: write, read, or both. Directly,
+    /// without the FIFO: read, or write and read together. The layout of their answers is that of the manuals.
     ///
     /// # Errors
     /// As with [`Self::run`]; CRC_TYPE_SET and SPI_RECONFIG_OP are refused, since the driver sends them itself.

@@ -16,7 +16,7 @@ const STANDSTILL_LIMIT: Duration = Duration::from_secs(3);
 const SAFE_OP_LIMIT: Duration = Duration::from_secs(5);
 /// How long all exchanges may fail until the wires count as cut. \[OURS]
 const SILENCE_LIMIT: Duration = Duration::from_secs(2);
-/// How many exchanges in a row may fail until the wires count as cut, for links whose clock stands still. \[OURS]
+/// How many exchanges in a row may fail until the wires count as cut, for links whose clock does not advance. \[OURS]
 const FAILURES_MAX: u32 = 4000;
 /// Pause between a failed exchange and the next one. \[OURS]
 const PAUSE: Duration = Duration::from_millis(1);
@@ -51,8 +51,8 @@ impl Motors {
 
 /// What has failed so far while the axes are stopped.
 struct StopProgress {
-    /// Number of failed exchanges since the newest answer. `failing_since` is the time of the first one, `answers` the
-    /// number of answers at that time.
+    /// Number of failed exchanges since the newest answer. `failing_since` is the time of the first of these failures,
+    /// `answers` the number of answers at that time.
     failures: u32,
     failing_since: Ns,
     answers: u64,
@@ -74,15 +74,16 @@ impl StopProgress {
 
 impl<L: ChipLink> Xf<L> {
     /// Ends the program's work with the chip. If the program has sent outputs or switched an axis on, the axes that may
-    /// be on make a quick stop (0x605A, 0x6085 of the drive) and are switched off, the FIFO is switched off, and the
-    /// network goes to SafeOP, in which a slave's outputs have no effect. Dropping does the same, but cannot report
+    /// be on make a quick stop (0x605A, 0x6085 of the drive) and are switched off. Then the FIFO is switched off, and
+    /// the network goes to SafeOP, in which a slave's outputs have no effect. Dropping does the same, but cannot report
     /// errors.
     ///
-    /// An error at one axis does not keep the others from their stop. Failed exchanges are retried until no answer has
-    /// come for 2 s, and a driver that has stopped is restarted once.
+    /// An error at one axis does not prevent the stop of the other axes. Failed exchanges are retried until no answer
+    /// has come for 2 s, and a driver that has stopped is restarted once.
     ///
     /// Only a program that still runs can do this. If the program is killed, the chip repeats the last outputs forever:
-    /// in CSP an axis stands still, in CSV and CST it keeps moving. The machine itself then has to stop what must stop.
+    /// in CSP an axis stands still, in CSV and CST it keeps moving. For this case the machine itself needs a way to
+    /// stop its axes.
     ///
     /// # Errors
     /// The first error that occurred: [`XfError::AxisStuck`] if an axis did not come to rest or did not switch off in
@@ -101,7 +102,7 @@ impl<L: ChipLink> Xf<L> {
         if !std::mem::take(&mut self.moves) && self.on.is_empty() {
             return Ok(());
         }
-        // The stop must not wait behind queued commands, whose results nobody reads any more.
+        // The stop must not wait for queued commands, whose results nobody reads any more.
         self.host.abandon_all();
         let mut progress = self.progress();
         self.stop_axes(&mut progress);
@@ -123,7 +124,7 @@ impl<L: ChipLink> Xf<L> {
         self.stop_axes(&mut progress);
     }
 
-    /// The helper drives no axis any more, since the network was initialised again.
+    /// Removes all axes after the network was initialised again: the helper drives no axis any more.
     pub(super) fn forget_axes(&mut self) {
         self.axes.clear();
         self.on = Motors::default();
@@ -137,7 +138,7 @@ impl<L: ChipLink> Xf<L> {
     fn stop_axes(&mut self, progress: &mut StopProgress) {
         use DriveState::{Fault, FaultReactionActive, OperationEnabled, QuickStopActive, SwitchOnDisabled};
         let on = self.on;
-        // All axes get the quick stop before the first one is waited for.
+        // All axes get the quick stop before the program waits for any of them.
         self.request_state_of_all(progress, on, QuickStopActive);
         let moves = [Some(OperationEnabled), Some(QuickStopActive), Some(FaultReactionActive), None];
         self.wait_all(progress, on, "standstill", |found| !moves.contains(&found));

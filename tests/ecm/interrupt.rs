@@ -7,6 +7,7 @@ use crate::common::{Tap, enabled, in_op, open};
 use ecmsk::cia402::MODES_OF_OPERATION;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Config, Ecm, EcmError, Homing, HomingPhase, Options};
+use ecmsk::link::{Dir, LinkError};
 use ecmsk::sk::{CommandId, MasterState};
 
 /// A board whose waits are interrupted once, by the `n`-th question after the counter was set to `n`.
@@ -46,6 +47,27 @@ fn an_interrupted_servo_on_leaves_the_axis_off() {
     let snapshot = ecm.snapshot().unwrap();
     let is_on = |slave| snapshot.drive(slave).unwrap().statusword.is_enabled();
     assert_eq!([is_on(1), is_on(2)], [true, false], "an axis that was on before stays on");
+}
+
+/// The same if another thread cancels the call on its link, which goes on working.
+#[test]
+fn a_cancelled_servo_on_leaves_the_axis_off() {
+    let (tap, ecm) = Tap::enabled("slaves=drive*2", &Config::drives(2));
+    ecm.servo_off(&[2]).unwrap();
+    let left = Arc::new(AtomicI32::new(0));
+    let (counter, cancelled) = (Arc::clone(&left), Arc::clone(&tap));
+    let ecm = ecm.with_interrupt(move || {
+        cancelled.cancel.fetch_or(counter.fetch_sub(1, Ordering::Relaxed) == 1, Ordering::Relaxed);
+        false
+    });
+    tap.take();
+    left.store(3, Ordering::Relaxed);
+    assert_eq!(ecm.servo_on(&[1, 2]), Err(EcmError::Link(LinkError::Cancelled { dir: Dir::Read })));
+    assert!(tap.take_slots(2).iter().any(|slot| slot.id == CommandId::ServoOff.code()));
+    crate::common::cycles(&ecm, 500);
+    let snapshot = ecm.snapshot().unwrap();
+    let is_on = |slave| snapshot.drive(slave).unwrap().statusword.is_enabled();
+    assert_eq!([is_on(1), is_on(2)], [true, false]);
 }
 
 /// An axis that looks for its home stands when the call returns, and takes targets again.

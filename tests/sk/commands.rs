@@ -4,7 +4,7 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::sk::{
     AxisTarget, CommandId, CycleTime, DcShift, DriveSync, FifoAction, MasterCommand, MasterState, Motion, RawSlot,
-    SdoCommand, SlaveCommand, SlaveKind, SlotCommand, SlotKind, SlotSize,
+    SdoCommand, SlaveCommand, SlaveKind, SlotCommand, SlotKind, SlotSize, TargetEffect,
 };
 use support::guide::{self, Column};
 use vectors::rubbish;
@@ -249,6 +249,23 @@ fn each_command_is_decoded_in_its_slots() {
             }
         }
     }
+}
+
+/// SK-7 The effect of each command on the target of an axis: CSP, CSV and CST bring one, a slot that reads or writes IO, or
+/// nothing at all, keeps it, and every other command to a slave ends it.
+#[test]
+fn each_command_has_its_effect_on_a_target() {
+    for id in CommandId::ALL {
+        let effect = match id.name() {
+            "CSP" => TargetEffect::Position,
+            "CSV" | "CST" => TargetEffect::VelocityOrTorque,
+            "DRIVE_MODE" | "ALM_CLR" | "SV_ON" | "SV_OFF" | "GO_HOME" | "ABORT_HOME" => TargetEffect::Ends,
+            _ => TargetEffect::Keeps,
+        };
+        assert_eq!(id.target_effect(), effect, "{id}");
+        assert_eq!(id.is_motion(), ["CSP", "CSV", "CST"].contains(&id.name()), "{id}");
+    }
+    assert_eq!(CommandId::Unknown(0x77).target_effect(), TargetEffect::Keeps);
 }
 
 /// SK-4.1 The kinds of slaves that accept a command, and the result for a slot with an unknown slave.

@@ -106,8 +106,10 @@ crate::for_each_width! {
         let (folder, program) = with_program(width, "starved_sdo");
         folder.passes(&program, &format!("{VIRTUAL}&record=starved.pcapng"), &[]);
         let (mut asked, mut requests) = (None, 0);
-        for recorded in Recording::open(&folder.path().join("starved.pcapng")).expect("a recording") {
-            let recorded = recorded.expect("it is whole");
+        let mut recording = Recording::open(&folder.path().join("starved.pcapng")).expect("a recording");
+        let frames: Result<Vec<_>, _> = (&mut recording).collect();
+        assert!(recording.lacks().is_nothing(), "{}", recording.lacks());
+        for recorded in frames.expect("it is whole") {
             let sdo = recorded.frame.slot(SIZE, SIZE.sdo_slot());
             let what = (sdo.id, sdo.data1, sdo.data2);
             if recorded.dir == Dir::Read {

@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
-use ecmsk::xf::command_table::{AnswerForm, COMMANDS};
+use ecmsk::xf::command_table::{AnswerForm, COMMANDS, CommandEffect, CommandTiming};
 use ecmsk::xf::request::{Arguments, UnknownCommand};
 use ecmsk::xf::{CommandCode, Request};
 
@@ -154,6 +154,22 @@ fn commands_that_are_not_done_at_once() {
             let immediate = !(slow.contains(&code) || (code, parameter) == (143, 0));
             assert_eq!(CommandCode::from_code(code).is_immediate(parameter), immediate, "{code} {parameter}");
         }
+    }
+}
+
+/// XF-4.2 Which commands only read, so that they may run again when their answer was lost: those that are done at once and
+/// return a result, but 5, which takes TxPDOs out of the FIFO, and 24, which clears a counter. Of 6, 81 and 144 the
+/// arguments decide.
+#[test]
+fn commands_that_only_read() {
+    for row in &COMMANDS {
+        let effect = match row.code.code() {
+            5 | 24 => CommandEffect::Acts,
+            6 | 81 | 144 => CommandEffect::ByArguments,
+            _ if row.timing == CommandTiming::NonImmediate || row.answer == AnswerForm::Nothing => CommandEffect::Acts,
+            _ => CommandEffect::Reads,
+        };
+        assert_eq!(row.effect, effect, "{}", row.name);
     }
 }
 

@@ -101,10 +101,10 @@ pub enum AssertError {
     /// The machine file cannot be used.
     #[error(transparent)]
     Machine(#[from] ecmsk::machine_file::MachineFileError),
-    /// The rules cannot be used.
+    /// The file of rules cannot be used.
     #[error(transparent)]
     Rules(#[from] RulesError),
-    /// The results cannot be written.
+    /// The file of `--junit` cannot be written.
     #[error(transparent)]
     Junit(#[from] OutputFileError),
     /// The recording has no frame.
@@ -119,15 +119,15 @@ pub enum AssertError {
 struct Judged {
     /// The rule in words.
     rule: String,
-    /// Whether the run keeps it.
+    /// Whether the run keeps the rule.
     is_kept: bool,
-    /// What the run did.
+    /// What the run did, as text.
     found: String,
-    /// When, in the time of the recording, ns; 0 for rules of the whole run.
+    /// The time in the recording to which the judgement refers, ns; 0 for rules of the whole run.
     at_ns: i64,
 }
 
-/// What a run did.
+/// What the recording of a run shows.
 struct Run {
     summary: Summary,
     extremes: Extremes,
@@ -138,7 +138,7 @@ struct Run {
     lacks: Option<String>,
 }
 
-/// Runs `ecmsk assert`: reads the rules and the recording, and prints how each rule fares.
+/// Runs `ecmsk assert`: reads the rules and the recording, and prints the judgement of each rule.
 ///
 /// # Errors
 /// [`AssertError`] if the run could not be judged; [`CliError::Output`] if standard output cannot be written to.
@@ -195,7 +195,7 @@ fn read(args: &Args) -> Result<(Run, Rules, Option<MachineFile>), AssertError> {
     frames.note_jumps(&walked);
     let Some(watch) = watch else { return Err(AssertError::NoFrame(args.file.display().to_string())) };
     summary.set_frame_counts(&watch.counts());
-    // The frames before a damage may break rules.
+    // A damaged recording is judged too, because the frames before the damage may break rules.
     let lacks = walked.damage.map(|damage| damage.to_string()).or_else(|| Some(frames.lacks()?.to_string()));
     let run = Run { summary, extremes, found: finder.found, times_ns, lacks };
     Ok((run, rules, machine))
@@ -242,7 +242,7 @@ fn judge_limit(limit: &Limit, run: &Run, axes: &[(usize, &AxisExtremes)], machin
     let whose = limit.slave.map_or_else(|| "all axes".to_owned(), |slave| format!("axis {}", label(machine, slave)));
     let rule = format!("{whose}: {name} at most {}", limit.text);
     if meant.is_empty() {
-        // A limit of an axis that was never moved would be kept whatever happened.
+        // A limit for an axis without commands could never be exceeded, so it counts as broken.
         return Judged {
             rule,
             is_kept: false,
@@ -261,8 +261,8 @@ fn judge_limit(limit: &Limit, run: &Run, axes: &[(usize, &AxisExtremes)], machin
     Judged { rule, is_kept, found, at_ns: peak.at_ns }
 }
 
-/// Judges the events: each has to come after the one before. After one that did not come, the next is looked for from the
-/// last one that did.
+/// Judges the events: each has to come after the one before. If an event did not come, the search for the next one
+/// begins at the last event that came.
 fn judge_events(events: &[Event], run: &Run, machine: Option<&MachineFile>, judged: &mut Vec<Judged>) {
     let (mut next, mut before_ns) = (0, 0);
     for (number, event) in (1..).zip(events) {

@@ -101,7 +101,7 @@ pub struct Args {
     /// Counts per unit, for positions and speeds in mm or degrees of axes that are named by numbers: one number for all, or
     /// e.g. 1=5000,2=131072/360
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true, global = true, help_heading = HEADING)]
-    counts_per_unit: Option<Scales>,
+    pub counts_per_unit: Option<Scales>,
 
     /// What the axes do at the end: hold (stop and stay on), servo-off (stop and switch off), leave (change nothing). Behind
     /// nic:, xf-spi: and xf-usb: they are always off then [default: hold; leave for a verb that moves nothing]
@@ -114,20 +114,20 @@ pub struct Args {
 }
 
 impl Args {
-    /// The options of a verb that has only some of them: those that `set` sets, and none of the others.
+    /// The options of a verb that has only some of them: those that `set` sets. The others have their defaults.
     pub fn with(set: impl FnOnce(&mut Self)) -> Self {
         let mut args = Self::default();
         set(&mut args);
         args
     }
 
-    /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory, otherwise that of the
-    /// server of the link; `None` if there is none. A verb that only reads or looks passes over such a file of another
-    /// user, and one that switches axes off also over one that cannot be used, unless `--machine` names it.
+    /// The machine file that `--machine` names, otherwise `machine.toml` in the working directory, otherwise that of
+    /// the server of the link; `None` if there is none. Without `--machine`, a verb that moves no axes ignores the file
+    /// of another user. A verb that switches axes also ignores a file that cannot be used.
     ///
     /// # Errors
-    /// The file cannot be read, or its content is not that of a machine file. The verb may move axes, and would pass over
-    /// the limits in a file of another user, or in that of a server which does not give it.
+    /// The file cannot be read, or its content is not that of a machine file. A verb that moves axes also fails if the
+    /// file is another user's, or if the server does not give its file: it would move without the limits in that file.
     pub fn machine(&self, board_use: BoardUse) -> Result<Option<MachineFile>, BoardError> {
         if board_use == BoardUse::Moves && machine_option::passes_over(self.machine.as_deref()) {
             return Err(BoardError::Refused {
@@ -157,12 +157,12 @@ impl Args {
     /// The board that the options, the environment, the machine file or the configuration name.
     ///
     /// # Errors
-    /// `ECMSK_LINK` or `ecmsk.toml` is invalid. The machine file was passed over, and may name the board.
+    /// `ECMSK_LINK` or `ecmsk.toml` is invalid. The machine file may name the board, but cannot be used.
     pub fn chosen(&self, machine: Option<&MachineFile>) -> Result<ChosenLink, BoardError> {
         Ok(ChosenLink::find_with(self.named_link()?.as_ref(), machine)?)
     }
 
-    /// The link of `--link`, otherwise that of a machine file that was passed over.
+    /// The link of `--link`, otherwise the link in a machine file that is ignored because it cannot be used.
     fn named_link(&self) -> Result<Option<LinkUri>, BoardError> {
         if self.link.is_some() || self.machine.is_some() {
             return Ok(self.link.clone());
@@ -179,8 +179,8 @@ impl Args {
         slot_size::given(self.slot_size, self.slot)
     }
 
-    /// The link `uri`, with the recording of `--record` if there is one, which carries the machine file, unless that is the
-    /// server's.
+    /// The link `uri`, with the recording of `--record` if the option is given. The recording also carries the machine
+    /// file, unless that comes from the server.
     ///
     /// # Errors
     /// The recording cannot be made.
@@ -224,7 +224,7 @@ impl Args {
         self.counts_per_unit.clone().or_else(|| Scales::parse(&known?.counts_per_unit).ok())
     }
 
-    /// The counts per unit that `--counts-per-unit` gives; those that a server reports are not included.
+    /// The counts per unit of `--counts-per-unit`, without those that a server reports.
     pub const fn scales(&self) -> Option<&Scales> {
         self.counts_per_unit.as_ref()
     }

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::ValueHint;
+#[cfg(feature = "web")]
+use ecmsk::compare::Difference;
 use ecmsk::compare::{
     CompareError, CompareOptions, Comparison, Deviation, RecordedRun, Steps, TimedFrame, compare_steps,
 };
@@ -107,7 +109,7 @@ impl How {
     /// The file of `--plot`, checked.
     ///
     /// # Errors
-    /// Those of [`plot::check`].
+    /// The errors of [`plot::check`].
     pub fn picture<'a>(&self, file: &'a Path, recordings: &[&Path]) -> Result<plot::Picture<'a>, PlotError> {
         plot::check(file, "--plot", recordings, self.overwrite.replace())
     }
@@ -204,6 +206,38 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
         text(&names, &found) + &settles.unwrap_or_default()
     };
     print(text, names.code(&found, &options))
+}
+
+/// The first difference of two recordings, and a tolerance of positions in counts with which there is none; `None` if they
+/// are equal.
+///
+/// # Errors
+/// A recording cannot be read, or the two cannot be compared.
+#[cfg(feature = "web")]
+pub fn first_difference(
+    [a, b]: [&Path; 2],
+    slot_size: Option<SlotSize>,
+) -> Result<Option<(Difference, Option<u32>)>, CompareVerbError> {
+    let how = How {
+        tolerance: 0,
+        statusword_mask: u16::MAX,
+        ignore_repeats: false,
+        latency: None,
+        allow_incomplete: true,
+        json: false,
+        plot: None,
+        overwrite: OverwriteOption::default(),
+        slot_size,
+        slot: None,
+    };
+    let args = Args { a: a.to_owned(), b: b.to_owned(), how, device: Vec::new() };
+    let options = args.how.options();
+    let Runs { mut a, mut b, size } = Runs::open(&args, &options)?;
+    let found = compare_steps(Steps::new(&mut a, size, false), Steps::new(&mut b, size, false), &options);
+    a.check()?;
+    b.check()?;
+    let settles = settling_tolerance(&args, &options, &found)?;
+    Ok(found.first.map(|first| (first, settles)))
 }
 
 /// \[OURS] The largest tolerance that is proposed, in counts. A larger difference is no noise of a measurement.

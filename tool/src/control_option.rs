@@ -63,7 +63,7 @@ pub fn with_control(link: &LinkUri, name: &str) -> Result<LinkUri, ControlOption
 /// The link, with the key `control=` if the option is given.
 ///
 /// # Errors
-/// As [`with_control`].
+/// The errors of [`with_control`].
 pub fn controlled(link: LinkUri, name: Option<&str>) -> Result<LinkUri, ControlOptionError> {
     name.map_or(Ok(link.clone()), |name| with_control(&link, name))
 }

@@ -177,6 +177,8 @@ impl CliError {
             Self::Xf(error) => error.code(),
             // The command line names no board, or an address at which other machines reach the server: as a wrong command line.
             Self::Flight(error) if error.is_wrong_command_line() => super::WRONG_COMMAND_LINE,
+            #[cfg(feature = "web")]
+            Self::Web(error) if error.is_wrong_command_line() => super::WRONG_COMMAND_LINE,
             Self::NothingToServe
             | Self::Control(_)
             | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. })

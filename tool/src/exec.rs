@@ -151,7 +151,7 @@ pub enum ExecError {
         /// The link that was to be opened.
         link: LinkUri,
     },
-    /// The library for `--clock virtual` is not beside the other one.
+    /// The library for `--clock virtual` is not in the folder of NEXTWUSBLib.
     #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
     #[error("no {} beside {}, which --clock virtual needs; build it with `cargo build -p ecmsk-sleep`", clock::FILE_NAME, .library.display())]
     NoSleepLibrary {

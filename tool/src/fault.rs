@@ -80,7 +80,7 @@ fn inject(args: &Args, event: &str) -> Result<Happened, FaultError> {
 
     use ecmsk::link::control::Injection;
 
-    /// How often it is looked whether the board is there. \[OURS]
+    /// The interval at which a waiting `ecmsk fault` checks whether the board is there. \[OURS]
     const LOOK_INTERVAL: Duration = Duration::from_millis(10);
 
     let deadline = args.wait.and_then(|wait| Instant::now().checked_add(wait));

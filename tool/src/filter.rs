@@ -40,7 +40,7 @@ impl Slots {
         }
     }
 
-    /// The first slot of the range that frames of that size do not have.
+    /// The first slot of the range that frames of that size do not have; `None` if they have all.
     pub fn missing(self, size: SlotSize) -> Option<usize> {
         match self {
             Self::Range(first, last) => {
@@ -132,12 +132,12 @@ pub struct TimeOptions {
     around: Option<f64>,
 }
 
-/// How much `--around` leaves before its time, and after it, in seconds. \[OURS] Some hundred cycles show how a moment came
-/// about, and in a plot single cycles can still be told apart.
+/// How much time `--around` selects before and after its moment, in seconds. \[OURS] Some hundred cycles show how a
+/// moment came about, and in a plot single cycles can still be distinguished.
 pub const AROUND_SECONDS: f64 = 0.1;
 
 impl TimeOptions {
-    /// The range of times that the options leave.
+    /// The range of times that the options select.
     pub fn times(self) -> Times {
         match self.around {
             Some(at) => Times { from: Some(at - AROUND_SECONDS), to: Some(at + AROUND_SECONDS) },
@@ -195,7 +195,7 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
     let (number, factor) = unit.unwrap_or((text, 1.0));
     let number: f64 = number.trim().parse().map_err(|_| "not a time; write it as in 3.5, 3.5s or 500ms".to_owned())?;
     if number.is_finite() {
-        // Multiples of 1e-3 are not exact in binary; the nearest nanosecond is what was written.
+        // Multiples of 1e-3 are not exact in binary; rounding to whole nanoseconds gives the time that was written.
         Ok((number * factor * 1e9).round() / 1e9)
     } else {
         Err("not a time; leave the option out for no limit".to_owned())

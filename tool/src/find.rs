@@ -6,11 +6,14 @@
 //! - `find/expression.rs`: reads the expression; `find/words.rs`: its words; `find/measure.rs`: the units of its numbers
 //! - `find/condition.rs`: whether a condition holds at a report
 //! - `find/values.rs`: the values of axes and board at each report
-//! - `find/spans.rs`: from when to when a condition holds
+//! - `find/spans.rs`: from when to when a condition holds; `find/search.rs`: all of this for one condition
 
 mod condition;
 mod expression;
 mod measure;
+#[cfg_attr(not(feature = "web"), allow(dead_code, reason = "only the page needs all of it"))]
+mod search;
+#[cfg_attr(not(feature = "web"), allow(dead_code, reason = "only the page needs all of it"))]
 mod spans;
 mod values;
 mod words;
@@ -29,8 +32,9 @@ use super::filter::TimeOptions;
 use super::recording::{Frames, parse_device};
 use super::stderr::say;
 use super::{compare, machine_option, output, slot_size};
-use spans::{Span, Spans};
-use values::Watch;
+pub use expression::ExpressionError;
+pub use search::Search;
+use spans::Span;
 
 /// Exit code if the condition never becomes true, as grep(1) has it. If nothing could be looked for it is
 /// [`compare::TROUBLE`].
@@ -97,12 +101,15 @@ pub struct Args {
     device: Option<Address>,
 }
 
-/// Why nothing was looked for.
+/// Why the recording was not searched.
 #[derive(Debug, thiserror::Error)]
 pub enum FindError {
+    /// A folder was named in the place of a recording.
+    #[error("{} is a folder; name a recording in it, or run `ecmsk summary {}` for all of them", .0.display(), .0.display())]
+    Folder(PathBuf),
     /// The expression is wrong.
     #[error("{0}; see `ecmsk find --help`")]
-    Expression(#[from] expression::ExpressionError),
+    Expression(#[from] ExpressionError),
     /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordError),
@@ -130,28 +137,27 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(match (found.is_empty(), is_whole) {
         (false, _) => ExitCode::SUCCESS,
         (true, true) => ExitCode::from(NOTHING),
-        // It may have become true in what cannot be read.
+        // The condition may have become true in the part that cannot be read.
         (true, false) => ExitCode::from(compare::TROUBLE),
     })
 }
 
-/// When the condition was true, and whether all frames could be read.
+/// The spans of time in which the condition was true, and whether all frames could be read.
 fn find(args: &Args) -> Result<(Vec<Span>, bool), FindError> {
+    if args.file.is_dir() {
+        return Err(FindError::Folder(args.file.clone()));
+    }
     let (from_stdin, carried) = machine_option::carried_by(&args.file, args.slot_size, args.device)?;
     let machine = machine_option::of_recording(args.machine.as_deref(), carried.as_deref())?;
-    let condition = expression::parse(&args.expression, machine.as_ref())?;
+    let mut search = Search::parse(&args.expression, machine.as_ref())?;
     let open = || Frames::open_board(&args.file, args.slot_size, args.device);
     let mut frames = from_stdin.map_or_else(open, Ok)?;
     let times = args.times.times();
-    let (mut watch, mut spans, mut is_any) = (Watch::new(), Spans::new(&condition), false);
+    let mut is_any = false;
     let walked = frames.walk(i64::MAX, |framed| {
-        let execution = watch.frame(framed);
-        if times.contains(framed.time_ns) {
-            is_any = true;
-            if let Some(execution) = execution {
-                spans.report(framed.time_ns, &watch, execution);
-            }
-        }
+        let counts = times.contains(framed.time_ns);
+        is_any |= counts;
+        search.frame(framed, counts);
     })?;
     frames.note_zero();
     frames.note_walked(&walked);
@@ -160,10 +166,10 @@ fn find(args: &Args) -> Result<(Vec<Span>, bool), FindError> {
     }
     let lacks = frames.lacks().unwrap_or_default();
     let is_whole = walked.damage.is_none() && lacks.missing == 0 && lacks.damage.count == 0;
-    Ok((spans.finish(), is_whole))
+    Ok((search.finish(), is_whole))
 }
 
-/// The line of a time: `6.020000000 s  for 0.019000000 s`, times as `ecmsk dump` has them.
+/// A span of time as a line of text: `6.020000000 s  for 0.019000000 s`. Times have the form of `ecmsk dump`.
 fn in_words(span: &Span) -> String {
     let [at, lasts] = [span.from_ns, span.lasts_ns()].map(output::seconds);
     let end = if span.ended { "" } else { ", to the end" };

@@ -15,7 +15,7 @@ use super::{CliError, machine_option, output, recording};
 
 /// How long `ecmsk flight mark` waits until its mark is taken: recorders look for marks once a second. \[OURS]
 const TAKEN_MAX: Duration = Duration::from_secs(3);
-/// How often it looks.
+/// The interval at which `ecmsk flight mark` checks whether its mark was taken.
 const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Show what a flight recorder has kept, and mark moments for it
@@ -76,15 +76,15 @@ struct Mark {
     text: String,
 }
 
-/// Why `ecmsk flight` fails.
+/// Why a verb of `ecmsk flight` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum FlightVerbError {
     /// The folder cannot be read, or no mark can be put into it.
     #[error("{}: {source}; {}", .folder.display(), next_step(.source))]
     Folder {
-        /// The folder.
+        /// The path of the folder.
         folder: PathBuf,
-        /// Why.
+        /// The error of the system.
         source: io::Error,
     },
 }
@@ -131,7 +131,8 @@ fn list(args: &List) -> Result<(), CliError> {
     Ok(output::print(text)?)
 }
 
-/// The same with the names of axes and the words for alarms of the machine file.
+/// Replaces the slave and the code of each alarm among the reasons by the name of the axis and the alarm text of the
+/// machine file.
 fn with_words(mut contents: FlightContents, machine: Option<&MachineFile>) -> FlightContents {
     let Some(machine) = machine else { return contents };
     for reason in contents.moments.iter_mut().flat_map(|kept| &mut kept.moment.reasons) {
@@ -208,7 +209,7 @@ fn as_json(contents: &FlightContents) -> Value {
     json!({"writer": contents.writer, "moments": moments.collect::<Vec<_>>(), "segments": segments.collect::<Vec<_>>()})
 }
 
-/// A time of a recording as text; of a virtual clock in seconds.
+/// A time of a recording as text: in UTC, or in seconds for a virtual clock.
 fn when(at_ns: u64, is_virtual: bool) -> String {
     utc(at_ns, is_virtual).unwrap_or_else(|| format!("{:.3} s", at_ns as f64 / 1e9))
 }

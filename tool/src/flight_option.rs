@@ -29,12 +29,12 @@ pub enum FlightOptionError {
     /// The folder cannot be used.
     #[error("cannot record to the folder {}: {source}; name another folder with --flight", .folder.display())]
     Folder {
-        /// The folder.
+        /// The path of the folder.
         folder: PathBuf,
-        /// Why it cannot be used.
+        /// Why the folder cannot be used.
         source: io::Error,
     },
-    /// One folder takes the frames of one board.
+    /// Several boards cannot record to one folder.
     #[error("a folder takes the frames of one board; give each --link its own, with flight=DIR in it")]
     SeveralBoards,
     /// The link with `flight=` is invalid.
@@ -55,11 +55,11 @@ impl FlightArgs {
         self.flight.is_some()
     }
 
-    /// The link with the keys of the options. If it has a flight recorder then, by these or its own keys, the folder is made
-    /// ready.
+    /// The link with the keys of the options. If the resulting link has a flight recorder, by these keys or by its own,
+    /// the folder is prepared.
     ///
     /// # Errors
-    /// The folder cannot be used, another process is recording to it, or the link has one already.
+    /// The folder cannot be used, another process is recording to it, or the link has a flight recorder already.
     pub fn added_to(&self, link: &LinkUri) -> Result<LinkUri, FlightOptionError> {
         let mut link = link.clone();
         if let Some(folder) = &self.flight {
@@ -83,7 +83,7 @@ impl FlightArgs {
     /// As [`Self::added_to`], for several boards.
     ///
     /// # Errors
-    /// Those of [`Self::added_to`]; [`FlightOptionError::SeveralBoards`].
+    /// The errors of [`Self::added_to`]; [`FlightOptionError::SeveralBoards`].
     pub fn added_to_all(&self, links: &[LinkUri]) -> Result<Vec<LinkUri>, FlightOptionError> {
         if self.is_given() && links.len() > 1 {
             return Err(FlightOptionError::SeveralBoards);

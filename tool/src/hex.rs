@@ -20,7 +20,7 @@ fn joined(bytes: &[u8], between: &str) -> String {
     })
 }
 
-/// Parses `0102FF`; spaces and colons may stand between bytes.
+/// Parses `0102FF`; spaces and colons between bytes are ignored.
 ///
 /// # Errors
 /// The text is invalid; the error says what is allowed.

@@ -28,9 +28,9 @@ const NAMES_MAX: usize = 10_000;
 /// The processor for which a PE file is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Width {
-    /// x86.
+    /// x86, 32 bits.
     X86,
-    /// x86-64.
+    /// x86-64, 64 bits.
     X64,
     /// Another processor, by its number in the PE format.
     Other(u16),
@@ -58,7 +58,7 @@ impl fmt::Display for Width {
     }
 }
 
-/// The width that the CLI header of a .NET program or assembly requests.
+/// The processor width that the CLI header of a .NET program or assembly requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Managed {
     /// Any CPU: it runs with the width of the system.
@@ -161,7 +161,7 @@ impl Image {
             }
         }
 
-        // The version resource may be invalid, as in packed files; Windows loads such files as well.
+        // Export table and version resource may be invalid, as in packed files; Windows loads such files as well.
         let table = directories.export_table(data, &sections).ok().flatten();
         let exports = table.map_or_else(Vec::new, |table| {
             let names = table.name_iter().take(NAMES_MAX).filter_map(|(name, _)| table.name_from_pointer(name).ok());

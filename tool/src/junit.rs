@@ -6,31 +6,31 @@ use std::time::Duration;
 
 use super::output_file::{Kind, OutputFile, OutputFileError, Replace};
 
-/// One thing that was checked.
+/// A test case: one thing that was checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Case {
     /// What was checked.
     pub name: String,
-    /// What went wrong; `None`: it is as it has to be.
+    /// What went wrong; `None` if the check has passed.
     pub failure: Option<String>,
-    /// How long it took, in the time that the verb counts in.
+    /// How long the check took, on the clock that the verb uses.
     pub time: Duration,
 }
 
-/// The file of `--junit`.
+/// The output file of `--junit`.
 pub const fn output(file: &Path, replace: Replace) -> OutputFile<'_> {
     OutputFile { file, option: "--junit", kind: Kind::Junit, replace }
 }
 
-/// Writes the cases as one suite with that name.
+/// Writes the cases as one test suite with the name `suite`.
 ///
 /// # Errors
-/// [`OutputFileError`] if the file cannot be written, or is there and is none with results.
+/// [`OutputFileError`] if the file cannot be written, or exists and contains something other than test results.
 pub fn write(output: &OutputFile, suite: &str, cases: &[Case]) -> Result<(), OutputFileError> {
     output.write(text(suite, cases).as_bytes())
 }
 
-/// The text of the file.
+/// The cases as the text of a JUnit file.
 pub fn text(suite: &str, cases: &[Case]) -> String {
     let failures = cases.iter().filter(|case| case.failure.is_some()).count();
     let seconds = |time: Duration| format!("{:.3}", time.as_secs_f64());
@@ -50,7 +50,8 @@ pub fn text(suite: &str, cases: &[Case]) -> String {
     text + "  </testsuite>\n</testsuites>\n"
 }
 
-/// The text as the value of an attribute. XML 1.0 has no control characters, and ends of lines in attributes become spaces.
+/// Escapes a text for the value of an XML attribute. XML 1.0 has no control characters, and line ends in attributes
+/// become spaces.
 fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {

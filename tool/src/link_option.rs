@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ecmsk::link::LinkError;
 use ecmsk::link::config::{ConfigError, Environment, LINK_VARIABLE, Source, find};
+use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::machine_file::{MachineFile, MachineFileError};
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
@@ -19,6 +20,11 @@ pub struct ChosenLink {
     /// The configuration files that were searched, as text for the error, if no link was found and `uri` is the
     /// default; `None` if the user has named a link.
     looked: Option<String>,
+}
+
+/// Whether opening the link makes a new simulated board in this process.
+pub const fn is_simulated(uri: &LinkUri) -> bool {
+    matches!(uri.scheme(), Scheme::Sim | Scheme::XfSim)
 }
 
 /// Why the link of a verb cannot be chosen.
@@ -55,8 +61,8 @@ impl Unnamed {
 }
 
 impl ChosenLink {
-    /// Finds the link of a verb that needs nothing else of a machine file: that of the option `link`, otherwise that of the
-    /// environment, of the machine file in the working directory or of a configuration file.
+    /// Finds the link of a verb that uses only the link of a machine file: that of the option `link`, otherwise that of
+    /// the environment, of the machine file in the working directory or of a configuration file.
     ///
     /// # Errors
     /// `ECMSK_LINK`, `ecmsk.toml` or the machine file is invalid.
@@ -64,12 +70,12 @@ impl ChosenLink {
         Ok(Self::find_for(link, None, None)?.0)
     }
 
-    /// As [`find`](Self::find), for a verb about the slave `word`; returns the machine file, too. The file is read only if the
-    /// option `machine` names it, or it has to name the link or the axis: without it other command lines mean the same.
-    /// \[OURS]
+    /// Like [`find`](Self::find), for a verb about the slave `word`; also returns the machine file. The file is read
+    /// only if the option `machine` names it, or if only the file can give the link or the axis. All other command
+    /// lines mean the same without the file. \[OURS]
     ///
     /// # Errors
-    /// As [`find`](Self::find).
+    /// The errors of [`find`](Self::find).
     pub fn find_for(
         link: Option<&LinkUri>,
         machine: Option<&Path>,
@@ -81,8 +87,9 @@ impl ChosenLink {
         Ok((Self::find_with(link, machine.as_ref())?, machine))
     }
 
-    /// As [`find`](Self::find), for a verb with a machine file. The link of the file comes behind `ECMSK_LINK` and before a
-    /// configuration file; a simulated board without a list of slaves gets those of the file.
+    /// Like [`find`](Self::find), for a verb with a machine file. The link of the file takes precedence over a
+    /// configuration file, and `ECMSK_LINK` over both. A simulated board without a list of slaves gets those of the
+    /// file.
     ///
     /// # Errors
     /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
@@ -105,7 +112,7 @@ impl ChosenLink {
         Ok(Self { uri, looked: (configured.source == Source::Default).then(files) })
     }
 
-    /// Whether the user has named a link. If not, [`Self::uri`] is the default.
+    /// Whether the user has named a link; otherwise [`Self::uri`] is the default.
     pub const fn is_named(&self) -> bool {
         self.looked.is_none()
     }
@@ -145,8 +152,8 @@ pub fn belongs_to_user(file: &Path, next: &str) -> bool {
     !is_of_another_user
 }
 
-/// Whether a file exists, and belongs neither to this user nor to root. Under `sudo` that holds for the caller's own files, too:
-/// whoever may run one command as root may not therefore choose the files that it creates. \[OURS]
+/// Whether a file exists, and belongs neither to this user nor to root. Under `sudo` that holds for the caller's own
+/// files, too: a user who may run one command as root must not thereby choose the files that it creates. \[OURS]
 #[cfg(unix)]
 pub fn is_of_another_user(file: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
@@ -159,7 +166,8 @@ pub const fn is_of_another_user(_file: &Path) -> bool {
     false
 }
 
-/// The link for a verb that only reads. On `tcp:` such a verb is a reader beside the writer.
+/// The link for a verb that only reads. On `tcp:` it asks for the role of a reader, so that another program can be the
+/// writer.
 pub fn as_reader(uri: &LinkUri) -> LinkUri {
     if uri.value("role") != Some("writer") {
         return uri.clone();

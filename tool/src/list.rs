@@ -50,7 +50,7 @@ struct Row {
     but: Vec<String>,
     /// What the user can do about the obstacle and the problems.
     next: Vec<String>,
-    /// The fields that the row's JSON object has besides those made of the fields above, such as the speed of a board on USB.
+    /// Further fields of the row's JSON object, such as the speed of a board on USB.
     facts: Value,
 }
 

@@ -187,11 +187,11 @@ fn new(link: &LinkUri, file: &Path, overwrite: bool) -> Result<ExitCode, Machine
 /// The highest homing method of CiA 402.
 const HOMING_METHOD_MAX: i8 = 37;
 
-/// Prints advice on what is allowed in a machine file, and hardly meant.
+/// Prints notes on values in a machine file that are allowed, but probably not intended.
 fn advise(reporter: &Reporter, machine: &MachineFile) {
     for axis in &machine.axes {
         let name = &axis.name;
-        // CiA 402 has the methods from 1 on; those below 0 are the maker's.
+        // CiA 402 has the methods from 1 on; those below 0 are vendor-specific.
         if let Some(method) = axis.homing.method.filter(|method| *method == 0 || *method > HOMING_METHOD_MAX) {
             reporter.note(format_args!(
                 "axis {name} has homing method {method}, which CiA 402 does not have: it has 1 to {HOMING_METHOD_MAX}, and those \

@@ -50,17 +50,17 @@ pub fn load(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileErro
     }
 }
 
-/// Whether [`load`] passes over the machine file in the working directory, because it is another user's.
+/// Whether [`load`] ignores the machine file in the working directory, because it belongs to another user.
 pub fn passes_over(given: Option<&Path>) -> bool {
     given.is_none() && is_of_another_user(Path::new(FILE_NAME))
 }
 
-/// The machine file for a recording: that of the option, otherwise the one that the recording carries, about which a note is
-/// printed once, otherwise the one in the working directory. A carried file that this version cannot read is passed over, with
-/// a note.
+/// The machine file for a recording: that of the option, otherwise the one that the recording carries, otherwise the
+/// one in the working directory. A note on a carried file is printed once. A carried file that this version cannot read
+/// is ignored, with a note.
 ///
 /// # Errors
-/// As [`load`].
+/// The errors of [`load`].
 pub fn of_recording(
     given: Option<&Path>,
     carried: Option<&CarriedFile>,
@@ -101,11 +101,11 @@ pub fn carried(machine: &MachineFile) -> Option<CarriedFile> {
     Some(CarriedFile::new(&machine.path, &text))
 }
 
-/// As [`load`], for a verb that stops axes or switches them off. It must not fail because of a file that nobody has named: one
-/// that cannot be used is passed over, with a warning. \[OURS]
+/// Like [`load`], for a verb that stops axes or switches them off. It must not fail because of a file that nobody has
+/// named: a file in the working directory that cannot be used is ignored, with a warning. \[OURS]
 ///
 /// # Errors
-/// As [`load`] for a file that the option names.
+/// The errors of [`load`] for a file that the option names.
 pub fn load_or_pass_over(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileError> {
     static SAID: Once = Once::new();
     match load(given) {
@@ -117,12 +117,12 @@ pub fn load_or_pass_over(given: Option<&Path>) -> Result<Option<MachineFile>, Ma
     }
 }
 
-/// The link in the machine file of the working directory, if [`load_or_pass_over`] passes over that file. So a wrong field
-/// elsewhere in it does not lead to another board. `None`: there is no such file, or `ECMSK_LINK` comes before its link, or it
-/// has none.
+/// The link in the machine file of the working directory, if that file cannot be used but its link can be read. So a
+/// wrong field elsewhere in the file does not lead to another board. `None`: the file does not exist, is valid, belongs
+/// to another user or has no link, or `ECMSK_LINK` takes precedence.
 ///
 /// # Errors
-/// The file is no text with fields, so that its link is not known.
+/// The text of the file cannot be parsed, or its link is invalid, so that the link is not known.
 pub fn link_passed_over() -> Result<Option<LinkUri>, MachineFileError> {
     #[derive(serde::Deserialize)]
     struct OnlyLink {
@@ -150,13 +150,14 @@ pub fn link_passed_over() -> Result<Option<LinkUri>, MachineFileError> {
 /// server of the link.
 ///
 /// # Errors
-/// As [`load`].
+/// The errors of [`load`].
 pub fn of_link(given: Option<&Path>, link: Option<&LinkUri>) -> Result<Option<MachineFile>, MachineFileError> {
     Ok(or_of_server(load(given)?, given, link))
 }
 
-/// The machine file that was loaded; without one, unless the option says `none`, that of the server of the link. A server that
-/// cannot be reached is no error here: opening the link reports it. A file that cannot be used is passed over, with a note.
+/// The machine file `loaded`, otherwise that of the server of the link, unless the option is given (such as `none`). A
+/// server that cannot be reached is no error here: opening the link reports it. A file that cannot be used is ignored,
+/// with a note.
 pub fn or_of_server(loaded: Option<MachineFile>, given: Option<&Path>, link: Option<&LinkUri>) -> Option<MachineFile> {
     if loaded.is_some() || given.is_some() {
         return loaded;
@@ -204,7 +205,7 @@ fn served(uri: &LinkUri) -> Result<Option<MachineFile>, ServedFileError> {
     }
     let file = tcp::machine(uri).map_err(ServedFileError::Link)?;
     let machine = file.map(|file| {
-        // No file on this machine is meant by its name.
+        // The name says "of the server", because no file on this machine is meant.
         let name = format!("{} of the server", file.name());
         MachineFile::parse(&name, file.text()).map(of_elsewhere).map_err(ServedFileError::File)
     });
@@ -213,7 +214,7 @@ fn served(uri: &LinkUri) -> Result<Option<MachineFile>, ServedFileError> {
     Ok(machine)
 }
 
-/// A machine file of a server or of a recording, as it is used here: without its link. On this machine that would lead to another
+/// Removes the link from a machine file of a server or of a recording. On this machine the link would lead to another
 /// board, and open files that somebody else has chosen. \[OURS]
 fn of_elsewhere(mut machine: MachineFile) -> MachineFile {
     machine.link = None;
@@ -246,14 +247,14 @@ pub fn names_of_axes() -> Option<(String, String)> {
     (!names.is_empty()).then_some((file, names))
 }
 
-/// A number with a unit directly behind it or after spaces: `0.5mm`, `500 counts`.
+/// Parses a number with a unit directly after it or after spaces: `0.5mm`, `500 counts`.
 pub fn number_and_unit(text: &str) -> Option<(f64, Unit)> {
     let with = |unit: Unit| Some((text.strip_suffix(unit.word())?.trim_end().parse().ok()?, unit));
     Unit::ALL.into_iter().find_map(with)
 }
 
-/// A position or speed in the unit of an axis, with so many decimals that each count changes the number, at most six:
-/// `12.500 mm`.
+/// Formats a position or speed in the unit of an axis. The number has as many decimals as a single count needs to
+/// change it, at most six: `12.500 mm`.
 pub fn in_unit(axis: &MachineAxis, counts: f64) -> String {
     /// The most decimals of a printed number; with more it would only be harder to read.
     const DECIMALS_MAX: f64 = 6.0;
@@ -262,7 +263,7 @@ pub fn in_unit(axis: &MachineAxis, counts: f64) -> String {
     format!("{:.decimals$} {}", counts / per_unit, axis.unit)
 }
 
-/// What an error code (0x603F) of a slave means: as the machine file says it, else as CiA 402 does.
+/// The meaning of an error code (0x603F) of a slave: the text in the machine file, otherwise that of CiA 402.
 pub fn alarm_words(machine: Option<&MachineFile>, slave: u8, code: u16) -> &str {
     machine.and_then(|machine| machine.alarm_text(slave, code)).unwrap_or_else(|| error_name(code))
 }

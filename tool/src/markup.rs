@@ -2,7 +2,8 @@
 
 use super::visible::visible;
 
-/// The text for an element or an attribute in double quotes. Control characters, which XML does not have, stand as their codes.
+/// Escapes a text for an element, or for an attribute in double quotes. Control characters, which XML does not have,
+/// are written as their codes.
 pub fn escaped(text: &str) -> String {
     visible(text).replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
 }
@@ -21,7 +22,7 @@ pub fn page(title: &str, below: &str) -> String {
     )
 }
 
-/// A picture of a page, or a text in HTML in its place, below its heading.
+/// A figure of a page: a heading, and below it an SVG picture, or HTML text in its place.
 pub fn figure(heading: &str, svg: &str) -> String {
     format!("<h3>{}</h3>\n{svg}\n", escaped(heading))
 }

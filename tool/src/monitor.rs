@@ -191,7 +191,7 @@ fn look(args: &Args, machine: Option<&Arc<MachineFile>>) -> Result<ExitCode, Cli
     let began = Instant::now();
     let mut next = began;
     loop {
-        // A late view does not make the following ones come faster.
+        // After a late view, the interval to the next one is not shortened.
         next = (next + args.interval).max(Instant::now());
         thread::sleep(next.saturating_duration_since(Instant::now()));
         let (view, end) = feed.view();
@@ -247,7 +247,7 @@ fn print(args: &Args, view: &View) -> Result<(), CliError> {
     Ok(output::print(text)?)
 }
 
-/// What is known of the board of a recording before its first frame.
+/// The state of a recording's board before its first frame: the name, the kinds of the slaves, the machine file.
 fn recorded(args: &Args, file: &Path, machine: Option<&Arc<MachineFile>>) -> Watched {
     let kinds = kinds(args.slaves.as_ref(), None, machine.map(Arc::as_ref));
     let mut watched = Watched::new(file.display().to_string(), kinds.as_deref());
@@ -294,7 +294,8 @@ pub fn board(
     })
 }
 
-/// The kinds of the slaves of a board: from the options, the machine file or the link, else as the server tells.
+/// The kinds of the slaves of a board: from the options, the machine file or the link, else those that the server
+/// reports.
 pub fn known_kinds(
     slaves: Option<&KindList>,
     uri: &LinkUri,

@@ -4,7 +4,7 @@
 use ecmsk::link::Dir;
 use ecmsk::recording::{Entry, ExecutionReport, RunExecution};
 use ecmsk::sk::dump::MAX_SLAVES;
-use ecmsk::sk::{CommandId, DriveResponse, SlaveCommand, SlaveKind};
+use ecmsk::sk::{CommandId, DriveResponse, SlaveCommand, SlaveKind, TargetEffect};
 use ecmsk::summary::GapFinder;
 
 use super::recording::Framed;
@@ -55,9 +55,9 @@ pub struct Value {
 /// What a report shows about the execution of commands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Execution {
-    /// Only a later report shows which commands were executed, so that the target in force is not known.
+    /// Whether only a later report shows which commands were executed. The target in force is not known then.
     pub is_later: bool,
-    /// Whether commands were executed since the last report.
+    /// Whether commands were executed since the previous report.
     pub goes_on: bool,
     /// The time at which a gap in a motion began that ends with these commands, nanoseconds of the recording's time.
     pub gap_since_ns: Option<i64>,
@@ -66,9 +66,10 @@ pub struct Execution {
 /// The last values of an axis, while frames are read.
 #[derive(Debug, Default)]
 struct Axis {
-    /// Whether it was sent a command that only axes have. Reports alone do not tell an axis from other slaves.
+    /// Whether the slave was sent a command that only axes have. Reports alone do not distinguish an axis from other
+    /// slaves.
     is_moved: bool,
-    /// The target that was executed last, while it is in force.
+    /// The target that was executed last; `None` if no target is in force.
     target: Option<i32>,
     /// The time in nanoseconds and the position in counts of the last report.
     position: Option<(i64, i32)>,
@@ -83,7 +84,8 @@ impl Axis {
         self.gaps.reset();
     }
 
-    /// Takes an executed command. Returns the step of the target, and the time at which a gap began that this target ends.
+    /// Processes an executed command. Returns the step of the target, and the time at which a gap began that this
+    /// target ends.
     fn executed(&mut self, at_ns: i64, order: &SlaveCommand) -> (Option<i64>, Option<i64>) {
         match order {
             SlaveCommand::Csp(motion) => {
@@ -92,9 +94,7 @@ impl Axis {
                 let before = self.target.replace(target);
                 (before.map(|before| way(before, target)), self.gaps.target(at_ns, target))
             }
-            SlaveCommand::GetStatus | SlaveCommand::Other(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_) => {
-                (None, None)
-            }
+            _ if order.id().target_effect() == TargetEffect::Keeps => (None, None),
             order => {
                 self.is_moved |= order.id().is_for_axes();
                 self.forget_target();
@@ -103,8 +103,8 @@ impl Axis {
         }
     }
 
-    /// Takes the slot of a report. `take` gets the velocity, the torque if it `is_drive`, and the following error if it
-    /// `is_certain` which target is in force.
+    /// Processes the slot of a report. `take` is called with the velocity, with the torque if `is_drive`, and with the
+    /// following error if `is_certain`, that is if the target in force is known.
     fn report(
         &mut self,
         at_ns: i64,
@@ -141,8 +141,8 @@ impl Axis {
     }
 }
 
-/// The way from one position to another, in counts. Positions have 32 bits, and behind the largest one comes the smallest: an
-/// axis may turn without end.
+/// The distance from one position to another, with its sign, in counts. The 32-bit positions wrap around, since an axis
+/// may turn without end.
 fn way(from: i32, to: i32) -> i64 {
     to.wrapping_sub(from).into()
 }
@@ -154,7 +154,7 @@ pub struct Axes {
 }
 
 impl Axes {
-    /// Starts without frames.
+    /// A value to which no frame was added yet.
     pub fn new() -> Self {
         Self { axes: (0..MAX_SLAVES).map(|_| Axis::default()).collect(), run: RunExecution::new() }
     }
@@ -178,7 +178,7 @@ impl Axes {
         self.axes.get(slave.checked_sub(1)?)
     }
 
-    /// Adds the next frame. `take` gets the values that it shows of each axis that was moved.
+    /// Processes the next frame. `take` is called with each value that the frame shows of the axes that were moved.
     pub fn frame(&mut self, framed: &Framed, take: &mut dyn FnMut(Value)) -> Execution {
         if self.run.damage(framed.recorded.damage_before) {
             self.forget();
@@ -232,7 +232,7 @@ impl Axes {
         shown
     }
 
-    /// Forgets what the axes did last.
+    /// Forgets the targets and the last positions of all axes.
     fn forget(&mut self) {
         for axis in &mut self.axes {
             axis.forget_target();
@@ -240,7 +240,7 @@ impl Axes {
         }
     }
 
-    /// Executes the commands of a frame. Returns the time at which a gap began that they end.
+    /// Executes the commands of a frame. Returns the time at which a gap began that these commands end.
     fn execute(&mut self, Entry { at_ns, orders }: &Entry, take: &mut dyn FnMut(Value)) -> Option<i64> {
         let mut gap = None;
         for ((slave, axis), order) in (1..).zip(&mut self.axes).zip(orders) {

@@ -31,7 +31,7 @@ pub fn print(text: impl AsRef<[u8]>) -> io::Result<()> {
 /// could control the terminal.
 ///
 /// # Errors
-/// As [`print()`].
+/// The errors of [`print()`].
 pub fn print_coloured(text: &str) -> io::Result<()> {
     print_bytes(text.as_bytes())
 }

@@ -1,11 +1,11 @@
 //! Files that verbs write because an option names them.
 //!
-//! A file that is there is replaced only if it is of the kind that the verb writes, as the page or the results of the run
-//! before: a test that runs each night writes the same names again. Anything else, such as a machine file or a recording, stays
+//! A file that exists is replaced only if it is of the kind that the verb writes, such as a page or test results: a
+//! test that runs each night writes the same names again. Any other file, such as a machine file or a recording, stays
 //! unless `--overwrite` is given. \[OURS]
 //!
-//! A file is written under another name beside its place, and renamed when it is whole. So a full disk, or an error on the way,
-//! leaves what was there.
+//! A file is written under a temporary name in the same folder, and renamed when it is complete. So a full disk, or an
+//! error during the write, leaves the old file.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -16,9 +16,10 @@ use tempfile::{Builder, TempPath};
 
 /// \[OURS] The most bytes of a file that are read to find its kind: more than the longest EEPROM that words of 16 bits reach.
 const LOOK_BYTES_MAX: u64 = (2 << 16) + 1;
-/// \[OURS] The most bytes of a text in which its kind is named: the head of a page, the first element of XML.
+/// \[OURS] The length of the part of a text in which its kind is found, bytes: the head of a page, the first element of
+/// XML.
 const HEAD_BYTES_MAX: usize = 4096;
-/// Where names stand for what a process has open; what is there is no file of a folder.
+/// The folders whose names stand for files that a process has open. Such a file is written directly and not replaced.
 const STREAMS: [&str; 4] = ["/dev/fd", "/dev/stderr", "/dev/stdout", "/proc"];
 
 /// What a verb writes, and so what it may replace.
@@ -38,12 +39,13 @@ pub enum Kind {
     Eeprom,
     /// A slave's description (ESI) that this tool has made.
     Esi,
-    /// A file of which no content says whether it may be replaced: a table, parameters of a drive, a file of a slave.
+    /// A file whose content does not show whether it may be replaced: a table, parameters of a drive, a file of a
+    /// slave.
     Any,
 }
 
 impl Kind {
-    /// What such a file is, for errors: `no ...`.
+    /// The name of such a file, for errors: `no ...`.
     const fn words(self) -> &'static str {
         match self {
             Self::Page => "page of ecmsk",
@@ -78,7 +80,7 @@ impl Kind {
 /// Why a file was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputFileError {
-    /// There is a file that the verb does not replace unasked.
+    /// A file exists that the verb replaces only on request.
     #[error("{} is there already{}; name {}, or {next}", .file.display(), is_no(*.kind), another(.option))]
     There {
         /// The path of the file.
@@ -87,7 +89,7 @@ pub enum OutputFileError {
         kind: Kind,
         /// The option that names the file.
         option: &'static str,
-        /// What else can be done.
+        /// What the user can do instead.
         next: &'static str,
     },
     /// The file cannot be written.
@@ -102,7 +104,7 @@ pub enum OutputFileError {
     },
 }
 
-/// Why a file that is there is not replaced.
+/// Why an existing file is not replaced, as a part of the error text.
 fn is_no(kind: Kind) -> String {
     if kind == Kind::Any { String::new() } else { format!(" and is no {}", kind.words()) }
 }
@@ -116,21 +118,21 @@ pub struct OverwriteOption {
 }
 
 impl OverwriteOption {
-    /// What the option says about a file that is there.
+    /// Whether the option allows to replace any existing file.
     pub const fn replace(self) -> Replace {
         Replace::Asked(self.overwrite)
     }
 }
 
-/// What else can be named.
+/// The proposal of another file, as a part of the error text.
 fn another(option: &str) -> String {
     if option.is_empty() { "another file".to_owned() } else { format!("another file with {option}") }
 }
 
-/// What a person has said about a file that is there.
+/// Whether the user allows to replace an existing file of another kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Replace {
-    /// The verb has the option `--overwrite`, and whether it is given.
+    /// The verb has the option `--overwrite`; the field says whether it is given.
     Asked(bool),
     /// The verb has no such option.
     Never,
@@ -139,29 +141,30 @@ pub enum Replace {
 /// A file that a verb is to write.
 #[derive(Clone, Copy, Debug)]
 pub struct OutputFile<'a> {
-    /// Its path.
+    /// The path of the file.
     pub file: &'a Path,
-    /// The option that names it, for errors; empty: it is an argument without one.
+    /// The option that names the file, for errors; empty if the file is an argument without an option.
     pub option: &'static str,
     /// What the verb writes.
     pub kind: Kind,
-    /// Whether other files are replaced, too.
+    /// Whether an existing file of another kind is replaced.
     pub replace: Replace,
 }
 
 /// The file that a path names.
 enum Place {
-    /// A file in a folder: its own path, and what is there now.
+    /// A file in a folder: its path, without symbolic links if the file exists, and its present metadata; `None` if
+    /// there is no such file yet.
     File(PathBuf, Option<Metadata>),
-    /// A pipe or a device, or what a process has open, which is written as it is.
+    /// A pipe, a device, or a file that a process has open, which is written directly.
     Stream,
 }
 
 impl OutputFile<'_> {
-    /// Checks that the file may be written, before a verb does what takes time or moves axes.
+    /// Checks that the file may be written, before a verb does anything that takes time or moves axes.
     ///
     /// # Errors
-    /// [`OutputFileError`] if something is there that is not replaced.
+    /// [`OutputFileError`] if there is a file that is not replaced.
     pub fn check(&self) -> Result<(), OutputFileError> {
         self.place().map(drop)
     }
@@ -169,7 +172,8 @@ impl OutputFile<'_> {
     /// Writes the file.
     ///
     /// # Errors
-    /// [`OutputFileError`] if something is there that is not replaced, or the file cannot be written; then it is as it was.
+    /// [`OutputFileError`] if there is a file that is not replaced, or if the file cannot be written, which leaves it
+    /// as it was.
     pub fn write(&self, content: &[u8]) -> Result<(), OutputFileError> {
         let is_there = matches!(self.place()?, Place::File(_, Some(_)));
         match self.begin() {
@@ -177,7 +181,7 @@ impl OutputFile<'_> {
                 new.file().and_then(|mut file| file.write_all(content)).map_err(|source| self.failed(source))?;
                 new.finish()
             }
-            // Of a file that may be written in a folder that may not be.
+            // The existing file may be written, but not its folder: the file is overwritten in place.
             Err(OutputFileError::Write { source, .. }) if is_there && source.kind() == ErrorKind::PermissionDenied => {
                 fs::write(self.file, content).map_err(|source| self.failed(source))
             }
@@ -185,10 +189,10 @@ impl OutputFile<'_> {
         }
     }
 
-    /// Begins to write the file.
+    /// Begins to write: makes a temporary file in the folder of the file.
     ///
     /// # Errors
-    /// [`OutputFileError`] if something is there that is not replaced, or no file can be made beside it.
+    /// [`OutputFileError`] if there is a file that is not replaced, or if the temporary file cannot be made.
     pub fn begin(&self) -> Result<NewFile<'_>, OutputFileError> {
         let (target, old) = match self.place()? {
             Place::Stream => {
@@ -205,7 +209,7 @@ impl OutputFile<'_> {
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
-            // As files are made: the umask takes from it.
+            // The usual permissions of a new file, from which the umask removes some.
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
         let beside = builder.tempfile_in(folder).map_err(|error| self.failed(system_error(error)))?;
@@ -253,22 +257,22 @@ impl OutputFile<'_> {
     }
 }
 
-/// A file that is being written. If it is dropped before [`NewFile::finish`], what was there stays.
+/// A file that is being written. If it is dropped before [`NewFile::finish`], the old file stays.
 pub struct NewFile<'a> {
     output: &'a OutputFile<'a>,
-    /// The file beside the place; `None`: a pipe or a device is written as it is.
+    /// The temporary file; `None` for a pipe or a device, which is written directly.
     beside: Option<TempPath>,
     target: PathBuf,
     old: Option<Metadata>,
 }
 
 impl NewFile<'_> {
-    /// The path to which the content goes.
+    /// The path to which the content has to be written.
     pub fn path(&self) -> &Path {
         self.beside.as_deref().unwrap_or(&self.target)
     }
 
-    /// Opens that path.
+    /// Opens [`Self::path`] for writing.
     ///
     /// # Errors
     /// Those of the operating system.
@@ -276,10 +280,10 @@ impl NewFile<'_> {
         OpenOptions::new().write(true).truncate(true).open(self.path())
     }
 
-    /// Puts the whole file in its place.
+    /// Renames the complete file to its final name.
     ///
     /// # Errors
-    /// [`OutputFileError`] if that fails; then what was there stays.
+    /// [`OutputFileError`] if that fails; the old file stays then.
     pub fn finish(self) -> Result<(), OutputFileError> {
         let Self { output, beside, target, old } = self;
         let Some(beside) = beside else { return Ok(()) };
@@ -291,17 +295,17 @@ impl NewFile<'_> {
     }
 }
 
-/// Puts a file where none was.
+/// Renames a temporary file to a name that does not exist yet.
 fn place_new(beside: TempPath, target: &Path) -> io::Result<()> {
     match beside.persist_noclobber(target) {
         Ok(()) => Ok(()),
         Err(error) if error.error.kind() == ErrorKind::AlreadyExists => Err(error.error),
-        // Some file systems can only replace.
+        // Some file systems cannot rename a file without replacing another.
         Err(error) => error.path.persist(target).map_err(|error| error.error),
     }
 }
 
-/// Writes the file to its disk, and gives it the owner and the permissions of the one that it replaces.
+/// Flushes the file to disk, and gives it the owner and the permissions of the file that it replaces.
 fn complete(beside: &Path, old: Option<&Metadata>) -> io::Result<()> {
     let file = OpenOptions::new().write(true).open(beside)?;
     if let Some(old) = old {
@@ -310,7 +314,7 @@ fn complete(beside: &Path, old: Option<&Metadata>) -> io::Result<()> {
             use std::os::unix::fs::{MetadataExt, fchown};
             let own = file.metadata()?;
             if (own.uid(), own.gid()) != (old.uid(), old.gid()) {
-                // Only root may; the file is written anyhow.
+                // Only root may change the owner; without that the file is written all the same.
                 let _ = fchown(&file, Some(old.uid()), Some(old.gid()));
             }
         }
@@ -319,7 +323,7 @@ fn complete(beside: &Path, old: Option<&Metadata>) -> io::Result<()> {
     file.sync_all()
 }
 
-/// The error of the operating system, without the name of the file beside the place.
+/// The error of the operating system, without the name of the temporary file.
 fn system_error(error: io::Error) -> io::Error {
     let inner = error.get_ref().and_then(|error| error.source()).and_then(|error| error.downcast_ref::<io::Error>());
     inner.and_then(io::Error::raw_os_error).map(io::Error::from_raw_os_error).unwrap_or(error)
@@ -342,7 +346,7 @@ mod tests {
         names
     }
 
-    /// A file is replaced by one of its kind; others stay, unless that is asked for.
+    /// A file is replaced by one of its kind; other files stay, unless replacing them is requested.
     #[test]
     fn files_are_replaced_by_their_kind() {
         let folder = tempfile::tempdir().unwrap();
@@ -395,7 +399,7 @@ mod tests {
         assert!(!Kind::Esi.is(esi.replace("ecmsk", "Maker").as_bytes()));
     }
 
-    /// What is not finished leaves the old file, and nothing beside it.
+    /// A file whose write is not finished leaves the old file, and no temporary file.
     #[test]
     fn what_is_not_finished_changes_nothing() {
         let folder = tempfile::tempdir().unwrap();
@@ -410,7 +414,7 @@ mod tests {
             (fs::read_to_string(&file).unwrap(), names(folder.path())),
             ("old".into(), vec!["found.xml".to_owned()])
         );
-        // A file that came meanwhile is kept, too.
+        // A file that another program has created meanwhile is kept, too.
         fs::remove_file(&file).unwrap();
         let output = junit_file(&file, Replace::Asked(false));
         let new = output.begin().unwrap();
@@ -421,7 +425,8 @@ mod tests {
         assert!(error.contains("o such file") && error.ends_with("; name another file with --junit"), "{error}");
     }
 
-    /// A link leads to its file, which keeps its permissions; one to nothing makes no file. A pipe is written as it is.
+    /// A symbolic link leads to its target, which keeps its permissions. A link to a missing file makes no file. A pipe
+    /// is written directly.
     #[cfg(unix)]
     #[test]
     fn links_and_pipes_are_followed_with_care() {

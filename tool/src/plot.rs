@@ -134,6 +134,10 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_enum)]
     panels: Vec<Diagram>,
 
+    /// In a page, list when this condition becomes true; see `ecmsk find --help`
+    #[arg(long, value_name = "EXPRESSION")]
+    find: Option<String>,
+
     /// Counts per unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true)]
     counts_per_unit: Option<Scales>,
@@ -160,6 +164,9 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     #[cfg(feature = "web")]
     if html::is_asked(&output) {
         return html::run(args, &output);
+    }
+    if args.find.is_some() {
+        return Err(PlotError::FindNeedsPage.into());
     }
     let (sheet, damage) = sheet(args)?;
     let told = || damage.iter().for_each(|damage| say("note", damage));
@@ -196,6 +203,9 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     })?;
     let (op, times) = (first.op, first.times);
     let other = args.beside.as_deref().map(|file| Other::read(file, args.slot_size, op)).transpose()?;
+    if let Some(damage) = other.as_ref().and_then(Other::damage) {
+        say("note", damage);
+    }
     let other = other.and_then(|other| other.cut(times));
     let window = first.window()?;
     let First { survey, asked, chosen, device, frames, is_whole, damage, .. } = first;

@@ -8,13 +8,14 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use ecmsk::engine::Firmware;
+use ecmsk::link::Dir;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{
     Address, AddressError, CarriedFile, Lacks, RecordError, RecordMeta, Recorded, Recording, Skipped, WindowOf,
     board_in,
 };
 use ecmsk::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
-use ecmsk::sk::{FRAME_LEN, SlotSize};
+use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 
 use super::stderr::say;
 
@@ -35,8 +36,8 @@ thread_local! {
 pub struct Framed {
     /// The number of the frame in the recording, from 1.
     pub number: u64,
-    /// Nanoseconds since the board was opened, from which warnings and scripts count, too; since the first frame in a file
-    /// that does not have the opening ([`RecordMeta::zero_ns`]). Negative for a report that was made before.
+    /// Nanoseconds since the board was opened, which is also the zero of warnings and scripts. In a file without the
+    /// opening, since the first frame ([`RecordMeta::zero_ns`]). Negative for a report that was made before.
     pub time_ns: i64,
     /// The frame as it was recorded.
     pub recorded: Recorded,
@@ -47,6 +48,12 @@ pub struct Framed {
 }
 
 impl Framed {
+    /// A frame that was not read from a recording, but just exchanged with a board.
+    pub fn live(at_ns: i64, dir: Dir, frame: Frame, size: SlotSize) -> Self {
+        let recorded = Recorded { at_ns: at_ns.max(0).unsigned_abs(), dir, frame, bus: 0, device: 0, damage_before: 0 };
+        Self { number: 0, time_ns: at_ns, recorded, size, meta: None }
+    }
+
     /// The board of a capture: its bus and device number.
     pub const fn board(&self) -> (u16, u8) {
         (self.recorded.bus, self.recorded.device)
@@ -106,7 +113,7 @@ impl Frames<Box<dyn Read>> {
     /// Opens a file as [`Self::open`] does, for the frames of one [board](board()). Standard input is not searched for boards.
     ///
     /// # Errors
-    /// Those of [`Self::open`] and [`board()`].
+    /// The errors of [`Self::open`] and [`board()`].
     pub fn open_board(file: &Path, size: Option<SlotSize>, asked: Option<Address>) -> Result<Self, RecordError> {
         let device = if file == Path::new(STDIN) { asked } else { board(file, asked)? };
         Self::open(file, size, device)
@@ -173,7 +180,8 @@ impl<R: Read> Frames<R> {
         self.part_of
     }
 
-    /// What sorts these frames by time. In a part of a recording, long times between two frames are no jumps of the clock.
+    /// A sorter that orders these frames by time. In a part of a recording, long times between two frames are no jumps
+    /// of the clock.
     pub fn in_time(&self) -> InTime {
         InTime { has_gaps: self.part_of.is_some(), ..InTime::default() }
     }
@@ -227,8 +235,8 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// Calls `show` with every frame of the recording up to `until_ns`, sorted by time, with times in which the clock does not
-    /// jump. A recording that ends early is read up to its damage.
+    /// Calls `show` with every frame of the recording up to `until_ns`, sorted by time, with times that are corrected
+    /// for jumps of the clock. A recording that ends early is read up to its damage.
     ///
     /// # Errors
     /// [`RecordError`] if the recording cannot be read.
@@ -253,7 +261,7 @@ impl<R: Read> Frames<R> {
         self.try_walk(order, until_ns, show)
     }
 
-    /// The same in the given order.
+    /// Like [`Self::walk_while`], with a sorter of the caller's choice.
     ///
     /// # Errors
     /// [`RecordError`] if the recording cannot be read, and the errors of `show`.
@@ -313,8 +321,8 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// Prints a note if the recording does not have the opening of its board, as those of older versions. Its times then
-    /// differ from those of the warnings and scripts of that run. To be called after the first frame was read.
+    /// Prints a note if the recording does not contain the opening of its board, as one of an older version. Its times
+    /// then differ from those of the warnings and scripts of that run. To be called after the first frame was read.
     pub fn note_zero(&self) {
         if self.meta.as_ref().is_some_and(|meta| meta.opened_ns.is_none()) {
             say(
@@ -386,13 +394,13 @@ pub struct InTime {
 }
 
 impl InTime {
-    /// Corrects times alone: frames stay in the order of the file, in which a report that was read late stands behind
+    /// Corrects only the times: frames stay in the order of the file, in which a report that was read late follows
     /// commands that were sent after it.
     pub fn unsorted(self) -> Self {
         Self { is_unsorted: true, ..self }
     }
 
-    /// Adds the next frame of the file. Once so many frames are buffered that no earlier one can follow (1,024), returns
+    /// Adds the next frame of the file. Once enough frames are buffered (1,024) that no earlier one can follow, returns
     /// the earliest of them.
     pub fn push(&mut self, framed: Framed) -> Option<Framed> {
         if self.has_gaps {
@@ -421,7 +429,7 @@ impl InTime {
         if self.is_unsorted { Some(framed) } else { self.order.push(time_ns, framed) }
     }
 
-    /// The [time](Framed::time_ns) of a frame that comes so many nanoseconds after the first one.
+    /// The [time](Framed::time_ns) of a frame that comes `since_first_ns` nanoseconds after the first one.
     fn time_ns(&self, since_first_ns: i64) -> i64 {
         since_first_ns.saturating_add(self.first_ns.unwrap_or(0))
     }

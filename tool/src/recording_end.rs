@@ -17,8 +17,9 @@ pub const NOT_WHOLE: u8 = 124;
 /// The link that a verb of `xf`, `bus` or `params` has opened. It may contain a recording.
 static OPENED: OnceLock<LinkUri> = OnceLock::new();
 
-/// Remembers the link that a verb opens, so that its recording is checked at the end.
-pub fn opens(link: &LinkUri) {
+/// Stores the link that a verb of the tool opens. When the verb has ended, [`of_opened`] checks whether the recording that
+/// this link makes is complete.
+pub fn note_opened(link: &LinkUri) {
     // Setting it can fail only for a second link, and a verb opens only one.
     let _ = OPENED.set(link.clone());
 }

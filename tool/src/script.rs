@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 /// [`BoardError`] if the script has an invalid line, the board cannot be opened, a step fails, or a signal stops the
 /// script.
 pub fn play(text: &str, args: &Args, watch: fn() -> Result<Interrupt, BoardError>) -> Result<(), BoardError> {
-    // Before anything moves.
+    // The output file is checked before anything moves.
     let junit = args.junit.as_deref().map(|file| junit::output(file, Replace::Never));
     junit.map_or(Ok(()), |junit| junit.check())?;
     let mut cases = Vec::new();

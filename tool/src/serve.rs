@@ -7,6 +7,8 @@ mod gadget;
 #[cfg_attr(not(feature = "web"), allow(dead_code, reason = "the page needs more of it"))]
 mod http;
 mod http_server;
+#[cfg_attr(not(feature = "web"), allow(dead_code, reason = "the page needs more of it"))]
+mod http_stream;
 mod service_manager;
 mod usbip;
 pub mod watch;
@@ -200,7 +202,7 @@ fn reload(server: &Server, secret_file: Option<&Path>) {
     let Some(file) = secret_file else { return nothing_to_reload() };
     match Secret::load(file) {
         Ok(secret) => {
-            // It has one, since it was started with this file.
+            // The server has a secret already, since it was started with this file.
             server.set_secret(secret);
             let what =
                 format_args!("the secret was read again from {}; clients that are connected stay", file.display());

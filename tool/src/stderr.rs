@@ -20,12 +20,12 @@ pub enum LogFormat {
     Json,
 }
 
-/// How lines begin.
+/// The form of the lines on standard error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
-    /// With the time.
+    /// Lines begin with the time.
     Timed,
-    /// As those of any verb: systemd's journal has the time already.
+    /// Lines without the time, like those of other verbs: systemd's journal adds the time itself.
     Plain,
     Json,
 }
@@ -50,7 +50,7 @@ fn form() -> Form {
     FORM.get().copied().unwrap_or(Form::Plain)
 }
 
-/// A moment as the log has it, in UTC with milliseconds (RFC 3339).
+/// A time as the log writes it, in UTC with milliseconds (RFC 3339).
 fn moment(at: OffsetDateTime) -> String {
     let (year, month, day) = at.to_calendar_date();
     let (hour, minute, second, millisecond) = at.to_hms_milli();
@@ -94,7 +94,7 @@ pub fn say(kind: &str, what: &dyn std::fmt::Display) {
 
 /// The line that [`say`] prints.
 pub fn said(kind: &str, what: &str) -> String {
-    // The error with which the tool ends is the same for all verbs.
+    // The final error of the tool has the same form in all verbs, unless the log is in JSON.
     let form = if kind == "error" && form() != Form::Json { Form::Plain } else { form() };
     logged(form, OffsetDateTime::now_utc(), (level(kind), kind, ""), what)
 }
@@ -153,7 +153,8 @@ fn record(form: Form, at: OffsetDateTime, text: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Lines of the log have the wall time in UTC; as JSON they have level and message, and records the part of the program.
+    /// Lines of the log have the wall time in UTC. As JSON they also have level and message, and log records name the
+    /// part of the program.
     #[test]
     fn lines_of_the_log_have_the_time() {
         let at = OffsetDateTime::from_unix_timestamp_nanos(1_777_897_815_250_999_999).expect("a time");

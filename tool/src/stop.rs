@@ -13,11 +13,12 @@ use serde_json::json;
 
 use super::board::network::Network;
 use super::board::{self, Board, BoardError, BoardUse, Interrupt, Reporter, StepSource};
+use super::link_option::is_simulated;
 use super::stderr::say;
 use super::{machine_option, slot_size};
 
 const WHAT: &str = "stop";
-/// \[OURS] A server of this machine answers at once, or it is passed over.
+/// \[OURS] The timeout for a server of this machine: one that does not answer at once is ignored.
 const SERVER_KEYS: &str = "?connect_timeout_ms=1000";
 
 /// Bring all axes to a standstill, also while another program moves them
@@ -72,12 +73,13 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
     run_with(args, Interrupt::watch, DEFAULT_PORT)
 }
 
-/// `port`: where a server of this machine is looked for.
+/// Runs the verb. `port` is the TCP port at which a server of this machine is looked for.
 fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port: u16) -> Result<(), BoardError> {
     let machine = machine_option::load_or_pass_over(args.machine.as_deref())?;
     let chosen = board::Args::for_stop(args).chosen(machine.as_ref())?;
     if chosen.uri.scheme() != Scheme::Tcp {
-        // A simulated board that this program opens is another one than that of a server, and never in use.
+        // If this program opened a simulated board, that would be a new one, not the one of a server. So the server is
+        // asked first.
         let server = is_simulated(&chosen.uri).then(|| server_of(&chosen.uri, port).ok()).flatten();
         let server = match server {
             Some(server) => server,
@@ -94,7 +96,8 @@ fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port:
     }
     match stop(&chosen.uri, args.servo_off) {
         Ok(stopped) => args.say(&Reporter::new(args.json, false), &stopped, true),
-        // The server has stopped the writer, so this program can be the writer, and stop the axes that it is told of.
+        // The server has stopped the writer, so this program can be the writer, and stop the axes that its options or
+        // the machine file name.
         Err(StopError::Unknown { writer }) if args.slaves.is_some() || machine.is_some() => {
             args.stop_free_board(writer, interrupt)
         }
@@ -114,15 +117,11 @@ fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port:
     }
 }
 
-const fn is_simulated(uri: &LinkUri) -> bool {
-    matches!(uri.scheme(), Scheme::Sim | Scheme::XfSim)
-}
-
 /// The keys that choose one board of several.
 const CHOOSING_KEYS: [&str; 4] = ["serial", "path", "vid", "pid"];
 
-/// The link to the server at a port of this machine, if that serves the board of the link `uri`. Otherwise what there is, if a
-/// server listens there.
+/// The link to the server at a port of this machine, if it serves the board of the link `uri`. Otherwise the error says
+/// what is at the port; `None` if no server listens there.
 fn server_of(uri: &LinkUri, port: u16) -> Result<LinkUri, Option<String>> {
     let link = |keys| LinkUri::parse(&format!("tcp://localhost:{port}{keys}")).map_err(|error| Some(error.to_string()));
     let served = served_board(&link(SERVER_KEYS)?).map_err(|error| match error {
@@ -136,14 +135,16 @@ fn server_of(uri: &LinkUri, port: u16) -> Result<LinkUri, Option<String>> {
             uri.path() == board.path() && uri.value("slaves") == board.value("slaves")
         } else {
             // A link that chooses no board means the only one there is, which the server has.
-            let is_its = |of: &dyn Fn(&LinkUri) -> String| of(uri).is_empty() || of(uri) == of(&board);
-            is_its(&|uri| uri.path().to_owned())
-                && CHOOSING_KEYS.iter().all(|key| is_its(&|uri| uri.value(key).unwrap_or_default().to_owned()))
+            let is_its = |chosen: &str, has: &str| chosen.is_empty() || chosen == has;
+            let value = |uri: &LinkUri, key| uri.value(key).unwrap_or_default().to_owned();
+            is_its(uri.path(), board.path())
+                && CHOOSING_KEYS.iter().all(|key| is_its(&value(uri, key), &value(&board, key)))
         };
     if is_it { link("") } else { Err(other()) }
 }
 
-/// The error for a board that another program has and that no server at the port serves. `other`: what is at the port.
+/// The error for a board that another program has and that no server at the port serves. `other` says what is at the
+/// port.
 fn in_use(user: &str, other: Option<String>) -> BoardError {
     BoardError::Refused {
         what: WHAT.to_owned(),
@@ -154,7 +155,7 @@ fn in_use(user: &str, other: Option<String>) -> BoardError {
     }
 }
 
-/// Why a board cannot be opened that another program has. Any other error is returned.
+/// The text of the error if another program has the board. Any other error is returned as it is.
 fn user(error: BoardError) -> Result<String, BoardError> {
     let in_use = match &error {
         BoardError::Link(error) => Some(error),
@@ -168,7 +169,8 @@ fn user(error: BoardError) -> Result<String, BoardError> {
 }
 
 impl Args {
-    /// Opens the board, which no other program has, and stops what moves. `writer`: the program that a server has stopped.
+    /// Opens the board, which no other program has, and stops what moves. `writer` is the program that a server has
+    /// stopped, if any.
     fn stop_free_board(
         &self,
         writer: Option<String>,
@@ -201,23 +203,29 @@ impl Args {
 
     fn say(&self, reporter: &Reporter, stopped: &Stopped, is_served: bool) -> Result<(), BoardError> {
         let Stopped { writer, in_op, text } = stopped;
-        let axes = match (in_op, self.servo_off) {
-            (false, _) => "no axis follows commands: the network is not in OP",
-            (true, false) => "axes stand still",
-            (true, true) => "axes stand still, and are off",
-        };
-        let whom = match writer {
-            Some(writer) => format!("; {writer} was stopped"),
-            None if is_served => "; no program was writing".to_owned(),
-            None => String::new(),
-        };
-        let more = if text.is_empty() { String::new() } else { format!("; {text}") };
         let json = json!({
             "verb": WHAT, "in_op": in_op, "servo_off": self.servo_off, "stopped": writer,
             "text": (!text.is_empty()).then_some(text),
         });
-        Ok(reporter.result(format_args!("{axes}{whom}{more}"), &json)?)
+        Ok(reporter.result(stopped_text(stopped, self.servo_off, is_served), &json)?)
     }
+}
+
+/// How stopping has ended, for the user. `servo_off`: the axes were switched off. `is_served`: a server has stopped them.
+pub fn stopped_text(stopped: &Stopped, servo_off: bool, is_served: bool) -> String {
+    let Stopped { writer, in_op, text } = stopped;
+    let axes = match (in_op, servo_off) {
+        (false, _) => "no axis follows commands: the network is not in OP",
+        (true, false) => "axes stand still",
+        (true, true) => "axes stand still, and are off",
+    };
+    let whom = match writer {
+        Some(writer) => format!("; {writer} was stopped"),
+        None if is_served => "; no program was writing".to_owned(),
+        None => String::new(),
+    };
+    let more = if text.is_empty() { String::new() } else { format!("; {text}") };
+    format!("{axes}{whom}{more}")
 }
 
 impl board::Args {
@@ -244,7 +252,7 @@ mod tests {
     use super::*;
 
     const LINK: &str = "sim:?slaves=drive*2&clock=virtual&name=stop-verb";
-    /// No server listens there.
+    /// A port at which no server listens.
     const NO_PORT: u16 = 1;
 
     #[derive(Parser)]

@@ -20,7 +20,8 @@ const ORDER_WAIT_MAX: Duration = Duration::from_millis(50);
 /// The longest time that the tool, after a signal, waits at its end for queued lines to be written, and the longest wait of
 /// [`flush_error`]. Without a signal the wait at the end is [`FLUSH_LIMIT`]. \[OURS]
 const END_WAIT_AFTER_SIGNAL: Duration = Duration::from_millis(200);
-/// Interval at which a waiting thread checks whether it may go on: its lines were written, or a signal has arrived. \[OURS]
+/// Interval at which a waiting thread checks whether its wait is over: its lines were written, or a signal has arrived.
+/// \[OURS]
 const LOOK_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Standard output or standard error.
@@ -44,8 +45,8 @@ struct Shared {
     queued: Mutex<[u64; 2]>,
     /// The number of entries that were written or dropped, for each stream.
     done: [AtomicU64; 2],
-    /// For each stream: whether the other one has waited for it in vain and it has written nothing since. Then the other one
-    /// does not wait again.
+    /// For each stream: whether the thread of the other stream has waited for it until the limit, and the stream has
+    /// written nothing since. The other thread does not wait again then.
     is_stalled: [AtomicBool; 2],
     notes: [Notes<Entry>; 2],
     /// The error with which standard output has failed.

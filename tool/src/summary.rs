@@ -133,7 +133,7 @@ pub enum SummaryError {
     /// The folder cannot be read.
     #[error("{}: {source}; name a folder with recordings that you may read", .folder.display())]
     Folder {
-        /// The folder.
+        /// The path of the folder.
         folder: PathBuf,
         /// The error of the operating system.
         source: io::Error,
@@ -141,19 +141,19 @@ pub enum SummaryError {
     /// No file of the folder is a recording with frames.
     #[error("{} has no recording with frames; record into it with `ecmsk exec --record` or `--flight`", .folder.display())]
     NoRecording {
-        /// The folder.
+        /// The path of the folder.
         folder: PathBuf,
     },
-    /// Trends by hours or days of recordings whose clock has none.
+    /// Trends by hours or days were requested, and the recording has a virtual clock.
     #[error("{} has a virtual clock, which knows no hours and days; leave --by out", .file.display())]
     NoDays {
-        /// The recording.
+        /// The path of the recording.
         file: PathBuf,
     },
-    /// A part of each recording was asked for.
+    /// Trends were requested for a part of each recording.
     #[error("--from, --to and --around count from the beginning of one recording; name one for them, without --by")]
     TimesOfTrends,
-    /// Standard input is to be read for trends.
+    /// Trends were requested from standard input.
     #[error("--by needs a file, since it looks at its beginning first; save standard input to one")]
     TrendsOfStdin,
     /// A file cannot be written, or is there and stays.
@@ -161,11 +161,11 @@ pub enum SummaryError {
     File(#[from] OutputFileError),
 }
 
-/// Runs `ecmsk summary`: reads the recording to its end and prints what went wrong in it. The exit code is 1 if
-/// `--exit-code` or `--fail-on` asks for it.
+/// Runs `ecmsk summary`: reads the recording to its end and prints what went wrong in it, or with a folder or `--by` the
+/// trends. The exit code is 1 if `--exit-code` or `--fail-on` asks for it.
 ///
 /// # Errors
-/// [`CliError`] if the recording or the machine file cannot be read, or standard output cannot be written to.
+/// [`CliError`] if the recording or the machine file cannot be read, or an output file or standard output cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let is_file = args.file.as_os_str() != "-";
     args.check_files()?;
@@ -261,9 +261,19 @@ impl Args {
     }
 }
 
-/// What went wrong, a line for each.
+/// The summary as text, one line for each problem, and what the machine file adds: the texts of alarms, and where its axes
+/// were held back.
 fn text(summary: &Summary, machine: Option<&MachineFile>) -> String {
-    format!("{summary}{}", alarm_texts(summary, machine))
+    format!("{summary}{}{}", alarm_texts(summary, machine), held_back_texts(summary, machine))
+}
+
+/// For each axis of the machine file that was held back by its drive, a line with its name and its position in its unit.
+fn held_back_texts(summary: &Summary, machine: Option<&MachineFile>) -> String {
+    let axes = summary.held_back().filter_map(|(held, _)| {
+        let axis = machine?.axis_of(held.slave)?;
+        Some(format!("axis {}: held back at {}\n", axis.name, machine_option::in_unit(axis, held.position.into())))
+    });
+    axes.collect()
 }
 
 /// For each alarm in the summary that has a text in the machine file, a line with that text.

@@ -173,7 +173,7 @@ pub unsafe extern "C" fn ecmsk_machine_get_link(
         // SAFETY: the caller's promise for `buffer` and `needed`.
         let buffer = unsafe { TextBuffer::new(buffer, length, needed) }?;
         let machine = find(handle)?;
-        buffer.fill(machine.link.as_ref().map_err(|error| CallError::Link(error.clone()))?);
+        buffer.fill(machine.link.as_ref().map_err(LinkError::clone)?);
         Ok(())
     }))
 }

@@ -108,14 +108,26 @@ pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) 
             Ok(())
         })
     });
-    if result.is_err()
+    if result.is_err() {
         // SAFETY: the caller's promise for `data`.
-        && let Ok(buffer) = unsafe { ReportBuffer::new(data, length(dwlength)) }
-    {
-        buffer.fill(&LAST_FRAME.get());
+        unsafe { fill_with_last_frame(data, length(dwlength)) };
     }
     last_error::after_transfer(&result);
     as_bool(&result)
+}
+
+/// Copies the frame that was moved last to the first `length` bytes of `data`, unless `data` is NULL or `length` is 0. A
+/// function of its own, so that a read that succeeds needs no stack for that frame.
+///
+/// # Safety
+/// As that of [`ECMUSBRead`].
+#[cold]
+#[inline(never)]
+unsafe fn fill_with_last_frame(data: *mut c_uchar, length: usize) {
+    // SAFETY: the caller's promise for `data`.
+    if let Ok(buffer) = unsafe { ReportBuffer::new(data, length) } {
+        buffer.fill(&LAST_FRAME.get());
+    }
 }
 
 /// Runs `work` with a frame that this thread keeps from call to call, so that no call has to clear a new one. Its content at
@@ -128,13 +140,20 @@ fn with_frame<T>(work: impl FnOnce(&mut Frame) -> Result<T, Box<CallError>>) -> 
         Some(frame) => frame,
         None => {
             memory::check(memory::FIRST_CALL_BYTES)?;
-            Box::default()
+            new_frame()
         }
     };
     let result = work(&mut frame);
     // In a thread that is ending, its thread-local variables are gone and this fails: the frame is dropped.
     let _ = FRAME.try_with(|kept| kept.set(Some(frame)));
     result
+}
+
+/// A function of its own, so that calls after a thread's first one need no stack for a frame.
+#[cold]
+#[inline(never)]
+fn new_frame() -> Box<Frame> {
+    Box::default()
 }
 
 fn as_bool(result: &Result<(), Box<CallError>>) -> u32 {

@@ -238,7 +238,7 @@ macro_rules! close_and_unload {
             "jnz 2f",
             "test eax, eax", // ECMSK_OK?
             "jz 2f",
-            "pop ecx", // the return address; the module becomes the argument behind it
+            "pop ecx", // the return address; the module becomes the argument after it
             "push eax",
             "push ecx",
             "jmp dword ptr [{unload}]",

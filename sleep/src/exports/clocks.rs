@@ -1,4 +1,4 @@
-//! Reading clocks.
+//! Functions that read clocks.
 
 use std::ffi::{c_int, c_void};
 
@@ -8,7 +8,8 @@ use crate::clock;
 use crate::mode::{self, Mode, Own};
 use crate::system::{real, timespec};
 
-/// What the clock of the program shows, in nanoseconds. `None`: the clock stays real.
+/// The time that a clock of the program shows, in nanoseconds. `None`: the clock stays real, or the calling thread
+/// reads real clocks.
 fn shown(clock: clockid_t) -> Option<u64> {
     let mode = mode::current();
     if mode == Mode::Real || mode::is_in_library() {
@@ -20,7 +21,7 @@ fn shown(clock: clockid_t) -> Option<u64> {
     Some(start.saturating_add(passed))
 }
 
-/// clock_gettime(3).
+/// Replaces clock_gettime(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn clock_gettime(clock: clockid_t, to: *mut timespec) -> c_int {
     match shown(clock) {
@@ -33,7 +34,7 @@ unsafe extern "C-unwind" fn clock_gettime(clock: clockid_t, to: *mut timespec) -
     }
 }
 
-/// gettimeofday(2).
+/// Replaces gettimeofday(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn gettimeofday(to: *mut timeval, zone: *mut c_void) -> c_int {
     match shown(libc::CLOCK_REALTIME) {
@@ -47,7 +48,7 @@ unsafe extern "C-unwind" fn gettimeofday(to: *mut timeval, zone: *mut c_void) ->
     }
 }
 
-/// time(2).
+/// Replaces time(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn time(to: *mut time_t) -> time_t {
     let Some(shown) = shown(libc::CLOCK_REALTIME) else { return real!(time(to: *mut time_t) -> time_t) };
@@ -59,10 +60,10 @@ unsafe extern "C-unwind" fn time(to: *mut time_t) -> time_t {
     seconds
 }
 
-/// timespec_get(3), of C11.
+/// Replaces timespec_get(3), of C11.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn timespec_get(to: *mut timespec, base: c_int) -> c_int {
-    /// TIME_UTC.
+    /// The value of TIME_UTC in time.h.
     const UTC: c_int = 1;
     match shown(libc::CLOCK_REALTIME) {
         Some(shown) if base == UTC && !to.is_null() => {
@@ -74,7 +75,7 @@ unsafe extern "C-unwind" fn timespec_get(to: *mut timespec, base: c_int) -> c_in
     }
 }
 
-/// times(2). The times of the processor are real.
+/// Replaces times(2). The times of the processor are real.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn times(to: *mut tms) -> clock_t {
     let real = real!(times(to: *mut tms) -> clock_t);
@@ -82,7 +83,7 @@ unsafe extern "C-unwind" fn times(to: *mut tms) -> clock_t {
     let ticks = u64::try_from(unsafe { libc::sysconf(libc::_SC_CLK_TCK) }).unwrap_or(0);
     let tick_ns = 1_000_000_000_u64.checked_div(ticks).unwrap_or(0);
     match shown(libc::CLOCK_MONOTONIC).and_then(|shown| shown.checked_div(tick_ns)) {
-        // -1 is an error.
+        // A result of -1 means that the C library's function failed.
         Some(shown) if real != -1 => shown as clock_t,
         _ => real,
     }

@@ -1,5 +1,5 @@
-//! Condition variables. Waits of the program's threads for them are queues of this library: the C library's own cannot be
-//! ended at a time of another clock.
+//! Condition variables. Waits of the program's threads are kept in this library's table, because the virtual clock
+//! cannot end a wait in the C library.
 
 use std::ffi::c_int;
 
@@ -11,21 +11,21 @@ use crate::mode::{self, Mode, Own};
 use crate::system::real;
 use crate::threads::{Outcome, What, lock, signal, wait_and};
 
-/// Waits until a deadline; an error number, or 0.
+/// Waits for a condition variable until a deadline; returns an error number, or 0.
 ///
 /// # Safety
-/// Both exist, and the thread has locked the mutex.
+/// Condition variable and mutex exist, and the thread has locked the mutex.
 unsafe fn wait_until(condition: *mut pthread_cond_t, mutex: *mut pthread_mutex_t, deadline: u64) -> c_int {
     test_cancel();
     let error = {
         let _own = Own::begin();
-        // The mutex is released when the wait can be ended, so that no signal is lost.
+        // The mutex is released only when other threads can end the wait, so that no signal is lost.
         let release = || {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees what the section Safety above requires.
             unsafe { libc::pthread_mutex_unlock(mutex) };
         };
         let outcome = wait_and(What::Condition(condition as usize), deadline, release, || false);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees what the section Safety above requires.
         let error = unsafe { libc::pthread_mutex_lock(mutex) };
         if error == 0 && outcome == Outcome::Reached { libc::ETIMEDOUT } else { error }
     };
@@ -33,23 +33,23 @@ unsafe fn wait_until(condition: *mut pthread_cond_t, mutex: *mut pthread_mutex_t
     error
 }
 
-/// The clock of a condition variable; `None`: other processes use it, too.
+/// The clock of a condition variable; `None` if other processes use the variable too, so that its waits stay real.
 fn clock_of(condition: *const pthread_cond_t) -> Option<clockid_t> {
     let _own = Own::begin();
     lock().condition_clocks.get(&(condition as usize)).copied().unwrap_or(Some(libc::CLOCK_REALTIME))
 }
 
-/// pthread_cond_wait(3).
+/// Replaces pthread_cond_wait(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_cond_wait(condition: *mut pthread_cond_t, mutex: *mut pthread_mutex_t) -> c_int {
     if is_passed_on() || clock_of(condition).is_none() {
         return real!(pthread_cond_wait(condition: *mut pthread_cond_t, mutex: *mut pthread_mutex_t) -> c_int);
     }
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     unsafe { wait_until(condition, mutex, NEVER) }
 }
 
-/// pthread_cond_timedwait(3).
+/// Replaces pthread_cond_timedwait(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_cond_timedwait(
     condition: *mut pthread_cond_t,
@@ -64,13 +64,13 @@ unsafe extern "C-unwind" fn pthread_cond_timedwait(
             ) -> c_int
         );
     };
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     let Some(deadline) = (unsafe { deadline(clock, until) }) else { return libc::EINVAL };
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     unsafe { wait_until(condition, mutex, deadline) }
 }
 
-/// pthread_cond_clockwait(3).
+/// Replaces pthread_cond_clockwait(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_cond_clockwait(
     condition: *mut pthread_cond_t,
@@ -85,15 +85,16 @@ unsafe extern "C-unwind" fn pthread_cond_clockwait(
             ) -> c_int
         );
     }
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     let Some(deadline) = (unsafe { deadline(clock, until) }) else { return libc::EINVAL };
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     unsafe { wait_until(condition, mutex, deadline) }
 }
 
-/// Wakes threads of the program. Returns whether the C library is to wake one of its own.
+/// Wakes threads of the program that wait in this library's table. Returns whether the C library's function has to be
+/// called too, for threads that wait there.
 fn is_left_to_system(condition: *const pthread_cond_t, is_all: bool) -> bool {
-    // Inside this library the lock may be held by this very thread.
+    // In this mode the calling thread itself may hold the lock of the table.
     if mode::current() == Mode::Own {
         return true;
     }
@@ -101,7 +102,7 @@ fn is_left_to_system(condition: *const pthread_cond_t, is_all: bool) -> bool {
     signal(condition as usize, is_all) == 0 || is_all
 }
 
-/// pthread_cond_signal(3).
+/// Replaces pthread_cond_signal(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_cond_signal(condition: *mut pthread_cond_t) -> c_int {
     if is_left_to_system(condition, false) {
@@ -110,7 +111,7 @@ unsafe extern "C-unwind" fn pthread_cond_signal(condition: *mut pthread_cond_t) 
     0
 }
 
-/// pthread_cond_broadcast(3).
+/// Replaces pthread_cond_broadcast(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_cond_broadcast(condition: *mut pthread_cond_t) -> c_int {
     if is_left_to_system(condition, true) {
@@ -119,7 +120,7 @@ unsafe extern "C-unwind" fn pthread_cond_broadcast(condition: *mut pthread_cond_
     0
 }
 
-/// pthread_cond_init(3).
+/// Replaces pthread_cond_init(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_cond_init(
     condition: *mut pthread_cond_t,
@@ -147,7 +148,7 @@ unsafe extern "C-unwind" fn pthread_cond_init(
     real!(pthread_cond_init(condition: *mut pthread_cond_t, attributes: *const pthread_condattr_t) -> c_int)
 }
 
-/// pthread_cond_destroy(3).
+/// Replaces pthread_cond_destroy(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_cond_destroy(condition: *mut pthread_cond_t) -> c_int {
     if mode::current() != Mode::Own {
@@ -157,7 +158,7 @@ unsafe extern "C-unwind" fn pthread_cond_destroy(condition: *mut pthread_cond_t)
     real!(pthread_cond_destroy(condition: *mut pthread_cond_t) -> c_int)
 }
 
-/// What functions of C11 return for an error number, as in threads.h.
+/// Converts an error number to the result of a C11 function, as threads.h defines it.
 pub fn of_c11(error: c_int) -> c_int {
     match error {
         0 => 0,
@@ -166,36 +167,36 @@ pub fn of_c11(error: c_int) -> c_int {
     }
 }
 
-// The GNU C library's types of C11 are those of POSIX.
+// In the GNU C library the types of C11 are the POSIX types.
 
-/// cnd_wait(3).
+/// Replaces cnd_wait(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn cnd_wait(condition: *mut pthread_cond_t, mutex: *mut pthread_mutex_t) -> c_int {
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     of_c11(unsafe { pthread_cond_wait(condition, mutex) })
 }
 
-/// cnd_timedwait(3).
+/// Replaces cnd_timedwait(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn cnd_timedwait(
     condition: *mut pthread_cond_t,
     mutex: *mut pthread_mutex_t,
     until: *const timespec,
 ) -> c_int {
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     of_c11(unsafe { pthread_cond_timedwait(condition, mutex, until) })
 }
 
-/// cnd_signal(3).
+/// Replaces cnd_signal(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn cnd_signal(condition: *mut pthread_cond_t) -> c_int {
-    // SAFETY: the caller's argument.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     of_c11(unsafe { pthread_cond_signal(condition) })
 }
 
-/// cnd_broadcast(3).
+/// Replaces cnd_broadcast(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn cnd_broadcast(condition: *mut pthread_cond_t) -> c_int {
-    // SAFETY: the caller's argument.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     of_c11(unsafe { pthread_cond_broadcast(condition) })
 }

@@ -1,5 +1,5 @@
-//! Waiting for descriptors, with a time limit. What comes from outside the program comes in real time, so that a limit of the
-//! program may end first.
+//! Waits for descriptors, with a time limit. Input from outside the program arrives in real time, so a limit on the
+//! virtual clock may expire before it.
 
 use std::ffi::{c_int, c_short};
 use std::sync::Arc;
@@ -13,11 +13,11 @@ use crate::signals;
 use crate::system::{self, nanoseconds, real};
 use crate::threads::{Outcome, What, begin_call, outside, wait};
 
-/// Waits for descriptors. `limit` is in nanoseconds: `None` if there is none, `Some(None)` if it is no time. `mask` are the
-/// signals that are blocked meanwhile; NULL: those of the thread. `forever` is the C library's function as the program calls it,
-/// `attempt` that without a wait, with a mask or NULL.
+/// Waits for descriptors. `limit` is in nanoseconds: `None` if there is none, `Some(None)` if it is invalid. `mask` are
+/// the signals that are blocked during the wait; NULL: those of the thread. `forever` calls the C library's function
+/// with the arguments of the program. `attempt` calls it without a wait, with a mask or NULL.
 ///
-/// Only for the program, which may be cancelled here.
+/// Only for calls of the program, whose thread may be cancelled here.
 fn limited(
     limit: Option<Option<u64>>,
     mask: *const sigset_t,
@@ -37,7 +37,7 @@ fn limited(
     result
 }
 
-/// What [`limited`] does in [`Own`]. Returns the result and errno.
+/// The part of [`limited`] that runs in [`Own`]. Returns the result and errno.
 fn attempts(
     descriptors: Arc<[pollfd]>,
     limit_ns: u64,
@@ -53,7 +53,7 @@ fn attempts(
     begin_call();
     loop {
         let outcome = wait(what.clone(), deadline, || {
-            // Not with the mask, which may let in signals: no handler may run here, where the table is locked.
+            // Not with the mask, which may unblock signals: no handler may run here, where the table is locked.
             (result, errno) = (attempt(std::ptr::null()), mode::errno());
             result != 0 || signals::is_handler_due(mask)
         });
@@ -69,46 +69,46 @@ fn attempts(
     }
 }
 
-/// A limit in milliseconds, for [`limited`]; negative: none.
+/// Converts a limit in milliseconds for [`limited`]; a negative limit is none.
 fn milliseconds(limit: c_int) -> Option<Option<u64>> {
     Some(Some(u64::try_from(limit).ok()? * 1_000_000))
 }
 
-/// The caller's descriptors.
+/// Copies the caller's descriptors.
 ///
 /// # Safety
-/// `descriptors` points to so many, or is invalid and then not used by the C library either.
+/// `descriptors` points to `count` descriptors, or is NULL, or `count` is 0.
 unsafe fn listed(descriptors: *const pollfd, count: nfds_t) -> Arc<[pollfd]> {
     if descriptors.is_null() || count == 0 {
         return Arc::new([]);
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees what the section Safety above requires.
     unsafe { std::slice::from_raw_parts(descriptors, count as usize) }.into()
 }
 
-/// poll(2).
+/// Replaces poll(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn poll(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int) -> c_int {
     let call = |limit_ms: c_int| real!(poll(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int) -> c_int);
     if is_passed_on() || limit_ms == 0 {
         return call(limit_ms);
     }
-    // SAFETY: the caller gives so many descriptors.
+    // SAFETY: the caller gives `count` descriptors.
     let listed = || unsafe { listed(descriptors, count) };
     limited(milliseconds(limit_ms), std::ptr::null(), || call(limit_ms), listed, |_| call(0))
 }
 
-/// poll(2), as programs call it that are compiled with checks (_FORTIFY_SOURCE).
+/// Replaces __poll_chk, which programs that are compiled with checks (_FORTIFY_SOURCE) call in place of poll(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn __poll_chk(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int, room: usize) -> c_int {
     if room / size_of::<pollfd>() < count as usize {
         return real!(__poll_chk(descriptors: *mut pollfd, count: nfds_t, limit_ms: c_int, room: usize) -> c_int);
     }
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     unsafe { poll(descriptors, count, limit_ms) }
 }
 
-/// ppoll(2).
+/// Replaces ppoll(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn ppoll(
     descriptors: *mut pollfd,
@@ -126,12 +126,12 @@ unsafe extern "C-unwind" fn ppoll(
     }
     // SAFETY: the caller gives NULL or a time.
     let ns = unsafe { limit.as_ref() }.map(nanoseconds);
-    // SAFETY: the caller gives so many descriptors.
+    // SAFETY: the caller gives `count` descriptors.
     let listed = || unsafe { listed(descriptors, count) };
     limited(ns, mask, || call(limit, mask), listed, |mask| call(&NO_TIME, mask))
 }
 
-/// ppoll(2), as programs call it that are compiled with checks.
+/// Replaces __ppoll_chk, which programs that are compiled with checks call in place of ppoll(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn __ppoll_chk(
     descriptors: *mut pollfd,
@@ -147,13 +147,13 @@ unsafe extern "C-unwind" fn __ppoll_chk(
             ) -> c_int
         );
     }
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     unsafe { ppoll(descriptors, count, limit, mask) }
 }
 
 const NO_TIME: timespec = timespec { tv_sec: 0, tv_nsec: 0 };
 
-/// The descriptors of the sets of select, to read, to write and with an exception, which are below `count`.
+/// The descriptors below `count` that are in the sets of select: to read, to write, and for exceptions.
 fn selected(count: c_int, sets: &[fd_set; 3]) -> Arc<[pollfd]> {
     const EVENTS: [c_short; 3] = [libc::POLLIN, libc::POLLOUT, libc::POLLPRI];
     let found = (0..count).filter_map(|fd| {
@@ -165,10 +165,11 @@ fn selected(count: c_int, sets: &[fd_set; 3]) -> Arc<[pollfd]> {
     found.collect()
 }
 
-/// Waits for sets of descriptors, as [`limited`].
+/// Waits for sets of descriptors, like [`limited`].
 ///
 /// # Safety
-/// Each set is NULL, or has the words with the first `count` descriptors. It need not have more: the kernel uses no others.
+/// Each set is NULL, or has the words with the first `count` descriptors. It need not have more words: the kernel uses
+/// no others.
 unsafe fn select_limited(
     count: c_int,
     sets: [*mut fd_set; 3],
@@ -183,7 +184,7 @@ unsafe fn select_limited(
         // SAFETY: a set is an array of integers.
         let mut copy: fd_set = unsafe { std::mem::zeroed() };
         if !set.is_null() {
-            // SAFETY: the caller's promise, and a set has room for the descriptors that are known.
+            // SAFETY: the caller guarantees the words, and a set has room for the descriptors that are known.
             unsafe { set.cast::<u8>().copy_to_nonoverlapping((&raw mut copy).cast(), length) };
         }
         copy
@@ -194,7 +195,7 @@ unsafe fn select_limited(
         forever,
         || selected(known, &wanted),
         |mask| {
-            // Each attempt overwrites the sets.
+            // An attempt overwrites the sets, so they are restored before each.
             for (set, wanted) in sets.into_iter().zip(&wanted) {
                 if !set.is_null() {
                     // SAFETY: as above.
@@ -206,7 +207,7 @@ unsafe fn select_limited(
     )
 }
 
-/// select(2). As the kernel does, it replaces the limit with the time that is left.
+/// Replaces select(2). As the kernel does, it overwrites the limit with the time that is left.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn select(
     count: c_int,
@@ -244,7 +245,7 @@ unsafe extern "C-unwind" fn select(
     result
 }
 
-/// pselect(2).
+/// Replaces pselect(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pselect(
     count: c_int,
@@ -287,7 +288,7 @@ fn epoll_limited(
     limited(milliseconds(limit_ms), mask, || call(limit_ms, mask), descriptor, |mask| call(0, mask))
 }
 
-/// epoll_wait(2).
+/// Replaces epoll_wait(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn epoll_wait(epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int) -> c_int {
     let call = |limit_ms: c_int| real!(epoll_wait(epoll: c_int, events: *mut epoll_event, room: c_int, limit_ms: c_int) -> c_int);
@@ -298,7 +299,7 @@ unsafe extern "C-unwind" fn epoll_wait(epoll: c_int, events: *mut epoll_event, r
     }
 }
 
-/// epoll_pwait(2).
+/// Replaces epoll_pwait(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn epoll_pwait(
     epoll: c_int,

@@ -10,7 +10,8 @@ use crate::mode::Own;
 use crate::system::real;
 use crate::threads::{Outcome, What, wait};
 
-/// Waits for a lock until a time of a clock; an error number, or 0. `attempt` is the C library's function without a wait.
+/// Waits for a lock until a time of a clock; returns an error number, or 0. `attempt` tries the lock by the C library
+/// without a wait.
 ///
 /// # Safety
 /// The time is NULL or valid.
@@ -20,7 +21,7 @@ unsafe fn lock_until(clock: clockid_t, until: *const timespec, attempt: impl Fn(
     if error != libc::EBUSY {
         return error;
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees what the section Safety above requires.
     let Some(deadline) = (unsafe { deadline(clock, until) }) else { return libc::EINVAL };
     loop {
         let outcome = wait(What::Lock, deadline, || {
@@ -39,8 +40,8 @@ unsafe fn lock_until(clock: clockid_t, until: *const timespec, attempt: impl Fn(
     }
 }
 
-/// A function that waits for a lock until a time of the real-time clock: its name, the type of the lock, and the C library's
-/// function without a wait.
+/// Defines a function that waits for a lock until a time of the real-time clock. The arguments are its name, the type
+/// of the lock, and the C library's function that tries the lock without a wait.
 macro_rules! timed {
     ($name:ident, $lock:ty, $attempt:path) => {
         #[doc = concat!(stringify!($name), "(3).")]
@@ -49,13 +50,13 @@ macro_rules! timed {
             if is_passed_on() {
                 return real!($name(lock: *mut $lock, until: *const timespec) -> c_int);
             }
-            // SAFETY: the caller's arguments.
+            // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
             unsafe { lock_until(libc::CLOCK_REALTIME, until, || $attempt(lock)) }
         }
     };
 }
 
-/// As `timed`, with a clock of the caller's.
+/// Like `timed`, but for a function whose caller chooses the clock.
 macro_rules! clocked {
     ($name:ident, $lock:ty, $attempt:path) => {
         #[doc = concat!(stringify!($name), "(3).")]
@@ -64,7 +65,7 @@ macro_rules! clocked {
             if is_passed_on() {
                 return real!($name(lock: *mut $lock, clock: clockid_t, until: *const timespec) -> c_int);
             }
-            // SAFETY: the caller's arguments.
+            // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
             unsafe { lock_until(clock, until, || $attempt(lock)) }
         }
     };
@@ -77,9 +78,9 @@ clocked!(pthread_rwlock_clockrdlock, pthread_rwlock_t, libc::pthread_rwlock_tryr
 timed!(pthread_rwlock_timedwrlock, pthread_rwlock_t, libc::pthread_rwlock_trywrlock);
 clocked!(pthread_rwlock_clockwrlock, pthread_rwlock_t, libc::pthread_rwlock_trywrlock);
 
-/// mtx_timedlock(3), of C11, whose mutex is that of POSIX.
+/// Replaces mtx_timedlock(3), of C11, whose mutex is a POSIX mutex.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn mtx_timedlock(mutex: *mut pthread_mutex_t, until: *const timespec) -> c_int {
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     of_c11(unsafe { pthread_mutex_timedlock(mutex, until) })
 }

@@ -1,12 +1,13 @@
-//! The functions of the C library that the program calls. Each passes calls on unchanged that are not the program's
-//! ([`Mode`](crate::mode::Mode)).
+//! The functions that replace those of the C library for the program. Each passes calls that are not the program's
+//! ([`Mode`](crate::mode::Mode)) on to the C library unchanged.
 //!
-//! A thread may be cancelled in the C library's functions, which unwinds it. So no value with a destructor exists where one of
-//! these calls such a function for the program, and where it calls [`test_cancel`].
+//! The C library cancels a thread by unwinding it in one of its functions. So no value with a destructor exists where a
+//! function here calls such a function for the program, and where it calls [`test_cancel`].
 //!
-//! Not here, and so on the real clock: timers that send signals (alarm, setitimer, timer_create), how long descriptors of
-//! timerfd_create run, limits of calls that receive (SO_RCVTIMEO, mq_timedreceive), sigtimedwait, semtimedop, epoll_pwait2,
-//! pthread_timedjoin_np and pthread_clockjoin_np, and what sysinfo, clock and `/proc/uptime` say.
+//! Not replaced, and so on the real clock: timers that send signals (alarm, setitimer, timer_create), how long
+//! descriptors of timerfd_create run, limits of calls that receive (SO_RCVTIMEO, mq_timedreceive), sigtimedwait,
+//! semtimedop, epoll_pwait2, pthread_timedjoin_np and pthread_clockjoin_np, and the times in sysinfo, clock and
+//! `/proc/uptime`.
 
 mod clocks;
 mod conditions;
@@ -30,7 +31,7 @@ unsafe extern "C-unwind" {
     fn pthread_testcancel();
 }
 
-/// Whether the calling function has to pass its call on.
+/// Whether the calling function has to pass its call on to the C library.
 fn is_passed_on() -> bool {
     mode::current() != Mode::Program
 }
@@ -47,11 +48,12 @@ fn fail(errno: c_int) -> c_int {
     -1
 }
 
-/// The deadline of a wait until a time of a clock; `None`: it is no time, or the clock has none.
+/// Converts a time of a clock to a deadline on the virtual clock; `None` if it is no valid time, or if the clock stays
+/// real.
 ///
 /// # Safety
 /// The time is NULL or valid.
 unsafe fn deadline(clock: clockid_t, until: *const timespec) -> Option<u64> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees what the section Safety above requires.
     clock::deadline(clock, nanoseconds(unsafe { until.as_ref() }?)?)
 }

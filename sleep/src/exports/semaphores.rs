@@ -1,4 +1,4 @@
-//! Semaphores.
+//! Functions that wait for semaphores and post them.
 
 use std::ffi::c_int;
 
@@ -9,10 +9,10 @@ use crate::mode::{self, Mode, Own};
 use crate::system::real;
 use crate::threads::{Outcome, What, outside, posted, wait};
 
-/// Waits for a semaphore until a time of a clock; the result of sem_timedwait.
+/// Waits for a semaphore until a time of a clock; returns the result of sem_timedwait.
 ///
 /// # Safety
-/// The semaphore is one, and the time is NULL or valid.
+/// The semaphore exists, and the time is NULL or valid.
 unsafe fn wait_until(semaphore: *mut sem_t, clock: clockid_t, until: *const timespec) -> c_int {
     let attempt = || real!(sem_trywait(semaphore: *mut sem_t) -> c_int);
     test_cancel();
@@ -22,7 +22,7 @@ unsafe fn wait_until(semaphore: *mut sem_t, clock: clockid_t, until: *const time
     if mode::errno() != libc::EAGAIN {
         return -1;
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees what the section Safety above requires.
     let Some(deadline) = (unsafe { deadline(clock, until) }) else { return fail(libc::EINVAL) };
     let error = {
         let _own = Own::begin();
@@ -32,7 +32,7 @@ unsafe fn wait_until(semaphore: *mut sem_t, clock: clockid_t, until: *const time
                 is_taken = attempt() == 0;
                 is_taken
             });
-            // A thread that was woken may find that another one was faster.
+            // Another thread may have taken the semaphore before the woken thread tries.
             if is_taken || attempt() == 0 {
                 break 0;
             }
@@ -50,38 +50,39 @@ unsafe fn wait_until(semaphore: *mut sem_t, clock: clockid_t, until: *const time
     fail(error)
 }
 
-/// sem_timedwait(3).
+/// Replaces sem_timedwait(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn sem_timedwait(semaphore: *mut sem_t, until: *const timespec) -> c_int {
     if is_passed_on() {
         return real!(sem_timedwait(semaphore: *mut sem_t, until: *const timespec) -> c_int);
     }
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     unsafe { wait_until(semaphore, libc::CLOCK_REALTIME, until) }
 }
 
-/// sem_clockwait(3).
+/// Replaces sem_clockwait(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn sem_clockwait(semaphore: *mut sem_t, clock: clockid_t, until: *const timespec) -> c_int {
     if is_passed_on() {
         return real!(sem_clockwait(semaphore: *mut sem_t, clock: clockid_t, until: *const timespec) -> c_int);
     }
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     unsafe { wait_until(semaphore, clock, until) }
 }
 
-/// sem_wait(3).
+/// Replaces sem_wait(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn sem_wait(semaphore: *mut sem_t) -> c_int {
     let call = || real!(sem_wait(semaphore: *mut sem_t) -> c_int);
     if is_passed_on() { call() } else { outside(call) }
 }
 
-/// sem_post(3), which signal handlers may call, too.
+/// Replaces sem_post(3), which signal handlers may call, too.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn sem_post(semaphore: *mut sem_t) -> c_int {
     let result = real!(sem_post(semaphore: *mut sem_t) -> c_int);
-    // Inside this library the lock may be held by this very thread. The threads that wait look by themselves, too.
+    // In Own mode this thread itself may hold the lock of the table. The waiting threads then find the semaphore by
+    // themselves.
     if mode::current() != Mode::Own {
         let _own = Own::begin();
         posted(semaphore as usize);

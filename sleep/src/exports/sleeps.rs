@@ -1,4 +1,4 @@
-//! Sleeping.
+//! Functions that sleep.
 
 use std::ffi::{c_int, c_uint};
 
@@ -21,12 +21,12 @@ fn sleep_until(deadline: u64) -> u64 {
     if outcome == Outcome::Interrupted { deadline.saturating_sub(clock::now()) } else { 0 }
 }
 
-/// As [`sleep_until`], for so many nanoseconds.
+/// Sleeps for `ns` nanoseconds. Returns the time that is left, like [`sleep_until`].
 fn sleep_for(ns: u64) -> u64 {
     sleep_until(clock::in_ns(ns)).min(ns)
 }
 
-/// The result of a sleep: an error number, or 0.
+/// Returns the result of a sleep, an error number or 0, and writes the time that is left to `left`.
 ///
 /// # Safety
 /// `left` is NULL or points to room for a time.
@@ -35,13 +35,13 @@ unsafe fn slept(left_ns: u64, left: *mut timespec) -> c_int {
         return 0;
     }
     if !left.is_null() {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees what the section Safety above requires.
         unsafe { left.write(timespec(left_ns)) };
     }
     libc::EINTR
 }
 
-/// nanosleep(2).
+/// Replaces nanosleep(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn nanosleep(time: *const timespec, left: *mut timespec) -> c_int {
     // SAFETY: the caller gives a time; NULL is left to the C library.
@@ -56,7 +56,7 @@ unsafe extern "C-unwind" fn nanosleep(time: *const timespec, left: *mut timespec
     }
 }
 
-/// clock_nanosleep(2), which returns the error number.
+/// Replaces clock_nanosleep(2), which returns the error number.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn clock_nanosleep(
     clock: clockid_t,
@@ -80,7 +80,7 @@ unsafe extern "C-unwind" fn clock_nanosleep(
     if sleep_until(deadline) == 0 { 0 } else { libc::EINTR }
 }
 
-/// usleep(3).
+/// Replaces usleep(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn usleep(micros: useconds_t) -> c_int {
     if is_passed_on() {
@@ -89,7 +89,7 @@ unsafe extern "C-unwind" fn usleep(micros: useconds_t) -> c_int {
     if sleep_for(u64::from(micros) * 1_000) == 0 { 0 } else { fail(libc::EINTR) }
 }
 
-/// sleep(3), which returns the seconds that are left.
+/// Replaces sleep(3), which returns the seconds that are left.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn sleep(seconds: c_uint) -> c_uint {
     if is_passed_on() {
@@ -99,7 +99,7 @@ unsafe extern "C-unwind" fn sleep(seconds: c_uint) -> c_uint {
     c_uint::try_from(left.div_ceil(1_000_000_000)).unwrap_or(seconds)
 }
 
-/// thrd_sleep(3), of C11, which returns -1 after a signal and another negative number for an error.
+/// Replaces thrd_sleep(3), of C11, which returns -1 after a signal and another negative number for an error.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn thrd_sleep(time: *const timespec, left: *mut timespec) -> c_int {
     // SAFETY: the caller gives a time; NULL is left to the C library.

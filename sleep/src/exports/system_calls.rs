@@ -1,5 +1,5 @@
-//! System calls that the program makes by itself. Of these only futex(2) waits with a limit often: std::future and std::semaphore
-//! of C++ and the locks, channels and parked threads of Rust.
+//! System calls that the program makes directly. Of those with a time limit, only futex(2) is common: std::future and
+//! std::semaphore of C++ use it, and the locks, channels and parked threads of Rust.
 
 use std::ffi::{c_int, c_long};
 
@@ -11,7 +11,8 @@ use crate::mode::Own;
 use crate::system::{nanoseconds, real, word_at};
 use crate::threads::{Outcome, What, outside, wait, woken};
 
-/// syscall(2). It has any number of arguments, which the system takes as six numbers, in registers in both cases.
+/// Replaces syscall(2). It takes any number of arguments, of which the kernel uses at most six numbers. They are in the
+/// same registers, whether a function has six arguments or any number of them.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn syscall(
     number: c_long,
@@ -52,7 +53,7 @@ unsafe extern "C-unwind" fn syscall(
     }
     // SAFETY: the caller gives NULL or a time.
     let Some(limit) = (unsafe { (fourth as *const timespec).as_ref() }) else { return outside(call) };
-    // What is no word or no time is left to the system, which says so without a wait.
+    // An invalid address or time is left to the kernel, which returns an error without a wait.
     let Some(ns) = nanoseconds(limit).filter(|_| address != 0 && address.is_multiple_of(4)) else { return call() };
     let deadline = match command {
         libc::FUTEX_WAIT => Some(clock::in_ns(ns)),
@@ -65,7 +66,8 @@ unsafe extern "C-unwind" fn syscall(
     }
 }
 
-/// Waits until a word is no longer `seen`, or until another thread ends the wait. An error number, or 0.
+/// Waits until a word is no longer `seen`, until another thread ends the wait, or until `deadline`. Returns an error
+/// number, or 0.
 fn wait_for_word(address: usize, seen: u32, deadline: u64) -> c_int {
     let _own = Own::begin();
     if word_at(address) != seen {

@@ -1,4 +1,4 @@
-//! Beginning threads, and waiting for their end.
+//! Functions that begin threads, cancel them, and wait for their end.
 
 use std::ffi::{c_int, c_void};
 use std::sync::Arc;
@@ -21,16 +21,16 @@ enum Work {
     C11(C11Work),
 }
 
-/// What a new thread begins with.
+/// The argument of [`begin`], the first function of a new thread.
 struct Start {
     work: Work,
     argument: *mut c_void,
-    /// Its record; `None`: it is no thread of the program.
+    /// The record of the thread; `None`: it is no thread of the program.
     thread: Option<Arc<Thread>>,
 }
 
-/// The first function of a thread. It takes its start apart before it calls the program, so that it has nothing to drop
-/// if the thread is unwound.
+/// The first function of every new thread. It takes `start` apart before it calls the program, so that it has nothing
+/// to drop if the thread is unwound.
 unsafe extern "C-unwind" fn begin(start: *mut c_void) -> *mut c_void {
     let (work, argument) = {
         let _own = Own::begin();
@@ -46,14 +46,14 @@ unsafe extern "C-unwind" fn begin(start: *mut c_void) -> *mut c_void {
     unsafe {
         match work {
             Work::Posix(work) => work(argument),
-            // thrd_join takes the integer out of the pointer.
+            // thrd_join converts the pointer back to the integer.
             Work::C11(work) => work(argument) as isize as *mut c_void,
         }
     }
 }
 
-/// Makes a thread; an error number, or 0. A thread that a thread of the program makes is one of the program and runs from here
-/// on.
+/// Makes a thread; returns an error number, or 0. A thread that a thread of the program makes belongs to the program,
+/// and counts as running from here on.
 ///
 /// # Safety
 /// As pthread_create(3).
@@ -87,7 +87,7 @@ unsafe fn create(
     error
 }
 
-/// pthread_create(3).
+/// Replaces pthread_create(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_create(
     handle: *mut pthread_t,
@@ -95,25 +95,26 @@ unsafe extern "C-unwind" fn pthread_create(
     work: PosixWork,
     argument: *mut c_void,
 ) -> c_int {
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     unsafe { create(handle, attributes, Work::Posix(work), argument) }
 }
 
-/// thrd_create(3), of C11, whose threads are those of POSIX. The C library's own makes them without pthread_create.
+/// Replaces thrd_create(3), of C11, whose threads are POSIX threads. The C library's function makes them without a call
+/// of pthread_create, so it is replaced as well.
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn thrd_create(handle: *mut pthread_t, work: C11Work, argument: *mut c_void) -> c_int {
-    // SAFETY: the caller's arguments.
+    // SAFETY: the arguments are the caller's, who keeps the rules of the replaced function.
     of_c11(unsafe { create(handle, std::ptr::null(), Work::C11(work), argument) })
 }
 
-/// pthread_join(3).
+/// Replaces pthread_join(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_join(thread: pthread_t, result: *mut *mut c_void) -> c_int {
     let call = || real!(pthread_join(thread: pthread_t, result: *mut *mut c_void) -> c_int);
     if is_passed_on() { call() } else { outside(call) }
 }
 
-/// thrd_join(3).
+/// Replaces thrd_join(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn thrd_join(thread: pthread_t, result: *mut c_int) -> c_int {
     let mut value = std::ptr::null_mut();
@@ -126,7 +127,7 @@ unsafe extern "C-unwind" fn thrd_join(thread: pthread_t, result: *mut c_int) -> 
     of_c11(error)
 }
 
-/// pthread_cancel(3).
+/// Replaces pthread_cancel(3).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn pthread_cancel(thread: pthread_t) -> c_int {
     let error = real!(pthread_cancel(thread: pthread_t) -> c_int);

@@ -1,4 +1,4 @@
-//! Descriptors of timers. They run on the real clock: only what the program reads from its clocks is converted.
+//! Timer descriptors. They run on the real clock: only times that the program has read from its clocks are converted.
 
 use std::ffi::c_int;
 
@@ -9,19 +9,19 @@ use crate::clock;
 use crate::mode::Own;
 use crate::system::{nanoseconds, real, real_ns, timespec};
 
-/// The real time at which a clock of the program shows `shown_ns`, if virtual time went on as the real clock does.
+/// The real time at which a clock of the program shows `shown_ns`, if virtual time advances with the real clock.
 fn real_time(clock: clockid_t, shown_ns: u64) -> Option<u64> {
     let left = shown_ns.saturating_sub(clock::start(clock)?).saturating_sub(clock::now());
     Some(real_ns(clock).saturating_add(left))
 }
 
-/// The clock of a timer's descriptor.
+/// The clock of a timer descriptor, from `/proc`.
 fn clock_of(timer: c_int) -> Option<clockid_t> {
     let facts = std::fs::read_to_string(format!("/proc/self/fdinfo/{timer}")).ok()?;
     facts.lines().find_map(|line| line.strip_prefix("clockid:")?.trim().parse().ok())
 }
 
-/// timerfd_settime(2).
+/// Replaces timerfd_settime(2).
 #[unsafe(no_mangle)]
 unsafe extern "C-unwind" fn timerfd_settime(
     timer: c_int,

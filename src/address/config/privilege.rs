@@ -40,8 +40,8 @@ fn variable_for(privileged: bool, name: &str) -> Option<OsString> {
     if privileged { None } else { env::var_os(name) }
 }
 
-/// Why somebody other than root may have written an existing file, may have chosen the file at this path, or why that
-/// cannot be checked. `None` if only root can have done it.
+/// The reason why an existing file is not trusted: somebody other than root may have written it or put another file at
+/// this path, or that cannot be checked. `None` if only root can have done so.
 #[cfg(unix)]
 pub fn writable_by_others(file: &Path) -> Option<String> {
     use std::fs::symlink_metadata;

@@ -34,7 +34,8 @@ const ENDPOINT: Syntax = Syntax::Number(1, 15);
 /// The number of data bytes in a packet of an ECM-XF.
 const DATA_SIZE: Syntax = Syntax::Number(DataSize::MIN.bytes() as u64, DataSize::MAX.bytes() as u64);
 
-/// Bounds of a flight recorder: 16 MB have the 40 s of a moment for a board with few slaves. \[OURS]
+/// The range of the bounds of a flight recorder. With a board of few slaves the smallest bound, 16 MB, has room for the
+/// 40 s of a moment. \[OURS]
 const FLIGHT_BYTES: Syntax = Syntax::Bytes(16_000_000, 1_000_000_000_000);
 
 const SLOT: Syntax = Syntax::Choice(&["12", "16"]);

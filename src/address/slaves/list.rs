@@ -19,7 +19,7 @@ pub(super) struct Entry<'a> {
     /// The repeat counts, each written after a `*`. A valid entry has at most one. An entry without a count stands for
     /// one slave.
     numbers: Vec<&'a str>,
-    /// Whether the repeat count, if there is one, stands at the end of the entry.
+    /// Whether the repeat count, if there is one, is at the end of the entry.
     number_is_last: bool,
 }
 

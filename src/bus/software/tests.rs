@@ -127,8 +127,8 @@ impl NicWires for Shared {
     }
 }
 
-/// If a slave in OP gets outputs, a scan changes nothing in any slave: another master runs the network. Without outputs
-/// it is scanned.
+/// If a slave in OP gets outputs, another master runs the network: a scan fails and changes nothing in any slave. If it
+/// gets no outputs, the scan proceeds.
 #[test]
 fn a_network_that_runs_is_left_alone() {
     let devices = (0..2).map(|_| Box::new(Io::default()) as Box<dyn Slave>).collect();

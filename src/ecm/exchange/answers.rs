@@ -1,9 +1,9 @@
 //! Matches answers to commands: a call can tell the answer to its own command from older answers and from the answers to
 //! other calls.
 //!
-//! Each report shows in a slot the answer to the last command in that slot, until the next command (SK-3). A call that
-//! needs the answer to its own command claims the slot: until it releases the slot, no other call can claim it. For
-//! claimed slots this file keeps the newest answer, and whether it may be the answer to an earlier command.
+//! In each slot, reports show the answer to the last command of that slot until the slot gets another command (SK-3). A
+//! call that needs the answer to its own command claims the slot: until it releases the slot, no other call can claim
+//! it. For claimed slots this file keeps the newest answer, and whether it may be the answer to an earlier command.
 
 use super::slot_set::SlotSet;
 use crate::link::Stamp;
@@ -12,14 +12,13 @@ use crate::sk::{Frame, RawSlot, SlotSize, Slots};
 const SLOTS: usize = SlotSize::Bytes12.slots();
 
 pub struct Answers {
-    /// The slots that calls have claimed: until a call releases its slots, it alone sends commands in them whose answers it
-    /// needs.
+    /// The slots that calls have claimed. Until a call releases its slots, no other call can claim them.
     claimed: SlotSet,
     /// For each claimed slot: the newest answer with the id of the command for which the slot was claimed, and the time
     /// of its report.
     newest: [(Stamp, RawSlot); SLOTS],
-    /// Claimed slots that have shown the command's id in every report since the claim, so that the answer may be an old
-    /// one.
+    /// Claimed slots that showed the command's id at the time of the claim and in every report since. Their answers may
+    /// belong to an earlier command.
     unchanged: SlotSet,
 }
 
@@ -28,9 +27,9 @@ impl Answers {
         Self { claimed: SlotSet::EMPTY, newest: [(Stamp(0), RawSlot::ZERO); SLOTS], unchanged: SlotSet::EMPTY }
     }
 
-    /// Reserves the slots of `commands` for one call until [`release`](Self::release). Returns false if another call has
-    /// claimed one of them. `report` is the newest report: a slot in which it already shows the id of the command may go
-    /// on showing the old answer.
+    /// Reserves the slots of `commands` for one call until [`release`](Self::release). Returns false if another call
+    /// has claimed one of them. `report` is the newest report: if a slot already shows the id of the command there,
+    /// later reports may repeat an old answer.
     pub fn claim(&mut self, commands: &[(usize, RawSlot)], report: &Frame, size: SlotSize) -> bool {
         let slots = SlotSet::of(commands);
         if self.claimed.overlaps(slots) {

@@ -1,8 +1,8 @@
 //! The host's model of the board's FIFO: for how many frames it has room, how many frames are not executed yet, and in
 //! how many cycles it was empty.
 //!
-//! A report has the number of free entries at the moment it was made, without the frames written since. So the credit
-//! is the newest free count minus the frames written since, whether reports are read at once or from a queue.
+//! A report gives the number of free entries at the time it was made. It does not include frames written later. So the
+//! credit is the newest free count minus the frames written since, whether reports are read at once or from a queue.
 
 use std::collections::VecDeque;
 
@@ -18,9 +18,9 @@ pub struct Credit {
     free: u16,
     /// The number of frames written since OP was reached.
     written: i64,
-    /// The number of cycles of the board since OP was reached, counted by the reports, including those that were lost.
+    /// The number of board cycles since OP was reached: one for each report, lost reports included.
     cycles: i64,
-    /// Whether empty cycles are counted as underruns now; `None` while no stream is open.
+    /// Whether cycles with an empty FIFO count as underruns now; `None` while no stream is open.
     counting: Option<Counting>,
     underruns: u64,
 }
@@ -28,9 +28,9 @@ pub struct Credit {
 /// When the counting of underruns begins.
 #[derive(Clone, Copy, Debug)]
 enum Counting {
-    /// Counting begins once more than this many frames were executed, that is with the first frame of the stream.
+    /// Counting begins when the board has executed more than this many frames: with the first frame of the stream.
     After(i64),
-    /// Counting has begun. The number is how many cycles had found the FIFO empty up to the newest report.
+    /// Counting has begun. The value is the highest number so far of cycles that found the FIFO empty.
     Since(i64),
 }
 
@@ -86,8 +86,9 @@ impl Credit {
                 // back.
                 let new = (idle - before).max(0);
                 if new > 0 {
-                    // The FIFO had entries before and after this one cycle, so the cycle executed one and is no underrun. The
-                    // number of idle cycles is larger now only because a frame had counted as arrived too early.
+                    // The FIFO had entries before and after this one cycle, so the cycle executed one and is no
+                    // underrun. The number of idle cycles is larger now only because the previous report counted a
+                    // frame as arrived too early.
                     if !(cycles == 1 && had_entries && self.used() > 0) {
                         self.underruns += new as u64;
                     }
@@ -98,7 +99,8 @@ impl Credit {
         }
     }
 
-    /// Switches the counting of underruns on, from the next frame on, or off.
+    /// Switches the counting of underruns on or off. Counting begins when the board executes the next frame that is
+    /// written.
     pub fn count_underruns(&mut self, on: bool) {
         self.counting = on.then_some(Counting::After(self.written));
     }
@@ -112,8 +114,8 @@ impl Credit {
         FIFO_ENTRIES - self.free
     }
 
-    /// The number of frames for which the board has room in any case. It may have room for more: frames that the newest
-    /// free count may not include are taken off.
+    /// The number of frames for which the board certainly has room: the newest free count minus all frames that this
+    /// count may not include.
     pub fn credit(&self) -> u16 {
         self.free.saturating_sub(self.uncounted.len() as u16)
     }
@@ -123,8 +125,8 @@ impl Credit {
         FIFO_ENTRIES - self.credit()
     }
 
-    /// Whether the board has executed the frame with the number `number`, even if all frames that the newest free count
-    /// may not include still wait.
+    /// Whether the board has certainly executed frame number `number`. Frames that the newest free count may not
+    /// include are taken as not executed.
     pub fn has_executed(&self, number: i64) -> bool {
         self.written - self.uncounted.len() as i64 - i64::from(self.used()) >= number
     }

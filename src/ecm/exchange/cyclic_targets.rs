@@ -1,5 +1,5 @@
-//! The targets that a stream repeats in every frame, as encoded slots: those for the next frame and those in the last
-//! frame.
+//! The targets that a stream repeats in every frame, as encoded slots: the targets for the next frame, and the targets
+//! in the last frame.
 
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{CommandId, Frame, RawSlot, SlaveCommand, SlotCommand, SlotSize};
@@ -18,7 +18,8 @@ pub struct CyclicTargets {
     next: Box<Frame>,
     /// The targets of the last frame that was written.
     last: Box<Frame>,
-    /// The digital outputs last sent to the two channels of each HSP, by slot. Removing the targets does not change them.
+    /// The digital outputs last sent to the two channels of each HSP, by slot. Removing the targets does not change the
+    /// outputs.
     outputs: [Outputs; SLOTS],
     /// Slaves whose targets were withdrawn since the last call of [`take_withdrawn`](Self::take_withdrawn).
     withdrawn: SlaveSet,
@@ -56,8 +57,8 @@ impl CyclicTargets {
         self.outputs = [[0; 2]; SLOTS];
     }
 
-    /// Removes the targets of slaves whose axes went off or are going to be homed. A stream then also drops those that it
-    /// has prepared for its next step ([`take_withdrawn`](Self::take_withdrawn)).
+    /// Removes the targets of slaves whose axes went off or are going to be homed. A stream then also drops the targets
+    /// that it has prepared for its next step ([`take_withdrawn`](Self::take_withdrawn)).
     pub fn withdraw(&mut self, slaves: SlaveSet) {
         self.forget(slaves);
         self.withdrawn = self.withdrawn.union(slaves);
@@ -90,8 +91,8 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
-    /// Sets the last target of a slave: to one that another program has sent, whose board this process takes over, or to one
-    /// with which a stop holds an axis.
+    /// Sets the last target of a slave to one that no stream of this process has sent: a target of the program whose
+    /// board this process takes over, or the target with which a stop holds the axis.
     pub fn assume(&mut self, slave: u8, last: Option<SlaveCommand>) {
         let slot = last.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
         self.last.put(self.size, slave.into(), &slot);
@@ -104,8 +105,8 @@ impl CyclicTargets {
         self.outputs[slave as usize] = outputs;
     }
 
-    /// Notes that the next targets were sent in a frame, and so are the last ones now. `hsps`: the HSPs, whose digital
-    /// outputs are also noted, since they have to be repeated when only a target changes.
+    /// Makes the next targets the last ones, because a frame with them was sent. `hsps`: the HSPs. Their digital
+    /// outputs are recorded as well, because a frame that changes only the target of an HSP must repeat its outputs.
     pub fn stepped(&mut self, hsps: SlaveSet) {
         self.last.clone_from(&self.next);
         for slave in hsps.intersection(self.set).iter() {
@@ -113,7 +114,8 @@ impl CyclicTargets {
         }
     }
 
-    /// As [`stepped`](Self::stepped), for a frame whose targets in CSP were not sent: those of the last frame stay.
+    /// As [`stepped`](Self::stepped), for a frame that was sent without its CSP targets: the CSP targets of the last
+    /// frame stay in force.
     pub fn stepped_without_csp(&mut self, hsps: SlaveSet) {
         for slave in self.set.iter() {
             if self.next.slot(self.size, slave.into()).id == CommandId::Csp.code() {
@@ -130,7 +132,8 @@ impl CyclicTargets {
         }
     }
 
-    /// The target that the newest frame has for a slave, also one of a stop's ramp; else the [`last`](Self::last) one.
+    /// The newest target of a slave: that of the next frame, also a target of a stop's ramp, or else the
+    /// [`last`](Self::last) one.
     pub fn in_force(&self, slave: u8) -> Option<SlaveCommand> {
         self.decoded(&self.next, slave).or_else(|| self.last(slave))
     }

@@ -3,14 +3,14 @@
 //!
 //! Every frame with a command has its own mark in the slots of all slaves. A report with the mark in any slot shows
 //! that the frame arrived and was executed. A slave that does not repeat the mark while others do is lost. Reports of
-//! firmware 1.5 have the mode in that byte instead: then the host must count FIFO entries, which goes wrong when a
-//! frame is lost on the way.
+//! firmware 1.5 have the mode of operation in that byte. The host then has to count FIFO entries instead, and its count
+//! is wrong after a frame was lost on the way.
 
 /// The lowest mark. Firmware 1.5 has the mode of operation in byte 1 of a slave's slot instead of a mark, and every mode is
 /// below this number. \[OURS]
 const FIRST: u8 = 0x20;
-/// \[OURS] If this many frames were executed, by the count of FIFO entries, and no report returned their marks, the
-/// board counts as one that does not repeat the index.
+/// \[OURS] After this many frames whose marks no report returned, the board counts as one that does not repeat the
+/// index. The number of FIFO entries shows that the board has executed these frames.
 const MISSED_MAX: u8 = 2;
 
 /// Whether the board repeats the index of a command in its reports.
@@ -32,7 +32,8 @@ pub struct Marks {
     returned: [u64; 4],
     /// For each mark the value of Data1 in slot 0 of the first report that returned it: the board's result.
     results: [u32; 256],
-    /// The number of frames that were executed, by the count of FIFO entries, without a report that returned their marks.
+    /// The number of frames whose marks no report has returned, although the number of FIFO entries shows that the
+    /// board has executed them.
     missed: u8,
     /// The number of calls that wait until a report returns the mark of their frame. While it is 0, reports are not searched
     /// for marks.
@@ -44,16 +45,16 @@ impl Marks {
         Self { echo: Echo::Unknown, last: FIRST, returned: [0; 4], results: [0; 256], missed: 0, awaited: 0 }
     }
 
-    /// Returns the mark for the next frame. There are fewer than 256 marks, so each is used again after a while; a frame that
-    /// had the mark before no longer counts as executed then.
+    /// Returns the mark for the next frame. The 224 marks are used in turn. A mark that is used again counts as not
+    /// returned until a report shows it again.
     pub fn next(&mut self) -> u8 {
         self.last = self.last.checked_add(1).unwrap_or(FIRST);
         self.returned[usize::from(self.last / 64)] &= !(1 << (self.last % 64));
         self.last
     }
 
-    /// Reads byte 1 of a slave's slot in a report; `result` is Data1 of slot 0 there. Returns whether the byte is a
-    /// mark that has not been returned before.
+    /// Reads byte 1 of a slave's slot in a report; `result` is Data1 of slot 0 in the same report. Returns whether
+    /// the byte is a mark that no earlier report has returned.
     pub fn read(&mut self, index: u8, result: u32) -> bool {
         if index < FIRST || self.has_returned(index) {
             return false;
@@ -76,7 +77,8 @@ impl Marks {
         self.results[mark as usize]
     }
 
-    /// Counts a frame that was executed, by the count of FIFO entries, without a report that returned its mark.
+    /// Counts a frame whose mark no report has returned, although the number of FIFO entries shows that the board has
+    /// executed it.
     pub fn note_missing(&mut self) {
         if self.echo == Echo::Unknown {
             self.missed += 1;
@@ -86,8 +88,8 @@ impl Marks {
         }
     }
 
-    /// Sets whether the board repeats the index of a command in its reports. The caller has sent a command with the index
-    /// [`Marks::PROBE`] outside OP and seen the answer.
+    /// Sets whether the board repeats the index of a command in its reports. The caller knows it from the answer to a
+    /// command with the index [`Marks::PROBE`] outside OP.
     pub const fn set_echo(&mut self, echoes: bool) {
         self.echo = if echoes { Echo::Yes } else { Echo::No };
     }

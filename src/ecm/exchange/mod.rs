@@ -44,7 +44,7 @@ pub use patience::Waited;
 pub use second_channels::SecondChannels;
 pub use session::Session;
 pub use stats::{News, Stats};
-pub use task::{Task, ahead_of_the_board};
+pub use task::{EFFECT_REPORTS_MAX, Task, ahead_of_the_board};
 
 use super::EcmError;
 use super::config::Config;
@@ -60,8 +60,8 @@ const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
 const REPORT_AGE_CYCLES: u32 = 3;
 /// \[OURS] The longest timeout of a call: a year.
 pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
-/// \[OURS] The most reports that one call reads without waiting. These are more than the queue of any link holds by default, so
-/// a call normally reads all of them, and it ends even if reports come faster than it reads them.
+/// \[OURS] The most reports that one call reads without waiting. By default the queue of a link holds fewer, so a call
+/// normally reads all waiting reports. The limit ends a call if reports come faster than it reads them.
 const CATCH_UP_REPORTS_MAX: usize = 4096;
 
 /// A function of the program that is called during a wait of a call. It returns `true` if the wait is to end.
@@ -76,11 +76,11 @@ pub struct Exchange {
     /// Generation counter: incremented whenever state that a `Stream` reads has changed, such as a new report, another
     /// configuration, an axis that is homing, or a cleared FIFO.
     changes: AtomicU64,
-    /// Signalled when a report was read, when claimed slots were released, and when the board was closed: threads that wait for
-    /// one of these go on.
+    /// Wakes the threads that wait: signalled when a report was read, when claimed slots were released, and when the
+    /// board was closed.
     news: Condvar,
-    /// Whether a stream ended while another thread had the lock of the session. The session then still has the stream as
-    /// open, until the next call takes the lock.
+    /// Whether a stream ended while another thread had the lock of the session. The session then counts the stream as
+    /// open until the next call takes the lock.
     abandoned: AtomicBool,
     /// Held by the call that uses the SDO slot, so that there is one transfer at a time.
     pub sdo_turn: Mutex<()>,
@@ -116,8 +116,8 @@ impl Exchange {
         }
     }
 
-    /// The time on the clock of timeouts, from an arbitrary start. It follows the link's clock without the stalls of
-    /// this process (SIGSTOP, swap, a suspended machine): during a stall reports cannot be read, and so do not count as
+    /// The time on the clock of timeouts, from an arbitrary start. It is the link's clock minus the stalls of this
+    /// process (SIGSTOP, swap, a suspended machine): a stalled process cannot read reports, so they must not count as
     /// missing.
     pub fn now(&self) -> Duration {
         self.now_at(self.clock())
@@ -177,7 +177,7 @@ impl Exchange {
         self.abandoned.store(true, Ordering::Release);
     }
 
-    /// After how long without a report the board counts as silent: the read timeout, and at least three cycles.
+    /// The time without a report after which the board counts as silent: the read timeout, but at least three cycles.
     pub fn silence_max(&self, session: &Session) -> Duration {
         self.options.read_limit.max(session.network.cycle() * 3)
     }
@@ -193,7 +193,7 @@ impl Exchange {
         self.changes.fetch_add(1, Ordering::Release);
     }
 
-    /// Sets the configuration of the slaves, by which calls are checked from now on.
+    /// Sets the configuration of the slaves, against which calls are checked from now on.
     pub fn set_network(&self, config: &Config) -> Result<(), EcmError> {
         let network = Arc::new(Network::of(config));
         let mut session = self.lock()?;
@@ -236,7 +236,8 @@ impl Exchange {
         for _ in 0..CATCH_UP_REPORTS_MAX {
             if self.info.virtual_time {
                 let (Some(meta), Some(cycle)) = (session.reports.meta, session.network.cycle_ns) else { return Ok(()) };
-                // Returns the present board time without letting any pass, or the error of a lost link.
+                // `pass` of a zero duration returns the present board time and lets no time pass; a lost link returns
+                // its error.
                 let now = self.link.pass(Duration::ZERO)?;
                 if now.is_some_and(|now| now.0 < meta.at.0 + cycle) {
                     return Ok(());
@@ -284,7 +285,8 @@ impl Exchange {
                 }
                 Ok(())
             }
-            // The board has got the frame without its targets.
+            // A CSP target leads further beyond a soft limit of the machine file. The board has got the frame without
+            // CSP targets.
             Err(LinkError::BeyondLimit { at_ns, why }) => {
                 let hsps = session.network.hsps;
                 session.targets.stepped_without_csp(hsps);

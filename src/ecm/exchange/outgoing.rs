@@ -19,13 +19,14 @@ pub struct Sent {
 
 /// The next frame, and the identification of the last one.
 pub struct Outgoing {
-    /// The frame that is composed next. After a write it has the last frame until the next is composed.
+    /// The buffer of the next frame. After a write it holds the last frame until the next one is composed.
     pub frame: Frame,
     /// The mark of `frame`, by which reports show that it was executed; 0 if it has none.
     pub mark: u8,
     /// The number of frames written so far.
     pub written: u64,
-    /// The identification of the last written frame. If that has no mark, the mark is that of the last frame with one.
+    /// The identification of the last written frame. If that frame has no mark, `mark` is that of the last frame with a
+    /// mark.
     pub last: Sent,
     /// The slots that had a command in the last frame with a mark.
     pub last_commanded: SlotSet,

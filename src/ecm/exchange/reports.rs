@@ -73,8 +73,8 @@ impl Reports {
         true
     }
 
-    /// Decodes slot 0 of the newest report. Counts a changed error byte, and a state byte that has begun to show a failure.
-    /// Returns slot 0 of the previous report.
+    /// Decodes slot 0 of the newest report. Counts a change of the error byte, and a change of the state byte to a
+    /// failure. Returns slot 0 of the previous report.
     pub fn read_board(&mut self, stats: &mut Stats, news: &mut NewsQueue) -> MasterResponse {
         let before = std::mem::replace(&mut self.board, MasterResponse::decode(&self.newest.slot(self.size, 0)));
         if self.previous_meta.is_none() {

@@ -14,13 +14,13 @@ use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{CommandId, Frame, RawSlot, SdoCommand, SdoResponse, SlotSize};
 
 const SECOND_STATUSWORD: ObjectAddress = ObjectAddress::new(STATUSWORD + SECOND_AXIS_OFFSET, 0);
-/// An object that every slave has. If two requests in a row are equal, their answers may be, too. This object is read
-/// between them, so that the second answer can be told from the first (SK-6.10).
+/// An object that every slave has. Two equal requests in a row may get equal answers, which cannot be told apart. So
+/// the stream reads this object between the two (SK-6.10).
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
 /// \[OURS] A stream sends its SDO request again after this many frames without an answer. It writes one frame per cycle:
 /// with the shortest cycle, 250 us, this is 1 s.
 const ANSWER_FRAMES_MAX: u64 = 4000;
-/// \[OURS] How long an SDO transfer of a call waits for the end of the one that a stream has requested.
+/// \[OURS] How long a call waits for the end of a stream's SDO transfer before it sends its own request.
 const STREAM_SDO_LIMIT: Duration = Duration::from_secs(2);
 
 /// What is known about the second channels of HSPs.
@@ -31,7 +31,7 @@ pub struct SecondChannels {
     absent: SlaveSet,
     /// The newest statuswords of second channels, by slot.
     statuswords: [Statusword; SlotSize::Bytes12.slots()],
-    /// The SDO slot of the newest report. A report with another content in it has a new answer.
+    /// The SDO slot of the newest report. If the SDO slot of the next report differs, it has a new answer.
     shown: RawSlot,
     /// The request of a stream that has no answer yet.
     asked: Option<Asked>,

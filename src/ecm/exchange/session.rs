@@ -61,7 +61,8 @@ pub struct Session {
     pub answers: Answers,
     pub marks: Marks,
     pub credit: Credit,
-    /// Slaves that are known to be lost: their slots do not repeat the marks of executed frames, while those of others do.
+    /// Slaves that are known to be lost: their slots do not repeat the marks of executed frames, while the slots of
+    /// other slaves do.
     pub lost: SlaveSet,
     pub second_channels: SecondChannels,
     /// The targets that a stream repeats in every frame.
@@ -74,7 +75,7 @@ pub struct Session {
     pub fifo_clears: u64,
     /// Objects of SDO transfers that have timed out and may still be answered.
     pub late_sdos: Vec<ObjectAddress>,
-    /// Axes that stops have held at their actual positions, since they did not follow.
+    /// Axes that a stop holds at their actual positions, because they did not follow their targets.
     pub held_back: Vec<HeldBack>,
     pub stats: Stats,
     pub news: NewsQueue,
@@ -215,15 +216,15 @@ impl Session {
             let is_silent = |slave: u8| slots.head(slave.into()).index != self.outgoing.last.mark;
             let used = self.network.slaves().filter(|(_, config)| **config != Slave::Unused);
             let silent: SlaveSet = used.map(|(slave, _)| slave).filter(|slave| is_silent(*slave)).collect();
-            // A slave with a command in its slot may have rejected it, and then returns no mark although it is not lost.
-            // So such a slave stays in `lost`, or out of it, as before.
+            // The slot of a rejected command returns no mark, although the slave is not lost. So a slave with a command
+            // in this frame stays in `lost`, or out of it, as before.
             let commanded = self.outgoing.last_commanded.slaves();
             self.lost = silent.difference(commanded).union(self.lost.intersection(commanded));
         }
     }
 
-    /// Removes the targets of axes that went off: when they are enabled again they must not jump to an old target. A
-    /// slave with two axes loses the targets of both.
+    /// Removes the targets of axes that were switched off: an axis that is enabled again must not jump to an old
+    /// target. If one axis of a slave with two axes is off, the targets of both are removed.
     fn drop_targets_of_disabled(&mut self) {
         let slots = self.reports.newest.slots(self.size);
         let is_off = |slave: usize| u64::from(!Statusword(slots.head(slave).parm.get()).is_enabled());

@@ -49,9 +49,9 @@ pub struct Stats {
     pub reports: u64,
     /// Reports that were discarded because of a wrong CRC.
     pub bad_crc: u64,
-    /// Reports that were lost before they were read, by the gaps in their sequence numbers.
+    /// Reports that were lost before they were read, counted by the gaps in the sequence numbers.
     pub reports_lost: u64,
-    /// Reports that were discarded because this report or a newer one, by the sequence numbers, had been read before.
+    /// Reports that were discarded because their sequence number was not higher than that of the newest report.
     pub stale: u64,
     /// How often byte 1 of slot 0 has changed, which in firmware 1.7 counts command frames with a wrong CRC.
     pub error_byte_changes: u64,
@@ -59,7 +59,7 @@ pub struct Stats {
     pub losses: u64,
     /// Cycles that found the FIFO empty while a stream was open.
     pub underruns: u64,
-    /// How often the state byte in reports began to show a failure (bit 0x10).
+    /// How often the state byte in reports began to show a failure ([`StateByte::is_failed`]).
     pub slaves_failed: u64,
 }
 

@@ -9,11 +9,11 @@ use super::patience::Waited;
 use super::session::Session;
 use super::{Exchange, LIMIT_MAX};
 use crate::ecm::EcmError;
-use crate::sk::RawSlot;
+use crate::sk::{FIFO_ENTRIES, RawSlot};
 
-/// \[OURS] A command that shows no effect is sent again after this many reports: more than a full FIFO (160 entries)
-/// takes, and some cycles for the drive.
-const RESEND_REPORTS: u64 = 200;
+/// \[OURS] After this many reports a command that shows no effect is sent again, and a GO_HOME without an answer counts
+/// as lost. The number covers the cycles that a full FIFO takes, and some more for the drive.
+pub const EFFECT_REPORTS_MAX: u64 = FIFO_ENTRIES as u64 + 40;
 
 /// Commands of a call and the wait for their effect, with a timeout.
 pub struct Task<'a> {
@@ -33,7 +33,7 @@ pub struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// A task whose commands may be sent again, and whose effect counts whichever call has caused it.
+    /// A task whose commands may be sent again, and whose effect counts even if another call has caused it.
     pub fn new(what: &'static str, hint: &'static str, limit: Duration, commands: &'a [(usize, RawSlot)]) -> Self {
         let seen = &|session: &Session| format!("the board is in {}", session.board().state);
         Self { what, hint, limit, commands, seen, resend: true, claim_exclusive: false }
@@ -61,7 +61,7 @@ impl<'a> Task<'a> {
 struct Delivery {
     /// Whether the task has claimed its slots, so that no other call uses them.
     claimed: bool,
-    /// The number of frames that had been written when the commands were queued.
+    /// The number of frames that had been written when the commands were queued; `None` while they are not queued.
     posted_at: Option<u64>,
     /// Whether the slots get an empty command first, and the task's commands in a later frame. Outside OP a slot shows
     /// the id of its last command. If that is the id of the task's command, the new answer could not be told from the old
@@ -136,8 +136,8 @@ impl Exchange {
         let mut delivery = Delivery::default();
         let done = self.run_rounds(&mut session, &mut delivery, task, (before, look, between));
         session.marks.awaited -= 1;
-        // Commands that are still queued are withdrawn. After they were written this must not be done, since the slots
-        // may have queued commands of another call by now.
+        // Withdraws commands that are still queued. Once a frame has carried them, their slots may hold queued commands
+        // of another call, which must stay.
         if delivery.posted_at == Some(session.outgoing.written) {
             session.posts.withdraw(task.commands);
         }
@@ -195,7 +195,7 @@ impl Exchange {
             }
             if let Some(now) = sent
                 && !task.commands.is_empty()
-                && reports - sent_reports >= RESEND_REPORTS
+                && reports - sent_reports >= EFFECT_REPORTS_MAX
             {
                 sent_reports = reports;
                 if session.in_op() && !session.executed(now) && session.credit.has_executed(now.number) {

@@ -77,7 +77,8 @@ const fn has_unknown_outputs(config: &Slave, left: &LeftBehind) -> bool {
     left.outputs_unknown && matches!(config, Slave::Hsp(_))
 }
 
-/// Whether a slave gets no frame of a stop: its digital outputs are not known, and it has sent no pulse in the observation.
+/// Whether a stop sends no target to an HSP: its digital outputs are not known, so that a target would switch them off,
+/// and its axes have not moved in the observation.
 pub(super) fn keeps_outputs(
     session: &Session,
     observed: &Observation,
@@ -90,7 +91,7 @@ pub(super) fn keeps_outputs(
 
 /// The last command to a slave; `None` if it is not known.
 fn last(session: &Session, slave: u8, left: &LeftBehind) -> Option<SlaveCommand> {
-    // The board ignores commands to an axis that is homing, so the last one was not executed.
+    // The board ignores commands to an axis that is homing, so the last command was not executed.
     if left.homing.contains(slave) { None } else { session.targets.last(slave) }
 }
 
@@ -118,8 +119,8 @@ pub(super) fn ramp_of(
     };
     match (mode, last(session, slave, left)) {
         (Mode::Csv, Some(SlaveCommand::Csv(motion))) if motion.first.target != 0 || motion.second.target != 0 => {
-            // The axis stands although its velocity is not 0: the command was not executed, or hardly moves the axis. A
-            // ramp from that velocity would start a motion.
+            // The axis is stationary although its last commanded velocity is not 0: the command was not executed, or
+            // hardly moves the axis. A ramp from that velocity would start a motion.
             let stands = fifo_is_empty && !movement::may_move(session, slave, config);
             Some(if stands { velocities([0; 2]) } else { AxisRamp::Velocity(motion) })
         }
@@ -130,8 +131,9 @@ pub(super) fn ramp_of(
             let (moved, seconds) = (observed.moved(session, slave, config), observed.seconds(session));
             Some(velocities(moved.map(|counts| (f64::from(counts) / seconds) as i32)))
         }
-        // An axis of another program may move too slowly to be noticed in an observation, and would go on for ever.
-        // Velocity 0 stops it. An axis whose homing was ended also gets velocity 0, since its motion is not known.
+        // An axis that another program has started may move too slowly to be noticed in an observation, and would never
+        // stop. Velocity 0 stops it. An axis whose homing was ended also gets velocity 0, since its motion is not
+        // known.
         (Mode::Csv, _) if fifo_is_empty && left.is_foreign => Some(velocities([0; 2])),
         (Mode::Cst, Some(SlaveCommand::Cst(torque))) if is_moving => Some(AxisRamp::Torque(torque)),
         (Mode::Cst, None) if fifo_is_empty && is_moving => {
@@ -143,13 +145,17 @@ pub(super) fn ramp_of(
     }
 }
 
-/// The ramp of an axis in CSP that cannot reach its last target within `cycles`: because frames were lost, that target is far
-/// away, and the drive goes there by itself. The ramp begins at the actual position, and ends before the target. `None` for an
-/// axis that is stationary or reaches its target in time. If the last target is unknown, the axis may still reach it in time,
-/// so it is ramped only if `overdue` is set: little time is left for the stop. The target of an axis that was homing is
-/// unknown: the board has ignored its targets, and holds it where its drive comes to rest. A ramp from there would set it in
-/// motion again. So would that of an axis which moves away from its last target, as one that springs back when its drive
-/// ceases to push: it would be driven away from all that was commanded. Only with no cycle left it is held where it is.
+/// The ramp of an axis in CSP that cannot reach its last target within `cycles`: because frames were lost, that target
+/// is far away, and the drive goes there by itself. The ramp begins at the actual position, and ends before the target.
+/// `None` for an axis that is stationary or reaches its target in time.
+///
+/// An axis with an unknown last target may still reach it in time. So it is ramped only if `overdue` is set: little
+/// time is left for the stop. The target of an axis that was homing is unknown, too: the board has ignored its targets,
+/// and holds it where its drive comes to rest. A ramp could set it in motion again.
+///
+/// An axis may also move away from its last target, for example because it springs back when its drive stops pushing.
+/// It gets no ramp, which would drive it away from everything that was commanded. Only if no cycle is left, it is held
+/// at its actual position.
 pub(super) fn ramp_from_position(
     session: &Session,
     observed: &Observation,

@@ -1,4 +1,5 @@
-//! Closing a board: stops its axes and switches them off if wanted. It ends within 2 s, also when the board is dropped.
+//! Closing a board: stops its axes and switches them off if wanted. Closing ends within 2 s, also when an [`Ecm`] is
+//! dropped.
 
 use std::time::Duration;
 
@@ -65,8 +66,8 @@ impl Ecm {
         stood.and(found).and(switched)
     }
 
-    /// Switches axes off and waits for that for at most `limit`. It does not wait for lost slaves: if there are any, it
-    /// returns an error after the others are off.
+    /// Switches axes off and waits for at most `limit` until they are off. It does not wait for lost slaves: if there
+    /// are any, it returns an error once all other axes are off.
     pub(in crate::ecm) fn switch_off_within(
         &self,
         commands: &[(usize, RawSlot)],

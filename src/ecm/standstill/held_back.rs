@@ -1,6 +1,6 @@
 //! Axes in CSP that stand far from their last targets: a jam, an end stop or a limit of the drive holds them back, and
-//! the drives push. If such an axis came free it would go to that target by itself, with no program to command it. A
-//! stop makes its actual position its target, so it rests where it is. A vertical axis is held there, too. \[OURS]
+//! their drives push. If such an axis came free, it would go to its last target by itself, although no program commands
+//! it any more. So a stop makes the actual position of the axis its target. A vertical axis is held there, too. \[OURS]
 
 use std::fmt;
 
@@ -13,12 +13,13 @@ use crate::ecm::{Ecm, EcmError};
 use crate::ethercat::cia402::{Mode, Statusword};
 use crate::sk::{AxisTarget, Motion, SlaveCommand};
 
-/// \[OURS] An axis that stands further than this many counts from its last target does not follow. Most standing axes that
-/// follow are nearer. One with a fine encoder, whose load pulls while the drive's position loop has no integral part, may not
-/// be: it gives way by its distance then.
+/// \[OURS] A stationary axis that is further than this many counts from its last target counts as one that does not
+/// follow. Most axes that follow are nearer. An exception is an axis with a fine encoder and a load that pulls, if the
+/// position loop of its drive has no integral part. A stop holds it at its actual position, too, so that it gives way
+/// to the load by this distance.
 const AWAY_COUNTS: u32 = 1000;
-/// \[OURS] The same for an axis whose drive shows that it cannot follow (bit 11, internal limit, or 13, following error,
-/// of its statusword).
+/// \[OURS] As [`AWAY_COUNTS`], for an axis whose drive shows that it cannot follow (bit 11, internal limit, or 13,
+/// following error, of its statusword).
 const AWAY_COUNTS_LIMITED: u32 = 64;
 
 /// An axis that did not follow its target, and that a stop therefore holds at its actual position
@@ -28,11 +29,12 @@ const AWAY_COUNTS_LIMITED: u32 = 64;
 pub struct HeldBack {
     /// The slave, 1 to 40.
     pub slave: u8,
-    /// Whether it is the second axis of an HSP.
+    /// Whether the axis is the second one of an HSP.
     pub is_second: bool,
-    /// How far from its target the axis stood, counts; `None` if another program has set the target and it is not known.
+    /// The distance of the axis from its last target, counts; `None` if another program has set the target and it is
+    /// not known.
     pub away: Option<u32>,
-    /// Where it stood, and what its target is now, counts.
+    /// The actual position of the axis, which is now its target, counts.
     pub position: i32,
     /// Whether its drive has shown that it cannot follow: bit 11 (internal limit) or 13 (following error) of its statusword.
     pub is_limited: bool,
@@ -49,7 +51,7 @@ impl fmt::Display for HeldBack {
     }
 }
 
-/// The command that holds the axes of a slave which are held back by their drive.
+/// The command that holds the axes of a slave at their actual positions, because they did not follow their targets.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hold {
     /// The actual positions of axes that are held back; the last targets of others.
@@ -58,7 +60,7 @@ pub(super) struct Hold {
 }
 
 impl Hold {
-    /// Keeps what is to be said of the axes.
+    /// Records the axes for [`Ecm::take_held_back`]. A newer finding for an axis replaces the older one.
     pub(super) fn note(&self, session: &mut Session) {
         for axis in self.axes.iter().flatten() {
             session.held_back.retain(|other| (other.slave, other.is_second) != (axis.slave, axis.is_second));
@@ -67,9 +69,10 @@ impl Hold {
     }
 }
 
-/// How a slave's axes in CSP that are held back are held at their actual positions; `None` if there are none. `observed` has
-/// shown whether they stand. If the last target is not known, as another program has set it, the statusword has to show that
-/// the axis cannot follow. An axis whose homing was aborted has no target: the board holds it.
+/// The command that holds a slave's axes in CSP at their actual positions if they do not follow their targets; `None`
+/// if there are no such axes. `observed` shows whether the axes are stationary. If another program has set the last
+/// target, so that it is unknown, the statusword has to show that the axis cannot follow. An axis whose homing was
+/// aborted gets no command: the board holds it.
 pub(super) fn hold_of(
     session: &Session,
     observed: &Observation,
@@ -85,7 +88,7 @@ pub(super) fn hold_of(
     if keeps_outputs(session, observed, slave, config, left) {
         return None;
     }
-    // An axis that this stop has ramped stands at the end of its ramp.
+    // For an axis that this stop has ramped, the target in force is the end of the ramp.
     let targets = match session.targets.in_force(slave) {
         Some(SlaveCommand::Csp(last)) => Some([last.first.target, last.second.target]),
         _ => None,
@@ -127,14 +130,16 @@ pub(super) fn hold_of(
 }
 
 impl Ecm {
-    /// Takes the axes in CSP that did not follow when they were stopped, by the end of a stream or [`Ecm::stop`], since
-    /// the last call: the newest finding for each axis. They stood, more than 1000 counts from their last targets, or more
-    /// than 64 with internal limit active or a following error in the statusword. Their drives pushed, and each would have
-    /// gone on by itself when it came free. Each holds at its actual position now, enabled.
+    /// Takes the axes in CSP that did not follow their targets when they were stopped since the last call, by the end
+    /// of a stream or by [`Ecm::stop`]: the newest finding for each axis. Such an axis was stationary more than 1000
+    /// counts from its last target, or more than 64 with internal limit active or a following error in the statusword.
+    /// Its drive pushed, and it would have moved on by itself once it came free. Now it is held at its actual position,
+    /// enabled.
     ///
-    /// The number of counts is the same for all encoders: with 23 bits a turn, 1000 counts are 0.04 degrees. An axis that a
-    /// load keeps farther from its targets, since its drive's position loop has no integral part, is not jammed. It counts as
-    /// such all the same, and gives way by that distance at each stop. Give the loop an integral part.
+    /// The limit in counts is the same for all encoders: with 23 bits per turn, 1000 counts are 0.04 degrees. If the
+    /// position loop of a drive has no integral part, a load may keep the axis farther from its target although nothing
+    /// blocks it. Such an axis is held, too, and gives way to the load by that distance at each stop. An integral part
+    /// in the loop prevents this.
     ///
     /// # Errors
     /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.

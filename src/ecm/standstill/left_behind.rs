@@ -65,7 +65,8 @@ impl Stop<'_, '_> {
         Ok(true)
     }
 
-    /// Waits for the next report. A board is silent if it has made none since the stop began.
+    /// Waits for the next report. Fails at the deadline, or if the board is silent: no time before the beginning of the
+    /// stop counts as silence.
     fn next_report(&mut self) -> Result<(), EcmError> {
         let (exchange, began) = (&self.ecm.exchange, self.began);
         while !exchange.read(self.session, self.deadline)? {
@@ -79,8 +80,8 @@ impl Stop<'_, '_> {
         Ok(())
     }
 
-    /// Discards all entries (SET_FIFO 1). Each axis keeps the command that was executed last. Which one that is, is
-    /// unknown, so the recorded targets are removed.
+    /// Discards all entries (SET_FIFO 1). Each axis keeps the command that was executed last. It is not known which
+    /// command that is, so the recorded targets are removed.
     fn discard_all(&mut self) -> Result<(), EcmError> {
         self.left.discarded += FIFO_ENTRIES.saturating_sub(self.session.board().fifo_free);
         (self.left.is_held, self.left.has_threshold) = (false, false);

@@ -32,7 +32,8 @@ use crate::ethercat::SlaveSet;
 use crate::link::LinkError;
 use crate::sk::{FIFO_ENTRIES, FifoAction, MasterCommand, SlaveCommand, SlotCommand, SlotSize};
 
-/// \[OURS] How many frames of a ramp wait in the board's FIFO at most. The next frame is written when fewer wait.
+/// \[OURS] The maximum number of frames that wait in the board's FIFO during a stop. The next frame is written when
+/// fewer wait.
 const AHEAD_MAX: u16 = 64;
 /// \[OURS] The time reserved for axes to come to rest after the ramp.
 const SETTLING_TIME: Duration = Duration::from_millis(200);
@@ -53,13 +54,13 @@ pub const RAMP_FRAMES_MIN: u32 = 4;
 pub struct LeftBehind {
     /// Whether another program has moved the axes, whose last commands may be unknown.
     pub is_foreign: bool,
-    /// Whether the digital outputs of HSPs are not known. Each frame with a target for an HSP switches them off then, so one
-    /// that stands gets none.
+    /// Whether the digital outputs of HSPs are not known. Then a frame with a target for an HSP would switch its
+    /// outputs off, so a stationary HSP gets no target.
     pub outputs_unknown: bool,
     /// Slaves to which the program may have sent GO_HOME.
     pub homing: SlaveSet,
-    /// Whether the program has set a FIFO threshold (SET_FIFO 2): until the FIFO has so many entries, the board executes
-    /// none.
+    /// Whether the program has set a FIFO threshold (SET_FIFO 2): until the FIFO has that many entries, the board
+    /// executes none.
     pub has_threshold: bool,
     /// Whether reports have shown that entries wait for such a threshold: the FIFO has entries, and the board takes none
     /// out.
@@ -120,12 +121,13 @@ struct Stop<'a, 's> {
     held_back: SlaveSet,
     /// Whether the newest frame was sent without its targets in CSP, since one of them was beyond a limit of the machine file.
     is_cut: bool,
-    /// Whether an axis pushes, and the newest frame that was to hold it was cut.
+    /// Whether the drive of an axis pushes, and the newest frame that was to hold the axis was sent without CSP targets
+    /// (`is_cut`).
     cannot_hold: bool,
     /// Whether this stop has reset the FIFO threshold, so that the board executes its entries however few they are.
     unlocked: bool,
     /// Whether an axis may have moved since the stop began. An axis that is about to reverse is stationary for a cycle,
-    /// so one report without motion is not enough then.
+    /// so after a motion one report without motion does not prove a standstill.
     has_moved: bool,
 }
 
@@ -172,8 +174,8 @@ impl<'a, 's> Stop<'a, 's> {
             }
         }
         if self.left.has_threshold && !self.unlocked && self.session.in_op() {
-            // No frame was needed to stop the axes. One is written to reset the threshold, of which the next program does
-            // not know.
+            // No frame was needed to stop the axes. One is written to reset the threshold, because the next program
+            // does not know of it.
             self.write()?;
         }
         Ok(())
@@ -313,8 +315,8 @@ impl<'a, 's> Stop<'a, 's> {
         self.write_frame()
     }
 
-    /// Writes the next frame. A ramp may lead beyond a limit of the machine file. The board has got such a frame without its
-    /// targets, so that axes in CSP stand, and the stop goes on.
+    /// Writes the next frame. If a ramp leads beyond a limit of the machine file, the board has got the frame without
+    /// its CSP targets. So the axes in CSP hold their last targets, and the stop goes on.
     fn write_frame(&mut self) -> Result<(), EcmError> {
         let done = self.ecm.exchange.write(self.session, self.deadline);
         self.is_cut = matches!(&done, Err(EcmError::Link(LinkError::BeyondLimit { .. })));
@@ -333,8 +335,8 @@ impl<'a, 's> Stop<'a, 's> {
                 continue;
             }
             let observed = observation.get_or_insert_with(|| Observation::begin(self.session));
-            // All commands to the axes of this program were executed, and the FIFO is empty: an axis that stands now
-            // will not start to move.
+            // The FIFO is empty, so all commands of this program were executed: unless another program has moved the
+            // axes, an axis that is stationary now will not start to move.
             let may_move = |(slave, config)| movement::may_move(self.session, slave, config);
             self.has_moved |= network.slaves().any(may_move);
             if !self.left.is_foreign && !self.has_moved {
@@ -359,33 +361,34 @@ impl<'a, 's> Stop<'a, 's> {
         Ok(true)
     }
 
-    /// Holds axes in CSP that stand far from their last targets at their actual positions. Returns whether there are none,
-    /// so that the stop has ended. After a hold it goes on until the axes stand again, and so it does if an axis has begun to
-    /// move meanwhile.
+    /// Holds axes in CSP that are stationary far from their last targets at their actual positions. Returns true if
+    /// there are no such axes: the stop has ended. Returns false after a hold, or if an axis has begun to move
+    /// meanwhile: the stop goes on until the axes are stationary again.
     fn hold_back(&mut self) -> Result<bool, EcmError> {
         let observed = Observation::begin(self.session);
         if self.holds(&observed).is_empty() {
             return Ok(true);
         }
-        // A drive may have got its target just now, and has some time to begin. Without that time the axis is held at once.
+        // A drive may have got its target only now, so it has some time to start. If the deadline leaves no such time,
+        // the axis is held at once.
         let cycle = self.session.network.cycle();
         let time = cycle.mul_f64(movement::lag_cycles(self.session).ceil() + 1.0);
         let until = self.ecm.exchange.now() + time;
         while until < self.deadline && self.ecm.exchange.now() < until && self.session.in_op() {
             self.read()?;
         }
-        // This process may have stalled meanwhile, and an axis have come free.
+        // This process may have stalled meanwhile, and an axis may have come free.
         self.see_the_present()?;
         if !self.session.in_op() {
             return Ok(true);
         }
-        // An axis that has come free, or began late, goes to its last target by itself. It is not at rest before it is there.
+        // An axis that has come free, or started late, goes to its last target by itself, and comes to rest only there.
         let network = Arc::clone(&self.session.network);
         self.has_moved |= network.slaves().any(|(slave, config)| observed.moves(self.session, slave, config));
         let holds = self.holds(&observed);
         if holds.is_empty() {
             self.cannot_hold = false;
-            // A report is read at least, so that this ends.
+            // At least one report is read, so that the loop of the caller ends at the deadline.
             self.read()?;
             return Ok(false);
         }
@@ -394,8 +397,9 @@ impl<'a, 's> Stop<'a, 's> {
                 session.targets.set(*slave, Some(hold.command));
             }
         })?;
-        // A link around the board may have a newer report, in which an axis beyond its limit is some counts nearer to it: the
-        // hold leads further out then. It is tried again with new positions.
+        // The link that checks the limits may have a newer report, in which an axis beyond its limit is some counts
+        // nearer to that limit. The hold then leads further out, and is refused. The caller tries again with new
+        // positions.
         self.cannot_hold = self.is_cut;
         if self.cannot_hold {
             self.read()?;
@@ -403,8 +407,8 @@ impl<'a, 's> Stop<'a, 's> {
         }
         for (slave, hold) in holds {
             self.held_back.insert(slave);
-            // Whatever the axis does now, this is its last target: it may come free, or spring back, while the frame is on its
-            // way.
+            // This is the last target of the axis, whatever it does now: it may come free or spring back while the
+            // frame is in flight.
             self.session.targets.assume(slave, Some(hold.command));
             hold.note(self.session);
         }

@@ -18,7 +18,7 @@ const OBSERVATION_MAX: Duration = Duration::from_millis(16);
 /// \[OURS] How many cycles pass from the cycle of a report to the execution of a frame that was written after the report.
 pub(super) const LATENCY_CYCLES: i32 = 2;
 
-/// \[OURS] How long after the execution of a target a drive may reach it.
+/// \[OURS] The longest time that a drive takes to reach a target once the board has executed it.
 const LAG_MAX: Duration = Duration::from_millis(20);
 
 /// An observation of the axes over several cycles: their movement since an earlier report.
@@ -85,7 +85,7 @@ fn positions_in(report: &Frame, size: SlotSize, slave: u8, config: &Slave) -> [i
     [answer.first.position, answer.second.position]
 }
 
-/// How many cycles after a target a drive may reach it: [`LAG_MAX`] in cycles, but at least 3. \[OURS]
+/// The most cycles that a drive takes to reach a target: [`LAG_MAX`] in cycles, but at least 3. \[OURS]
 pub(super) fn lag_cycles(session: &Session) -> f64 {
     LAG_MAX.div_duration_f64(session.network.cycle()).max(3.0)
 }

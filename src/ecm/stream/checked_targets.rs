@@ -31,7 +31,8 @@ pub(super) struct CheckedTargets {
     refused: SlaveSet,
     /// The digital outputs last sent to HSPs, by slot.
     outputs: [Outputs; SlotSize::Bytes12.slots()],
-    /// The number of FIFO clears when the stream began, and when the state was copied. A difference ends the stream.
+    /// The number of FIFO clears when the stream began, and when the state was copied. If they differ, the stream takes
+    /// no more targets.
     fifo_clears: [u64; 2],
     report: Frame,
     /// The number of reports read when the state was copied. If the session has read more, `report` is copied again.
@@ -98,7 +99,7 @@ impl CheckedTargets {
         session.targets.set_all(&self.next, self.set);
     }
 
-    /// Drops targets for axes whose targets the session has withdrawn, because they went off or are homing.
+    /// Drops targets for axes whose targets the session has withdrawn, because these axes went off or are homing.
     fn drop_withdrawn(&mut self, session: &mut Session) {
         let withdrawn = session.targets.take_withdrawn();
         for slave in withdrawn.intersection(self.set).iter() {
@@ -211,8 +212,8 @@ impl CheckedTargets {
         self.report.slots(self.size).head(slave.into()).data1.get() as i32
     }
 
-    /// The motion of an HSP whose first axis gets `target`. The outputs stay. The second axis keeps its last target, or
-    /// its actual position if it has had none.
+    /// The motion of an HSP whose first axis gets `target`. The outputs stay unchanged. The second axis keeps its last
+    /// target. If it has had none, it gets its actual position in CSP, and velocity 0 in CSV.
     fn first_of_hsp(&self, slave: u8, target: i32, mode: Mode) -> Motion {
         let slot = self.next.slot(self.size, slave.into());
         let motion = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {

@@ -21,7 +21,7 @@ use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, Raw
 /// \[OURS] How many FIFO entries a stream leaves free, for commands of other calls and for the ramp to a standstill.
 const SPARE_ENTRIES: u16 = 10;
 /// \[OURS] How often a stream reads the statusword of a second channel by SDO: with every frame whose number is a
-/// multiple of this, unless the request before has no answer yet.
+/// multiple of this, unless the previous request has no answer yet.
 const SECOND_CHANNEL_FRAMES: u64 = 8;
 
 /// Counters of a stream.
@@ -40,8 +40,8 @@ pub struct StreamStats {
 /// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then call
 /// [`step`](Stream::step), which sends them. Each frame repeats the target of an axis until the program sets another
 /// one. [`finish`](Stream::finish) and dropping the stream bring the axes to a standstill: in CSP they hold their last
-/// targets, or their actual positions if they stand far from these ([`Ecm::take_held_back`]); velocities and torques are
-/// ramped to 0. The axes stay enabled.
+/// targets, or their actual positions if they are stationary far from these ([`Ecm::take_held_back`]); velocities and
+/// torques are ramped to 0. The axes stay enabled.
 ///
 /// Calls of [`Ecm`] in other threads send their commands in the frames of steps. A call in the thread that steps the
 /// stream writes frames of its own, which repeat the last targets. Between two steps of a motion each such frame stops
@@ -65,7 +65,7 @@ pub struct Stream<'a> {
 impl Ecm {
     /// Begins a stream that keeps up to `depth` frames (1 to 150) waiting in the board's FIFO. The program may be late
     /// by `depth` cycles, and a target takes effect `depth` cycles after its step. Waiting frames are still executed
-    /// when the stream ends: with long cycles the depth is limited, so that closing ends within its 2 s.
+    /// when the stream ends: with long cycles the depth is limited, so that closing ends within 2 s.
     ///
     /// # Errors
     /// [`EcmError::Setting`] if `depth` is not 1 to 150, [`EcmError::TooDeep`] if it is too large for this cycle time,
@@ -196,8 +196,8 @@ impl Stream<'_> {
         self.targets.set(slave, command, self.ecm.exchange.options.guard)
     }
 
-    /// Copies the state of the session for the checks, if it has changed. So targets are checked against the newest
-    /// report, and 40 of them in a row take no lock.
+    /// Copies the state of the session for the checks, if it has changed since the last copy. So targets are checked
+    /// against the newest report, and setting 40 targets between two steps normally locks the session only once.
     fn refresh(&mut self) -> Result<(), EcmError> {
         let stepped = std::mem::take(&mut self.stepped);
         if stepped || self.targets.changes != self.ecm.exchange.changes() {
@@ -221,10 +221,11 @@ impl Stream<'_> {
     ///
     /// # Errors
     /// [`EcmError::NoReport`] if the board is silent, [`EcmError::Timeout`] if the FIFO has no room in time,
-    /// [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`] if the link fails: these may also occur in the
-    /// wait after the frame was written. [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Busy`] if another thread
-    /// uses the board: then no frame was written. After [`LinkError::BeyondLimit`] it was, without its targets in CSP. An axis
-    /// that is switched off or lost is no error of this call: setting its next target is.
+    /// [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`] if the link fails: these may also
+    /// occur in the wait after the frame was written. [`EcmError::Cleared`] after [`Ecm::clear_fifo`],
+    /// [`EcmError::Busy`] if another thread uses the board: then no frame was written. After [`LinkError::BeyondLimit`]
+    /// the frame was written without its CSP targets. An axis that is switched off or lost is no error of this call:
+    /// setting its next target is.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
         self.refresh()?;
         self.targets.require_uncleared()?;
@@ -241,7 +242,7 @@ impl Stream<'_> {
         let asks = self.ask_second_channel(&mut session);
         self.targets.hand_over(&mut session);
         let written = exchange.write_within(&mut session, exchange.options.write_limit);
-        // The board has got a frame with a target beyond a limit too, without its targets.
+        // After BeyondLimit the board has got the frame as well, but without its CSP targets.
         if matches!(&written, Ok(()) | Err(EcmError::Link(LinkError::BeyondLimit { .. }))) {
             self.frames += 1;
             self.stepped = true;
@@ -310,9 +311,9 @@ impl Stream<'_> {
     /// Ends the stream within 2 s. The axes stay enabled: in CSP they hold their last targets, in CSV and CST the
     /// velocities and torques are ramped to 0.
     ///
-    /// An axis in CSP that stands more than 1000 counts from its last target holds at its actual position instead, since it is
-    /// jammed as a rule. [`Ecm::take_held_back`] returns these axes. So a stream that begins next starts at the actual
-    /// position of an axis, and not at the last target of the one before.
+    /// An axis in CSP that is stationary more than 1000 counts from its last target is held at its actual position
+    /// instead: as a rule it is jammed. [`Ecm::take_held_back`] returns these axes. So the next stream has to begin at
+    /// the actual position of an axis, and not at the last target of this stream.
     ///
     /// # Errors
     /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`] if the board is silent, [`EcmError::Link`]

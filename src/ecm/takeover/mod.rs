@@ -22,7 +22,7 @@ pub(crate) enum Succeeded {
     NotInOp,
     /// All axes are stationary. `discarded`: how many FIFO entries were discarded for that.
     Stand { discarded: u16 },
-    /// The server has not seen the configuration of the network, so it does not know the axes; moving ones go on.
+    /// The server has not seen the configuration of the network, so it does not know the axes; moving axes go on.
     /// `discarded`: the number of entries that waited for a threshold and were discarded.
     Unknown { discarded: u16 },
 }
@@ -58,7 +58,8 @@ impl Ecm {
     /// Stops the axes that an ended program has left moving, within the time limit of [`Ecm::close`]; call it after
     /// [`see_what_is_left`](Self::see_what_is_left). If `off` is set the axes are switched off, too.
     pub(crate) fn succeed(&self, watch: &Watch, off: bool) -> Result<Succeeded, EcmError> {
-        // Frames show no state if the slot size became known only now; the report that was read for that does.
+        // If the slot size became known only now, `watch` has read no report. Then the newest report of the session
+        // shows the state.
         let in_op = match watch.state() {
             Some(state) => state == MasterState::Op,
             None => self.exchange.lock()?.in_op(),
@@ -84,11 +85,11 @@ impl Ecm {
     }
 
     /// Brings the axes of a network that another program has left running to a standstill, within the time limit of
-    /// [`Ecm::close`], and switches them off with `off`. `config` is the configuration of the network, where the modes
-    /// are those of axes whose reports do not show theirs. Homing is aborted; entries in the FIFO are executed first,
-    /// as when a board is closed, and a threshold for them is reset. The digital outputs of an HSP that stands stay as
-    /// they are; one that moves is braked with its outputs off, since they are not known. Returns whether the network
-    /// is in OP: if it is not, no axis follows commands, and nothing is sent.
+    /// [`Ecm::close`], and switches them off with `off`. `config` is the configuration of the network, where the mode
+    /// of an axis counts only if reports do not show another one. Homing is aborted; entries in the FIFO are executed
+    /// first, as when a board is closed, and a threshold for them is reset. A stationary HSP keeps its digital outputs.
+    /// A moving HSP is braked with its outputs switched off, because their values are not known. Returns whether the
+    /// network is in OP: if it is not, no axis follows commands, and nothing is sent.
     ///
     /// ```
     /// use ecmsk::ecm::{Config, Ecm};
@@ -138,8 +139,9 @@ impl Ecm {
     fn next_of_now(&self) -> Result<(), EcmError> {
         let limit = self.exchange.options.read_limit;
         if !self.exchange.info.virtual_time {
-            // No earlier report is waiting, since the server has passed them to its clients. The board may have been
-            // making the first new report when the program's last frame arrived, so the second one is awaited.
+            // No earlier report is left in the queue, since the server has passed all of them to its clients. The board
+            // may have been making the first new report when the program's last frame arrived, so the second one is
+            // awaited.
             self.next_cycle(limit)?;
             return self.next_cycle(limit).map(drop);
         }

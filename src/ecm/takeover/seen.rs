@@ -11,8 +11,9 @@ pub(super) struct Seen {
     mode: Option<(Mode, DriveSync)>,
     /// The last motion command (CSP, CSV, CST) to the slave; `None` if it is not known.
     pub(super) last: Option<SlaveCommand>,
-    /// The digital outputs of an HSP's two channels in the last motion command. They are off when the network comes to OP.
-    /// They stay known if that command may not have been executed: it had those of the commands before, as a rule.
+    /// The digital outputs of an HSP's two channels in the last motion command. They are off when the network comes to
+    /// OP. They stay known even if the board may not have executed that command: as a rule it repeats the outputs of
+    /// the commands before it.
     pub(super) outputs: Outputs,
     homing: Homing,
 }
@@ -41,8 +42,8 @@ impl Seen {
         self.homing != Homing::No
     }
 
-    /// Notes that reports were lost. If GO_HOME waits for its execution, one of them may have shown it, so the slave may
-    /// be homing.
+    /// Notes that reports were lost. If GO_HOME waits for its execution, a lost report may have shown that it was
+    /// executed, so the slave may be homing.
     pub(super) fn missed(&mut self) {
         if let Homing::Asked { missed, .. } = &mut self.homing {
             *missed = true;
@@ -54,7 +55,8 @@ impl Seen {
         self.last = None;
     }
 
-    /// The slave was configured anew, or the network has left OP: only the mode set by DRIVE_MODE remains (SK-4.42).
+    /// Forgets all but the mode that DRIVE_MODE has set (SK-4.42), because the slave was configured anew or the network
+    /// has left OP.
     pub(super) fn forget_all_but_the_mode(&mut self) {
         *self = Self { mode: self.mode, ..Self::default() };
     }
@@ -62,28 +64,35 @@ impl Seen {
     /// Reads the slave's slot of a command frame. `set_up`: the network is below SafeOP, where DRIVE_MODE is accepted.
     /// `in_op`: the network is in OP and the slave has axes, so that motion commands are executed.
     pub(super) fn command(&mut self, slot: &RawSlot, size: SlotSize, set_up: bool, in_op: bool) {
-        match SlotCommand::decode(slot, size).map(|command| command.command) {
-            Ok(SlaveCommand::DriveMode { mode, sync }) if set_up => self.mode = Some((mode, sync)),
+        let Ok(SlotCommand { command, .. }) = SlotCommand::decode(slot, size) else { return };
+        match command {
+            SlaveCommand::DriveMode { mode, sync } if set_up => self.mode = Some((mode, sync)),
             _ if !in_op => {}
-            Ok(command @ (SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_))) => {
+            SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_) => {
                 self.last = Some(command);
                 if let SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion) = command {
                     self.outputs = [motion.first.outputs, motion.second.outputs];
                 }
             }
-            Ok(SlaveCommand::GoHome) => {
+            SlaveCommand::GoHome => {
                 self.forget_targets();
                 self.homing = Homing::Asked { reports: 0, missed: false };
             }
-            Ok(SlaveCommand::ServoOff | SlaveCommand::AlarmClear) => self.forget_targets(),
-            // Any other slot has no target: the axis holds its last one.
-            _ => {}
+            SlaveCommand::ServoOff | SlaveCommand::AlarmClear => self.forget_targets(),
+            // Such a slot has no target: the axis holds its last target.
+            SlaveCommand::GetStatus
+            | SlaveCommand::DriveMode { .. }
+            | SlaveCommand::ServoOn
+            | SlaveCommand::IoRead
+            | SlaveCommand::IoWrite(_)
+            | SlaveCommand::AbortHome
+            | SlaveCommand::Other(_) => {}
         }
     }
 
     /// Reads the slave's slot of a report: the id of the last executed command, and the statusword.
     pub(super) fn report(&mut self, id: u8, statusword: Statusword) {
-        let follows = [CommandId::Csp, CommandId::Csv, CommandId::Cst].contains(&CommandId::from_code(id));
+        let follows = CommandId::from_code(id).is_motion();
         self.homing = match self.homing {
             // The report shows GO_HOME as executed, also if the frame with it was not seen.
             _ if id == CommandId::GoHome.code() => Homing::Executed,

@@ -61,8 +61,9 @@ impl Watch {
             self.resets = Some(at);
             return;
         }
-        // A program that configures slaves after SW_RESET has seen the effect of the reset, or has waited for it. So the
-        // reset counts as executed, even if no report has shown it. So does a reset while the link was lost.
+        // A program that configures slaves after SW_RESET has seen the effect of the reset, or has waited for it. So
+        // the reset counts as executed, even if no report has shown it. The same holds for a reset while the link was
+        // lost.
         if (self.resets.is_some() || self.is_reopened) && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
             self.forget_all(None);
         }
@@ -74,7 +75,8 @@ impl Watch {
                 slaves.for_each(Seen::forget_all_but_the_mode);
             }
             Ok(MasterCommand::SetDc { cycle, .. }) if set_up => self.cycle = cycle,
-            // Which command each axis executed last is now unknown: one of the discarded entries, or one before them.
+            // It is now unknown which command each axis has executed last: the newest ones may be among the discarded
+            // entries.
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) => {
                 self.forget_targets();
                 self.has_threshold = false;
@@ -86,8 +88,8 @@ impl Watch {
         }
         let in_op = self.state == Some(MasterState::Op);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
-            // The slots of other slaves are not read: only axes have motion commands, and only below SafeOP a slave that
-            // is not configured yet can get DRIVE_MODE, which may come before SET_AXIS.
+            // The slots of other slaves are not read, because only axes get motion commands. Below SafeOP all slots are
+            // read, because DRIVE_MODE may come before SET_AXIS declares the slave.
             let has_axes = matches!(self.kinds.of(n), Some(SlaveKind::Drive | SlaveKind::Hsp | SlaveKind::Step));
             if has_axes || set_up {
                 seen.command(&frame.slot(size, n), size, set_up, in_op && has_axes);
@@ -104,11 +106,11 @@ impl Watch {
         if std::mem::take(&mut self.is_reopened) && !in_op {
             self.forget_all(self.state);
         }
-        // A changed error count means that the board has rejected a frame. Outside OP it does not, since the count starts
-        // at 0 again after a reset.
+        // In OP a changed error count means that the board has rejected a frame. Outside OP a reset may have set the
+        // count to 0.
         let refused = std::mem::replace(&mut self.error_count, board.error) != board.error && in_op;
-        // Only a report made after the reset shows its effect. A program that reads late still gets older reports, from
-        // the time before OP.
+        // Only a report made after the reset shows its effect. A program that reads late may still get older reports
+        // from the time before OP, which look like those after a reset.
         let shows = self.resets.is_some_and(|reset| at > reset);
         if shows && refused {
             self.resets = None;
@@ -145,9 +147,9 @@ impl Watch {
         self.resets.is_some()
     }
 
-    /// Notes that the link to the board was lost and was opened again. Frames and reports are missing, so the last commands
-    /// are not known, and a threshold may be in force. A next report outside OP means that the board may have been reset:
-    /// then everything is forgotten.
+    /// Notes that the link to the board was lost and was opened again. Frames and reports are missing, so the last
+    /// commands are not known, and a threshold may be in force. If the next report is outside OP, the board may have
+    /// been reset: then everything is forgotten.
     pub fn reopened(&mut self) {
         self.missed();
         self.forget_targets();
@@ -266,7 +268,7 @@ mod tests {
         let mut watch = running();
         master(&mut watch, &MasterCommand::SoftReset);
         assert_eq!(mode(&watch), Some(Mode::Csv), "no report has shown yet that it has reset itself");
-        // A writer that has not read any report yet first gets those from the time before OP.
+        // A writer that has read no report yet first gets the reports from the time before OP.
         let mut way = Frame::new();
         let state = StateByte::reached(MasterState::PreOp);
         way.put(SIZE, 0, &MasterResponse { state, ..MasterResponse::default() }.encode());
@@ -303,8 +305,8 @@ mod tests {
         }
     }
 
-    /// TCP-26 After the link was lost and opened again, a board in OP has its axes and modes still; what they were
-    /// commanded last is not known. One outside OP may have been reset, and one that is configured anew was.
+    /// TCP-26 After the link was lost and opened again, the axes and modes of a board in OP are still known, but not
+    /// the last commands. A board outside OP may have been reset, and a board that is configured anew was reset.
     #[test]
     fn a_link_that_is_opened_again() {
         let mut watch = running();

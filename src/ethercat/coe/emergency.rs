@@ -16,10 +16,10 @@ pub struct Emergency {
 }
 
 impl Emergency {
-    /// Length in bytes of an emergency behind the CoE header.
+    /// Length in bytes of an emergency after the CoE header.
     pub const LEN: usize = 8;
 
-    /// Decodes the body behind the CoE header. Bytes behind the emergency are ignored.
+    /// Decodes the body after the CoE header. Bytes after the emergency are ignored.
     ///
     /// # Errors
     /// [`WireError::Short`]: the body has fewer than 8 bytes.
@@ -28,7 +28,7 @@ impl Emergency {
         Ok(Self { code: u16::from_le_bytes([*low, *high]), register: *register, data: *data })
     }
 
-    /// Encodes the body behind the CoE header.
+    /// Encodes the body after the CoE header.
     pub fn encode(&self) -> [u8; Self::LEN] {
         let [low, high] = self.code.to_le_bytes();
         let mut bytes = [low, high, self.register, 0, 0, 0, 0, 0];

@@ -81,7 +81,7 @@ impl<'a> InformationFragment<'a> {
         Self { kind, incomplete: false, left: 0, data }
     }
 
-    /// Decodes the bytes behind the CoE header.
+    /// Decodes the bytes after the CoE header.
     ///
     /// # Errors
     /// [`WireError::Short`]: fewer than 4 bytes.
@@ -95,7 +95,7 @@ impl<'a> InformationFragment<'a> {
         })
     }
 
-    /// Writes the bytes behind the CoE header and returns their number.
+    /// Writes the bytes after the CoE header and returns their number.
     ///
     /// # Errors
     /// [`WireError::NoRoom`]: `room` is shorter than header and data.

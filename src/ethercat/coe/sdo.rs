@@ -1,13 +1,13 @@
 //! Service data objects (SDO): requests that read and write objects, and their responses.
 //!
-//! A value of at most 4 bytes is part of the request or response itself (expedited). A longer value begins behind the SDO
-//! header, as far as the mailbox has room; segments with alternating toggle bits carry the rest.
+//! A value of at most 4 bytes is part of the request or response itself (expedited). A longer value begins after the
+//! SDO header, as far as the mailbox has room; segments with alternating toggle bits carry the rest.
 
 use super::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::WireError;
 use crate::ethercat::wire_error::{room_for, split};
 
-/// Length in bytes of an SDO header behind the CoE header: command, index, sub-index and 4 bytes of data or size.
+/// Length in bytes of an SDO header after the CoE header: command, index, sub-index and 4 bytes of data or size.
 pub const SDO_LEN: usize = 8;
 /// The minimum number of data bytes in a segment on the wire, set by the standard. Shorter data are padded, and the
 /// command byte says by how many bytes.
@@ -37,10 +37,10 @@ mod command {
     pub const COMPLETE: u8 = 1 << 4;
     /// Bit 4 of segments: the toggle bit.
     pub const TOGGLE: u8 = 1 << 4;
-    /// Bit 1: expedited. The 4 bytes behind the object address hold the value itself.
+    /// Bit 1: expedited. The 4 bytes after the object address hold the value itself.
     pub const EXPEDITED: u8 = 1 << 1;
     /// Bit 0: the length of the value is given. In an expedited transfer bits 2 and 3 give the number of unused bytes;
-    /// otherwise the 4 bytes behind the object address give the length.
+    /// otherwise the 4 bytes after the object address give the length.
     pub const SIZED: u8 = 1 << 0;
     /// Bit 0 of segments: no more segments follow.
     pub const LAST: u8 = 1 << 0;
@@ -103,7 +103,7 @@ pub enum SdoRequest<'a> {
         /// The reason why the transfer is aborted.
         code: AbortCode,
     },
-    /// A command code that the standard does not define, with the bytes behind it.
+    /// A command code that the standard does not define, with the bytes after it.
     Unknown(u8, &'a [u8]),
 }
 
@@ -140,7 +140,7 @@ pub enum SdoResponse<'a> {
         /// Data of the segment.
         data: &'a [u8],
     },
-    /// A command code that the standard does not define, with the bytes behind it.
+    /// A command code that the standard does not define, with the bytes after it.
     Unknown(u8, &'a [u8]),
 }
 
@@ -159,7 +159,7 @@ const fn toggle_bit(toggle: bool) -> u8 {
     if toggle { command::TOGGLE } else { 0 }
 }
 
-/// Splits an SDO into the object's address, the 4 bytes of value or size, and the bytes behind them.
+/// Splits an SDO into the object's address, the 4 bytes of value or size, and the bytes after them.
 fn parts(body: &[u8]) -> Result<(ObjectAddress, &[u8; 4], &[u8]), WireError> {
     let ([_, low, high, sub], rest) = split::<4>(body, "SDO")?;
     let (four, rest) = split::<4>(rest, "data of an SDO")?;
@@ -241,7 +241,7 @@ fn command_of(body: &[u8]) -> Result<u8, WireError> {
 }
 
 impl<'a> SdoRequest<'a> {
-    /// Decodes a request from the bytes behind the CoE header.
+    /// Decodes a request from the bytes after the CoE header.
     ///
     /// # Errors
     /// [`WireError::Short`]: the bytes end before the request does.
@@ -272,7 +272,7 @@ impl<'a> SdoRequest<'a> {
         }
     }
 
-    /// Writes the bytes behind the CoE header and returns their number.
+    /// Writes the bytes after the CoE header and returns their number.
     ///
     /// # Errors
     /// [`WireError::NoRoom`]: the request does not fit. [`WireError::Field`]: expedited data are not 1 to 4 bytes long.
@@ -295,7 +295,7 @@ impl<'a> SdoRequest<'a> {
 }
 
 impl<'a> SdoResponse<'a> {
-    /// Decodes a response from the bytes behind the CoE header.
+    /// Decodes a response from the bytes after the CoE header.
     ///
     /// # Errors
     /// [`WireError::Short`]: the bytes end before the response does.
@@ -310,7 +310,7 @@ impl<'a> SdoResponse<'a> {
             command::DOWNLOADED_SEGMENT => Ok(Self::DownloadSegment { toggle }),
             command::UPLOADED => {
                 let (object, four, rest) = parts(body)?;
-                // Some slaves send the size of a longer value without the bit for it.
+                // Some slaves send the size of a longer value without setting the bit [`command::SIZED`].
                 let unsized_first = SdoValuePart::First { size: u32::from_le_bytes(*four), data: rest };
                 let value = value(command, four, rest).unwrap_or(unsized_first);
                 Ok(Self::Upload { object, scope: scope_of(command), value })
@@ -323,7 +323,7 @@ impl<'a> SdoResponse<'a> {
         }
     }
 
-    /// Writes the bytes behind the CoE header and returns their number.
+    /// Writes the bytes after the CoE header and returns their number.
     ///
     /// # Errors
     /// [`WireError::NoRoom`]: the response does not fit. [`WireError::Field`]: expedited data are not 1 to 4 bytes long.

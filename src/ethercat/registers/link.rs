@@ -38,7 +38,7 @@ impl DlControl {
     pub const DESTROYS_OTHERS: u32 = 1 << 0;
     /// Bit 1: the loop settings apply for one second only.
     pub const TEMPORARY: u32 = 1 << 1;
-    /// Bit 24: the station alias can be used as the address in FPRD, FPWR and the like.
+    /// Bit 24: the station alias can be used as the address in FPRD, FPWR and the other node-addressed commands.
     pub const ALIAS: u32 = 1 << 24;
     /// The power-on value that slave models with two ports use: RX FIFO at its maximum size, non-EtherCAT frames
     /// destroyed, the loop of the missing port 3 closed, the others automatic.

@@ -73,7 +73,8 @@ map! {
     AL_CONTROL = 0x0120, 2, Write, "AL control";
     /// The present AL state of the slave, see [`AlStatusRegister`](super::AlStatusRegister).
     AL_STATUS = 0x0130, 2, Read, "AL status";
-    /// Two reserved bytes between the AL status and its code. Masters read all three with one datagram.
+    /// Two reserved bytes between the AL status and its code. Masters read the status, these bytes and the code with
+    /// one datagram.
     AL_STATUS_GAP = 0x0132, 2, Read, "reserved";
     /// Why the slave has refused or left an AL state, see [`AlStatus`](crate::ethercat::AlStatus).
     AL_STATUS_CODE = 0x0134, 2, Read, "AL status code";

@@ -1,4 +1,4 @@
-//! Categories: the parts of an EEPROM behind the fixed words, each with a type and a length.
+//! Categories: the parts of an EEPROM after the fixed words, each with a type and a length.
 
 use super::{SiiDcMode, SiiGeneral, SiiPdos, SiiStrings, SiiSyncManager};
 use crate::ethercat::WireError;

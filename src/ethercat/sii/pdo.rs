@@ -110,7 +110,7 @@ impl<'a> SiiPdo<'a> {
     /// Length in bytes of the fixed part of a PDO, in front of its entries.
     pub const HEADER_LEN: usize = HEADER_LEN;
 
-    /// Splits off the first PDO in `bytes`; also returns the bytes behind it.
+    /// Splits off the first PDO in `bytes`; also returns the bytes after it.
     ///
     /// # Errors
     /// [`WireError::Short`]: the bytes end before the PDO does.

@@ -47,10 +47,10 @@ impl<'b> SiiWriter<'b> {
         Ok(Self { buffer, end: SII_INFO_LEN })
     }
 
-    /// The part of the buffer for the `len` data bytes of the next category, padded to whole words. The category header
-    /// stands in front of it; [`Self::add`] writes it.
+    /// The part of the buffer for the `len` data bytes of the next category, padded to whole words. It begins after the
+    /// space for the category header, which [`Self::add`] writes.
     fn place(&mut self, len: usize) -> Result<&mut [u8], WireError> {
-        // Behind the category there must be room for the end marker.
+        // After the category there must be room for the end marker.
         let padded = len.next_multiple_of(2);
         let needed = CATEGORY_HEADER_LEN + padded + END_LEN;
         let room = room_for(&mut self.buffer[self.end..], "category", needed)?;
@@ -60,7 +60,7 @@ impl<'b> SiiWriter<'b> {
     }
 
     /// Writes the header of a category whose `len` data bytes are already in the buffer, so that the next category
-    /// begins behind it.
+    /// begins after it.
     fn add(&mut self, kind: CategoryKind, len: usize) {
         let words = (len.div_ceil(2)) as u16;
         let header = &mut self.buffer[self.end..][..CATEGORY_HEADER_LEN];

@@ -6,9 +6,9 @@ use crate::fieldbus::{MAX_SLAVES, is_stale};
 /// How old the inputs of one slave are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Age {
-    /// The number of cycles since the one in which the inputs were received.
+    /// The number of cycles since the cycle in which the inputs were received.
     cycles: u32,
-    /// When the first cycle that brought no new inputs was sent, on the network card's clock.
+    /// When the first cycle without new inputs was sent, on the network card's clock.
     since: Ns,
 }
 
@@ -38,8 +38,8 @@ impl Ages {
 
     /// Counts a cycle without new inputs of a slave, and `unanswered` cycles directly before it that had no answer.
     /// Returns whether the inputs have become stale with this cycle. `sent_at`: when the cycle was sent. `searched`:
-    /// when the newest complete search for missing slaves began. After a complete search that began while the inputs
-    /// were old already, they become stale earlier ([`is_stale`]).
+    /// when the newest complete search for missing slaves began. If it began after the first cycle without new inputs,
+    /// the inputs become stale earlier ([`is_stale`]).
     pub(super) fn hold(&mut self, slave: u8, sent_at: Ns, unanswered: u32, cycle_ns: Ns, searched: Option<Ns>) -> bool {
         self.held.insert(slave);
         let age = &mut self.of[usize::from(slave) - 1];

@@ -16,8 +16,8 @@ const CARD_NS: Ns = 20_000;
 /// The maximum step in which time advances in the slaves, ns. \[OURS]
 const STEP_NS: Ns = 1_000_000;
 
-/// The number of frame buffers that are allocated at the start: four for each of the 32 frames that the master may have
-/// in flight, because a ring sends a probe with each frame and may forward the frame.
+/// The number of preallocated frame buffers: four for each of the 32 frames that the master may have in flight, because
+/// a ring also sends a probe with each frame and may forward the frame.
 const FRAMES: usize = 4 * 32;
 
 /// An answer frame on its way back to a network card, which receives it at the time `at`.
@@ -31,15 +31,15 @@ pub struct ChainWires {
     slaves: CabledChain,
     handle: SimHandle,
     now: Ns,
-    /// The frames in flight back to the first end and to the last end of the line, the oldest in front.
+    /// The answer frames on their way back to the first end and to the last end of the line, the oldest first.
     returning: [VecDeque<Returning>; 2],
     /// Unused frame buffers, so that a frame needs no allocation.
     spare: Vec<Vec<u8>>,
 }
 
 impl ChainWires {
-    /// Connects these slaves in a line and switches them on at time 0. By `handle` the caller cuts cables, switches
-    /// slaves off and on and causes other faults while they run.
+    /// Connects these slaves in a line and switches them on at time 0. With `handle` the caller cuts cables, switches
+    /// slaves off and on and causes other faults while the slaves run.
     ///
     /// # Errors
     /// [`UndescribedError`]: the EEPROM of a device cannot be written, because the device does not describe its
@@ -75,8 +75,8 @@ impl ChainWires {
         &self.slaves
     }
 
-    /// Simulates that another master, which has used the slaves before, ends at the present time: each slave gets a
-    /// state in which that master may leave it.
+    /// Simulates that another master has used the slaves until now and then stops: each slave is left in a state in
+    /// which that master may leave it.
     pub fn leave(&mut self, predecessor: &mut Predecessor) {
         self.slaves.leave(predecessor, self.now);
     }

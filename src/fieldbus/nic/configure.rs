@@ -32,8 +32,8 @@ const MANAGER_USES: u16 = 0x1C00;
 /// request. \[OURS]
 const TRIES: u32 = 1000;
 
-/// A preallocated, reusable slot for the future that configures one slave, see [`OneSlave`]: a configuration allocates
-/// no memory while cycles run. The result of the future is the mapped process data.
+/// A preallocated, reusable slot for the future that configures one slave, see [`OneSlave`], so that a configuration
+/// allocates no memory while cycles run. The result of the future is the mapped process data.
 type Seat = Place<(u8, SlaveConfig, CycleTime), Result<Option<ProcessData>, Refusal>>;
 
 /// A slave that is being configured.
@@ -57,7 +57,7 @@ pub(super) struct Configuring {
 }
 
 impl Configuring {
-    /// Allocates the slots. They serve one configuration at a time.
+    /// Allocates the slots. Only one configuration at a time can use them.
     pub(super) fn place(master: &Arc<Mutex<Master>>) -> Box<Self> {
         let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::FreeRun };
         let slaves = [unused; MAX_SLAVES];
@@ -163,13 +163,13 @@ struct OneSlave {
 impl OneSlave {
     async fn configure(self) -> Result<Option<ProcessData>, Refusal> {
         let (slave, SlaveConfig { role, sync }) = (self.slave, self.config);
-        // If the slave did not answer when the master read its state, nothing is known of the state, and the slave may
-        // answer now: the first SDO transfer shows whether it does.
+        // If the slave did not answer when the master read its AL state, this check is skipped. The first SDO transfer
+        // then shows whether the slave answers now.
         let present = self.master.lock().status(slave).filter(|status| status.is_present);
         if present.is_some_and(|status| status.state() != Some(AlState::PreOp)) {
             return Err(Refusal::of(self.slave, AlStatus::INVALID_CHANGE));
         }
-        // A slave that is not used need not answer: nothing is written to it (SK-4 [OURS]).
+        // Nothing is written to an unused slave (SK-4 [OURS]), so it need not answer.
         if role == Role::Unused {
             // With 0 bytes `configure` fails only for a slave that was lost in SafeOP or OP and is still missing: its
             // previous process data then stay in the process image.
@@ -191,7 +191,8 @@ impl OneSlave {
         for download in data.downloads(sync) {
             let Err(code) = self.write(&download).await? else { continue };
             if may_keep_its_own && download.is_mapping() {
-                // A drive that SET_AXIS has not declared counts as IO. It must not reach OP as an IO module.
+                // A drive that SET_AXIS has not declared also has the role IO, but it must not reach OP as an IO
+                // module. So only the mapping of slaves that are no drives is restored.
                 if !self.is(is_drive) {
                     self.restore_mapping(data.downloads(sync).up_to(&download)).await?;
                 }
@@ -221,9 +222,9 @@ impl OneSlave {
         Ok(self.read(ObjectAddress::new(MANAGER_USES, sub)).await?.unwrap_or(0) as u8)
     }
 
-    /// Maps the objects that the EEPROM gives into the PDOs that `tried` has mapped anew: the slave has refused a later
-    /// download. A PDO that cannot be emptied is fixed and has its objects still. Other aborts are no error either: the
-    /// slave refuses SafeOP if its process data do not have their lengths.
+    /// Restores the mapping from the EEPROM in each PDO that the downloads in `tried` have emptied, because the slave
+    /// has refused the last of these downloads. A PDO that cannot be emptied is fixed, so it still has its objects.
+    /// Other aborts are ignored too: if the process data have wrong lengths, the slave refuses SafeOP.
     async fn restore_mapping(&self, tried: impl Iterator<Item = Download>) -> Result<(), Refusal> {
         for pdo in tried.filter(Download::empties_pdo).map(|download| download.object.index) {
             let Some(entries) = self.master.lock().slave(self.slave).and_then(|info| info.pdo_entries(pdo)) else {
@@ -238,8 +239,8 @@ impl OneSlave {
         Ok(())
     }
 
-    /// Assigns the slave's default PDOs, which its EEPROM names, to the sync managers: the slave has refused the
-    /// board's mapping.
+    /// Assigns the slave's default PDOs, which its EEPROM names, to the sync managers. Called when the slave has
+    /// refused the board's mapping.
     async fn assign_its_own(&self) -> Result<Option<ProcessData>, Refusal> {
         let pdos = self.master.lock().slave(self.slave).map(SlaveInfo::assigned_pdos);
         let [outputs, inputs] = pdos.unwrap_or_default();
@@ -278,12 +279,12 @@ impl OneSlave {
         configured.map_err(|_| Refusal::of(self.slave, AlStatus::INVALID_OUTPUTS)).map(|()| Some(data))
     }
 
-    /// Writes an object. An abort is no error if the slave may lack the object, if the object already has the wanted value, or
-    /// if the download only clears a list. Any other abort code is the inner error.
+    /// Writes an object. An abort is no error if the slave may lack the object, if the object already has the wanted
+    /// value, or if the download only clears a list. Any other abort code is the inner error.
     ///
-    /// \[OURS] Neither is any abort of a synchronization type. Slaves abort types that they do not support with various
-    /// codes, some support others only, and not every master writes these objects. If SYNC0 does not fit, the slave
-    /// refuses SafeOP or OP and says why.
+    /// \[OURS] An abort of a synchronization type is never an error: slaves use various abort codes for a type that
+    /// they do not support, some support only other types, and not every master writes these objects. If SYNC0 does not
+    /// fit, the slave refuses SafeOP or OP and its AL status code says why.
     async fn write(&self, download: &Download) -> Result<Result<(), AbortCode>, Refusal> {
         Ok(match self.send(download).await? {
             Err(code) if download.may_fail_with(code) || download.is_sync_type() => Ok(()),
@@ -301,9 +302,9 @@ impl OneSlave {
         self.transfer(object, start).await
     }
 
-    /// Whether an abort of the download `wanted` is no error: the object already has the value, or is one that the
-    /// slave may lack. If an object of the PDO assignment (0x1C12, 0x1C13) cannot be read, the EEPROM shows what is
-    /// assigned.
+    /// Whether an abort of the download `wanted` is no error: the object already has the wanted value, or the slave may
+    /// lack the object. If an object of the PDO assignment (0x1C12, 0x1C13) cannot be read, the EEPROM shows which PDOs
+    /// are assigned.
     async fn holds(&self, object: ObjectAddress, wanted: &Download) -> Result<bool, Refusal> {
         Ok(match self.read(object).await? {
             Ok(value) => value == wanted.value,
@@ -317,8 +318,8 @@ impl OneSlave {
         self.transfer(object, start).await
     }
 
-    /// Runs an SDO transfer, again while the mailbox is busy. The inner error is the code with which the slave has
-    /// aborted the transfer; the outer error says that the slave gave no valid answer in time.
+    /// Runs an SDO transfer, and repeats it while the mailbox is busy. The inner error is the code with which the slave
+    /// has aborted the transfer; the outer error means that the slave gave no valid answer in time.
     async fn transfer<T>(
         &self,
         object: ObjectAddress,
@@ -365,7 +366,7 @@ impl OneSlave {
     }
 }
 
-/// Whether the EEPROM maps a controlword.
+/// Whether the slave is a drive: one of the PDOs that its EEPROM assigns contains the controlword.
 fn is_drive(info: &SlaveInfo) -> bool {
     let pdos = info.assigned_pdos().concat();
     pdos.into_iter()
@@ -374,7 +375,7 @@ fn is_drive(info: &SlaveInfo) -> bool {
         .any(|entry| entry >> 16 == u32::from(CONTROLWORD))
 }
 
-/// Whether the EEPROM describes process data.
+/// Whether the EEPROM describes process data: a sync manager for outputs or inputs has a length above 0.
 fn is_described(info: &SlaveInfo) -> bool {
     info.outputs.iter().chain(&info.inputs).any(|one| one.registers.len > 0)
 }

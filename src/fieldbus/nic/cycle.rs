@@ -1,5 +1,5 @@
-//! The frames of a cycle: writes the outputs into them, reads the inputs from their answers, and finds which slaves are lost
-//! by the AL states that the master has read and by inputs that have become stale.
+//! The frames of a cycle: writes the outputs into the frames and reads the inputs from the answers. Finds the lost
+//! slaves by the AL states that the master has read, and by stale inputs.
 
 use super::unreached_outputs::Cycle;
 use super::{NicBus, NicWires, answer_wait_ns};
@@ -14,8 +14,8 @@ impl<W: NicWires> NicBus<W> {
     /// [`ANSWER_WAIT`](super::ANSWER_WAIT). `None`: not all frames came back in time.
     pub(super) fn exchange(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         if self.is_working() && !self.has_cycles() {
-            // During a scan or a configuration only the job uses the wire, and no process data are exchanged. The pause
-            // between the cycles before and after it is no delay of this machine, so `sent_at` is reset.
+            // During a scan or a configuration only the job uses the wire, and no process data are exchanged. This
+            // pause in the cycles must not be reported as a delay of this machine, so `sent_at` is reset.
             self.standstill.sent_at = None;
             return self.heard(now, inputs);
         }
@@ -61,9 +61,10 @@ impl<W: NicWires> NicBus<W> {
         })
     }
 
-    /// Writes the outputs of all slaves into the process images that the frames carry. If a slave is not in OP, has got
-    /// no outputs from the engine since it entered OP, or is lost, it gets outputs that keep its axes at a standstill,
-    /// because it may answer again at any time (SK-4.62). A slave in OP whose inputs are stale gets a quick stop.
+    /// Writes the outputs of all slaves into the process images that the frames carry. A slave gets outputs that keep
+    /// its axes at a standstill if it is not in OP, or the engine has pushed no outputs since it entered OP, or it is
+    /// lost: a lost slave may answer again at any time (SK-4.62). A slave in OP whose inputs are stale gets a quick
+    /// stop.
     fn put_outputs(&mut self) {
         let mut master = self.master.lock();
         for slave in self.all().iter() {
@@ -205,8 +206,8 @@ impl<W: NicWires> NicBus<W> {
         });
     }
 
-    /// Marks slaves whose inputs have become stale as lost. The first outputs that may not have reached them, and all
-    /// later ones, count as not executed, because it is not known what these slaves do.
+    /// Marks slaves whose inputs have become stale as lost. The first outputs that may not have reached such a slave,
+    /// and all later ones, count as not executed, because it is not known whether the slave uses them.
     pub(super) fn lose_stale(&mut self, stale: SlaveSet) {
         let had_lost = !self.lost.is_empty();
         for slave in stale.difference(self.lost).iter() {
@@ -216,8 +217,8 @@ impl<W: NicWires> NicBus<W> {
     }
 }
 
-/// Writes outputs into a process image. The image of a module without CoE may be longer or shorter than the one that the
-/// board maps: its first bits are used, and the others stay 0 \[OURS].
+/// Writes outputs into a process image. If a module keeps the process data from its EEPROM, its image may be longer or
+/// shorter than the board's image. Then the first bits are used, and the others stay 0 \[OURS].
 #[inline]
 fn put_into(data: &ProcessData, outputs: &SlaveOut, image: &mut [u8]) {
     if image.len() >= data.output_bytes() {
@@ -229,8 +230,8 @@ fn put_into(data: &ProcessData, outputs: &SlaveOut, image: &mut [u8]) {
     }
 }
 
-/// Reads inputs from a process image. Bits that are missing in an image that is shorter than the one that the board maps
-/// are read as 0 \[OURS].
+/// Reads inputs from a process image. If the image is shorter than the board's image, the missing bits are read as 0
+/// \[OURS].
 #[inline]
 fn take_from(data: &ProcessData, image: &[u8], inputs: &mut SlaveIn) {
     if image.len() >= data.input_bytes() {

@@ -71,10 +71,10 @@ impl Transfer {
 }
 
 /// The error of an SDO transfer that finds the slave's mailbox busy: the master is fetching an emergency, or an answer
-/// to an abandoned request. The transfer is tried again.
+/// to an abandoned request. The transfer is repeated.
 pub(super) const BUSY: SdoError = SdoError::Mailbox(MailboxError::Busy);
 
-/// The refusal by a slave that answers, with its AL status code. If it shows none, the code is
+/// The refusal by a slave that answers, with its AL status code. If the slave reports no code, the code is
 /// [`Refusal::WITHOUT_REASON`].
 fn told(slave: u8, code: AlStatus) -> Refusal {
     Refusal::of(slave, if code == AlStatus::NONE { AlStatus(Refusal::WITHOUT_REASON) } else { code })
@@ -148,8 +148,8 @@ impl<W: NicWires> NicBus<W> {
         self.missed.forget(self.sent);
     }
 
-    /// Prepares a change of state. Slaves on the way to a lower state do not count as lost when they reach it. Slaves
-    /// on the way to OP get outputs that keep their axes at a standstill until the engine pushes the next outputs.
+    /// Prepares a change of state. Slaves that go to a lower state do not count as lost when they reach it. Slaves that
+    /// go to OP get outputs that keep their axes at a standstill until the engine pushes the next outputs.
     fn prepare_change(&mut self, target: AlState, slaves: SlaveSet) {
         for slave in slaves.iter() {
             let station = self.station_mut(slave);
@@ -177,8 +177,8 @@ impl<W: NicWires> NicBus<W> {
     }
 
     /// Called when a change of state has failed or was cancelled. Slaves that were leaving OP count as lost (SK-4.73),
-    /// with OP as the state to which they have to be brought back. They have received outputs that keep their axes at a
-    /// standstill, and must not get others before that.
+    /// with OP as the state to which they have to be brought back. Until then they must get only outputs that keep
+    /// their axes at a standstill.
     fn stay_in_op(&mut self, change: &Change) {
         for slave in change.left_op.iter() {
             self.station_mut(slave).commanded = AlState::Op;
@@ -193,7 +193,7 @@ impl<W: NicWires> NicBus<W> {
         let SdoRequest { slave, object, write, timeout_ns } = request;
         let mut master = self.master.lock();
         let transfer = match write {
-            // An upload has at most 4 bytes: of a longer value the board shows only the first 4 (SK-6).
+            // An upload returns at most 4 bytes: the board shows only the first 4 bytes of a longer value (SK-6).
             None => Transfer::Upload(master.upload_number(slave, object, SdoScope::Entry, timeout_ns)),
             Some((size, value)) => {
                 let bytes = &value.to_le_bytes()[..usize::from(size.bytes())];
@@ -218,8 +218,8 @@ impl<W: NicWires> NicBus<W> {
                 (self.job, self.found) = (None, ended.unwrap_or(0));
                 self.job_done = match ended {
                     Ok(found) => Some(JobDone::Scan { found }),
-                    // Slaves that are just switched on change their number and lose frames for a moment. \[OURS] One more
-                    // scan is enough for that.
+                    // While slaves are being switched on, their number changes and frames get lost for a moment.
+                    // \[OURS] One more scan is enough in that case.
                     Err(ScanError::Lost | ScanError::Changed { .. }) if !is_second => {
                         self.job = Some(Running::Scan { job: master.scan(), is_second: true });
                         None
@@ -237,7 +237,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Continues the running job: makes a request of a change of state that is due, and polls the futures of a
+    /// Continues the running job: sends the request of a change of state once it is due, or polls the futures of a
     /// configuration.
     pub(super) fn run_job(&mut self) {
         self.ask_again();
@@ -267,8 +267,8 @@ impl<W: NicWires> NicBus<W> {
         self.sdo_done = Some(result.map(|read| read.unwrap_or(written)).map_err(SdoError::abort_code));
     }
 
-    /// Evaluates the end of one request of a change of state to the master. If a slave refuses, the change has failed.
-    /// If a slave does not answer, or is busy with another change or its EEPROM, the state is requested again until the
+    /// Evaluates the result of one request for the change of state. If a slave refuses, the change has failed. If a
+    /// slave does not answer, or is busy with another change or its EEPROM, the state is requested again until the
     /// timeout.
     fn end_part(&mut self, change: Change, ended: Result<(), StateError>) {
         let Change { target, slaves, until, .. } = change;
@@ -309,8 +309,8 @@ impl<W: NicWires> NicBus<W> {
     fn ask(&mut self, change: &mut Change) {
         if change.target == AlState::Op {
             // A slave with the commanded state OP gets no request. If it has left OP by itself, it is lost, and the
-            // engine brings it to PreOP first. If it went straight back to OP, an engine that does not know of the loss
-            // yet would continue its outputs as if the slave had stayed in OP.
+            // engine has to bring it to PreOP first. With a direct request for OP, an engine that does not know of the
+            // loss yet would continue its outputs as if the slave had stayed in OP.
             let is_up = |slave: &u8| self.station(*slave).commanded == AlState::Op;
             change.slaves = change.slaves.iter().filter(|slave| !is_up(slave)).collect();
         } else {
@@ -333,8 +333,8 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Called when a cycle has carried no new outputs: all outputs that were in the board's FIFO are pushed and sent.
-    /// Slaves may leave OP now.
+    /// Called when a cycle has carried no new outputs: all outputs from the board's FIFO were pushed and sent. A change
+    /// that has waited for this ([`Change::sends_first`]) takes the slaves out of OP now.
     pub(super) fn all_is_sent(&mut self) {
         let now = self.wires.now();
         if let Some(Running::State(change)) = &mut self.job

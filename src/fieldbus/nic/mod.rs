@@ -1,4 +1,4 @@
-//! A network at the end of a network card: the board's jobs and process data over the EtherCAT master of this project.
+//! A network behind a network card: the board's jobs and process data over the EtherCAT master of this project.
 //!
 //! | file | what it holds |
 //! | --- | --- |
@@ -21,21 +21,22 @@
 //!
 //! A clear ([`Fieldbus::clear_ahead`]) does not take back outputs that a frame has carried.
 //!
-//! **A cycle that a slave has missed** \[OURS]: the working counter is too low, or not all slaves are in their states,
-//! and the other slaves have moved on. Outputs sent since then count as missed by the slave that the states then show
-//! as lost. If all slaves answer again before one is named, these outputs count as lost sets of outputs.
+//! **A cycle that a slave has missed** \[OURS]: the working counter is too low, or a slave is below its commanded AL
+//! state, but the other slaves have used the outputs. The outputs from this cycle on count as missed by the slave that
+//! the AL states later show as lost. If all slaves answer again before a slave is found lost, these outputs count as
+//! lost sets of outputs ([`CycleDone::outputs_lost`]).
 //!
 //! It is not known how much lost slaves still add to the working counter. So while slaves are lost, a working counter
-//! below that of the cycle before is too low, until the states of all slaves have been read.
+//! below that of the previous cycle counts as too low, until the AL states of all slaves have been read.
 //!
 //! **Lost slaves** \[OURS]. A working counter that is too low does not show which slave is missing. The master reads
-//! the state of each slave, which takes some cycles (`master/acyclic.rs` decides how many), and names the slaves that
-//! do not answer or have left their state. They stay lost until a [`Job::State`] brings them back.
+//! the AL state of each slave, which takes some cycles (`master/acyclic.rs` decides how many). Slaves that do not
+//! answer or have left their state are lost. They stay lost until a [`Job::State`] brings them back.
 //!
 //! **A working counter that is wrong** \[OURS], too low or too high: the inputs of that datagram are not used, and all
 //! slaves in the datagram keep their previous inputs. If no AL state explains the working counter, the master reads the
-//! inputs of each of these slaves alone. Inputs that are older than [`STALE_AFTER`](super::STALE_AFTER) are stale, and
-//! their slave is lost: its axes are sent a quick stop.
+//! inputs of each of these slaves with a separate datagram. Inputs that are older than
+//! [`STALE_AFTER`](super::STALE_AFTER) are stale, and their slave is lost: its axes are sent a quick stop.
 
 mod ages;
 #[cfg(feature = "sim")]
@@ -68,8 +69,8 @@ pub use ring::{GRACE_NS, Ring};
 use unreached_outputs::UnreachedOutputs;
 pub use wires::{CardPair, NicWires};
 
-/// The part of a cycle (numerator, denominator) for which a poll waits for its frames to come back, counted from the
-/// time at which the cycle is due. SYNC0 comes at the end of the wait, so an answer in time shows that the outputs
+/// The fraction of a cycle (numerator, denominator) for which a poll waits for its frames to come back, counted from
+/// the time at which the cycle is due. SYNC0 comes at the end of the wait, so an answer in time shows that the outputs
 /// arrived before SYNC0. \[OURS]
 pub const ANSWER_WAIT: (Ns, Ns) = (3, 4);
 
@@ -87,10 +88,11 @@ const DOWN_AFTER: (u32, Ns) = (3, 100_000_000);
 /// continue, which may have to act without a frame: at a retry or a timeout. \[OURS]
 const TURN_NS: Ns = 200_000;
 
-/// If this machine was late and sent no frames for at least this time, ns, the gap is reported with each slave that
-/// leaves OP within [`STOOD_STILL_TOLD_NS`] after it. The slaves' watchdogs expire after 100 ms without outputs, and
-/// the master reads only some cycles later that a slave has left OP. \[OURS]
+/// The minimum length of a gap without frames, caused by a delay of this machine, that is reported, ns. The slaves'
+/// watchdogs expire after 100 ms without outputs. \[OURS]
 const STOOD_STILL_NS: Ns = 50_000_000;
+/// For how long after its end such a gap is reported with each slave that leaves OP, ns. The master reads only some
+/// cycles later that a slave has left OP.
 const STOOD_STILL_TOLD_NS: Ns = 1_000_000_000;
 
 /// The longest gap between the frames of two consecutive cycles in the last [`STOOD_STILL_TOLD_NS`], if it is at least
@@ -105,8 +107,8 @@ struct Standstill {
 }
 
 impl Standstill {
-    /// Called when the frames of a cycle are sent: records the gap since the frames of the cycle before, if it is at
-    /// least [`STOOD_STILL_NS`] long and at least as long as the recorded one.
+    /// Called when the frames of a cycle are sent. Records the gap since the frames of the previous cycle if it is at
+    /// least [`STOOD_STILL_NS`] long and at least as long as the recorded gap.
     fn note(&mut self, now: Ns) {
         let gap = self.sent_at.map_or(0, |before| now.saturating_sub(before));
         self.sent_at = Some(now);
@@ -139,7 +141,7 @@ struct RunningSdo {
     until: Ns,
 }
 
-/// A network behind a network card, or behind two that make a ring.
+/// A network behind one network card, or behind two cards that make a ring.
 pub struct NicBus<W> {
     wires: W,
     /// The master, shared with the futures of a configuration.
@@ -169,7 +171,7 @@ pub struct NicBus<W> {
     /// Slaves that have entered OP since the newest push. They do not get `outputs`, which are older, but outputs that
     /// keep their axes at a standstill, until the next push.
     holding: SlaveSet,
-    /// The id of the newest outputs that a frame has carried whose answer has come.
+    /// The id of the newest outputs whose frames were all answered.
     sent: Option<u64>,
     missed: UnreachedOutputs,
     /// The newest inputs received from all slaves.
@@ -264,8 +266,8 @@ impl<W: NicWires> NicBus<W> {
     /// virtual, this also waits until the engine's time is `now`.
     fn advance(&mut self, now: Ns) {
         let until = now.wrapping_sub(self.skew_at(now));
-        // Without a running job or SDO this call would be wasted: the exchange of the cycle receives the frames, and
-        // each look at a card is a system call.
+        // With a runner, but without a running job or SDO, this call would be wasted: the exchange of the cycle
+        // receives the frames, and each attempt to receive from a card is a system call.
         if !self.has_runner || self.is_working() {
             self.turn();
         }
@@ -287,9 +289,9 @@ impl<W: NicWires> NicBus<W> {
 
     /// Offset of the engine's clock to the network card's clock (engine minus card), ns, measured when the engine's
     /// time is `now`. Because of the runner's wake-up latency the call comes late, so a single sample is too small, and
-    /// the largest sample is kept. When the runner skips cycles it reports it ([`Fieldbus::leave_out`]). A sample that
-    /// is smaller by more than half a cycle means that the runner has skipped time without a report: it replaces the
-    /// offset.
+    /// the largest sample is kept. The runner reports skipped cycles ([`Fieldbus::leave_out`]). A sample that is
+    /// smaller by more than half a cycle means that the runner has skipped time without a report, so it replaces the
+    /// kept one.
     fn skew_at(&mut self, now: Ns) -> Ns {
         let seen = now.wrapping_sub(self.wires.now());
         let skew = self.skew.get_or_insert(seen);
@@ -300,7 +302,7 @@ impl<W: NicWires> NicBus<W> {
         *skew
     }
 
-    /// Whether a job or an SDO is running. Either goes on between cycles.
+    /// Whether a job or an SDO is running, which then continues between cycles.
     const fn is_working(&self) -> bool {
         self.job.is_some() || self.sdo.is_some()
     }

@@ -1,8 +1,8 @@
 //! Two network cards at both ends of a line of slaves: a ring, which continues when a cable is cut.
 //!
-//! Each frame of the master goes out through the first card. A probe goes out through the second card at the same time: a
-//! frame that only reads one register, and whose answer is not used. The cards at which frame and probe come back show the
-//! state of the ring:
+//! Each frame of the master goes out through the first card. At the same time a probe goes out through the second card:
+//! a frame that only reads one register, and whose answer is not used. The cards at which the frame and its probe come
+//! back show the state of the ring:
 //!
 //! | frame comes back | probe comes back | the ring | action |
 //! | --- | --- | --- | --- |
@@ -12,9 +12,9 @@
 //! | - | at the second card | [`RingState::FirstDead`] | the frame is forwarded through the second card |
 //!
 //! So no slave processes a frame twice, the slaves process it in their order on the cable, and a cut costs no cycle. For
-//! the next frame the last known state of the ring is assumed, so that nothing waits for a dead card.
+//! the next frame the last known state of the ring is assumed, so that no frame waits for a dead card.
 //!
-//! \[OURS] [`GRACE_NS`] limits the wait for whichever of frame and probe is missing.
+//! \[OURS] If only the frame or only its probe has come back, [`GRACE_NS`] limits the wait for the other.
 
 use super::{CardPair, CardsGone, NicWires, RingState};
 use crate::ethercat::registers::TYPE;
@@ -23,21 +23,22 @@ use crate::ethercat::{
 };
 use crate::master::{FrameBuffer, Wire, WireDown};
 
-/// The maximum time between the return of a frame and that of its probe, in either order, before the missing one counts
-/// as lost, ns. \[OURS] A frame passes 40 slaves in less than half of this time, so a frame on a whole cable never
-/// counts as lost.
+/// The maximum time, ns, between the return of a frame and the return of its probe, whichever comes first. After this
+/// time the missing frame or probe counts as lost. \[OURS] A frame passes 40 slaves in less than half of this time, so
+/// a frame on a whole cable never counts as lost.
 pub const GRACE_NS: Ns = 100_000;
 
-/// A frame in flight. [`Ring::flights`] has it at the index that its first datagram carries.
+/// A frame in flight. Its position in [`Ring::flights`] is the datagram index (0..=255) of its first datagram.
 #[derive(Clone, Debug)]
 struct Flight {
     is_used: bool,
     /// The frame as it was sent or, once it is back at the first card, as it came back.
     frame: FrameBuffer,
     len: usize,
-    /// Whether the frame is back at the first card, and was not forwarded since, or without its probe.
+    /// Whether `frame` holds an answer from the first card that the master may get. False again once the frame is
+    /// forwarded behind a cut that its probe has shown, but not if it is forwarded because its probe is missing.
     is_back: bool,
-    /// The end of the line at which the probe has come back; `None`: it has not.
+    /// The end of the line at which the probe has come back; `None`: it has not come back.
     probe: Option<CableEnd>,
     /// Whether the frame was forwarded through the second card.
     is_forwarded: bool,
@@ -72,7 +73,7 @@ pub struct Ring<P> {
 enum Came {
     /// A probe; its value is the index of the frame that it was sent with.
     Probe(u8),
-    /// A frame of the master: its index, and whether it has passed a slave. One that has not passed a slave is no
+    /// A frame of the master: its index, and whether it has passed a slave. A frame that has passed no slave is not an
     /// answer.
     Own(u8, bool),
     /// Neither a frame of the master nor a probe, but for example a frame of another master.
@@ -120,8 +121,8 @@ impl<P: CardPair> Ring<P> {
         let header = FrameHeader::datagrams(self.probe_source);
         let Ok(mut writer) = FrameWriter::new(&mut buffer, header) else { return };
         if writer.push(DatagramHeader::new(Command::Brd, index, u32::from(TYPE) << 16), &[0]).is_ok() {
-            // An error is ignored: a probe that was not sent does not come back, which shows as well that the second
-            // card cannot be used.
+            // An error is ignored: a probe that was not sent does not come back, and a missing probe already shows that
+            // the second card cannot be used.
             let _ = self.pair.send(CableEnd::Last, writer.finish());
         }
     }
@@ -149,8 +150,8 @@ impl<P: CardPair> Ring<P> {
         flight.len
     }
 
-    /// Evaluates a frame that was received at `end`. Returns its length if it is for the master (an answer, or a frame
-    /// of someone else), which then finds it in `buffer`. `None`: it was a probe, or the ring keeps or drops it.
+    /// Evaluates a frame that was received at `end`. If it is for the master (an answer, or a frame of another sender),
+    /// puts it into `buffer` and returns its length. `None`: it was a probe, or the ring keeps or drops it.
     fn take(&mut self, end: CableEnd, buffer: &mut FrameBuffer, len: usize) -> Option<usize> {
         match self.judge(&buffer[..len]) {
             Came::Other => Some(len),
@@ -182,7 +183,8 @@ impl<P: CardPair> Ring<P> {
                     CableEnd::Last if is_passed => {
                         match (flight.is_forwarded, flight.is_back) {
                             (false, _) => self.state = RingState::Whole,
-                            // Its probe was late.
+                            // `give_up` has forwarded the frame because its probe was missing, but the probe was only
+                            // late.
                             (true, true) => self.state = RingState::Open,
                             (true, false) => {}
                         }
@@ -220,8 +222,8 @@ impl<P: CardPair> Ring<P> {
         if self.forward(index) { None } else { Some(self.hand_over(index, buffer)) }
     }
 
-    /// Gives up missing frames and probes whose timeout is over. Returns the length of a frame that is handed over to
-    /// the master in `buffer`.
+    /// Handles each frame in flight whose timeout for the missing frame or probe is over: forwards the frame through
+    /// the second card, or hands it over to the master in `buffer` and returns its length.
     fn give_up(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
         let now = self.pair.now();
         if self.next_due.is_none_or(|due| now < due) {

@@ -1,6 +1,6 @@
-//! Outputs that may not have reached all slaves: those of cycles with a working counter that was too low, until it is
-//! known which slaves missed them. The count is an upper bound \[OURS]: it includes outputs of which it is only unknown
-//! whether they have reached a slave.
+//! Outputs that may not have reached all slaves: the outputs of cycles with a working counter that was too low, until
+//! it is known which slaves missed them. The count is an upper bound \[OURS]: some of these outputs may have reached
+//! every slave.
 
 use crate::ethercat::Ns;
 
@@ -8,8 +8,8 @@ use crate::ethercat::Ns;
 pub(super) struct Cycle {
     /// When the frames of the cycle were sent, on the network card's clock.
     pub(super) sent_at: Ns,
-    /// The id of the outputs that the cycle carried for the first time. `None`: it repeated the outputs of the cycle
-    /// before, whose id is in `sent`.
+    /// The id of the outputs that the cycle carried for the first time. `None`: it repeated the outputs of the previous
+    /// cycle, whose id is in `sent`.
     pub(super) outputs: Option<u64>,
     /// The id of the newest outputs that were sent up to this cycle.
     pub(super) sent: Option<u64>,
@@ -30,29 +30,29 @@ pub(super) struct Cycle {
 /// Records the outputs that may not have reached slaves which are not known as lost yet.
 #[derive(Debug, Default)]
 pub(super) struct UnreachedOutputs {
-    /// The id of the first outputs that may have missed a slave that is not known as lost; `None`: no outputs may have.
+    /// The id of the first outputs that may have missed a slave that is not known as lost; `None`: there are none.
     from: Option<u64>,
     /// How many sets of outputs, from `from` on, may have missed such a slave.
     sets: u32,
     /// The working counter of the newest cycle.
     counted: u16,
-    /// When the newest cycle with a lower working counter than the one before was sent; `None` once the AL states of all
-    /// slaves have been read since.
+    /// When the newest cycle was sent whose working counter was lower than in the cycle before it. `None` once the AL
+    /// states of all slaves have been read since, or the working counter is complete again.
     fewer_at: Option<Ns>,
     /// When the master began the newest complete reading of the AL states of all slaves.
     read_at: Option<Ns>,
     /// For the two newest readings of the AL states, the newest first: the id of the first outputs that were sent after
-    /// the reading. When outputs with a lower id were sent, all slaves that were not lost were in OP.
+    /// the reading. All slaves that were not lost were in OP when the outputs with lower ids were sent.
     known_from: [u64; 2],
 }
 
-/// The id that follows `sent`: that of the next outputs.
+/// The id of the next outputs, after those with the id `sent`.
 fn after(sent: Option<u64>) -> u64 {
     sent.map_or(0, |sent| sent + 1)
 }
 
 impl UnreachedOutputs {
-    /// The id of the first outputs that may have missed a slave that is not known as lost; `None`: no outputs may have.
+    /// The id of the first outputs that may have missed a slave that is not known as lost; `None`: there are none.
     pub(super) const fn from(&self) -> Option<u64> {
         self.from
     }
@@ -64,8 +64,8 @@ impl UnreachedOutputs {
         *self = Self { counted: self.counted, read_at: self.read_at, known_from, ..Self::default() };
     }
 
-    /// Evaluates a cycle. Returns 0 as long as it is open which slave may have missed outputs. Once all slaves answer
-    /// again, returns how many sets of outputs may have missed a slave that was never named as lost.
+    /// Evaluates a cycle. Returns 0 as long as it is not known which slave may have missed outputs. Once all slaves
+    /// answer again, returns how many sets of outputs may have missed a slave that was never named as lost.
     pub(super) fn take_cycle(&mut self, cycle: &Cycle) -> u32 {
         let [counted, expected] = cycle.working_counters;
         let before = std::mem::replace(&mut self.counted, counted);
@@ -75,9 +75,9 @@ impl UnreachedOutputs {
             self.fewer_at = Some(cycle.sent_at);
         }
         // While slaves are lost the expected working counter is not known, because some lost slaves still answer and
-        // others do not. A slave that falls now adds as much as such a lost slave, so the working counter alone cannot
-        // name it. If the working counter is lower than before, a further slave may have fallen, until the states of
-        // all slaves have been read.
+        // others do not. A further slave that leaves its state now may add as much as such a lost slave, so the working
+        // counter alone cannot show which one it is. After a lower working counter a further slave counts as possibly
+        // lost until the AL states of all slaves have been read.
         if cycle.is_short || cycle.has_lost && self.fewer_at.is_some() {
             // If the cycle repeated outputs, these had reached every slave before. The next outputs are then the first
             // that may have missed a slave.

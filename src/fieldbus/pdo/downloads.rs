@@ -67,8 +67,9 @@ impl Download {
         assigns_pdos(self.object.index)
     }
 
-    /// The object to write in a slave whose first sync managers for outputs and for inputs are these. The PDO assignment of
-    /// each sync manager is an object of its own. Nearly all slaves use sync managers 2 and 3.
+    /// The object to write in a slave. `outputs` and `inputs`: the numbers of its first sync managers for outputs and
+    /// for inputs. Each sync manager has its own object for the PDO assignment. Nearly all slaves use sync managers 2
+    /// and 3.
     pub const fn object_for(&self, [outputs, inputs]: [Option<u8>; 2]) -> ObjectAddress {
         let manager = match self.object.index {
             RX_ASSIGNMENT => outputs,
@@ -183,7 +184,7 @@ const fn assigns_pdos(index: u16) -> bool {
 const MAPPING_IMAGE_MAX: usize = 2 + 4 * 4;
 
 /// The content of a mapping or assignment object after a configuration, as an upload with complete access returns it:
-/// the count and as many entries. An upload may continue with further, unused entries.
+/// the count and that many entries. An upload may continue with further, unused entries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MappingImage {
     index: u16,
@@ -257,6 +258,11 @@ impl Downloads {
         downloads
     }
 
+    /// The downloads in their order.
+    pub fn iter(&self) -> impl Iterator<Item = &Download> {
+        self.list[..self.len].iter()
+    }
+
     /// The downloads from the first one to `last`.
     pub fn up_to(self, last: &Download) -> impl Iterator<Item = Download> + use<> {
         let count = self.list[..self.len].iter().position(|download| download == last).map_or(self.len, |at| at + 1);
@@ -271,7 +277,7 @@ impl Downloads {
         objects.filter_map(|n| Some(self.mapping_image(list[n].object.index, list[n].direction()?)))
     }
 
-    /// The downloads that write the entries of the object with this image, without those of its count.
+    /// The downloads that write the entries of the object with this image, without the downloads of its count.
     pub fn entries(&self, image: &MappingImage) -> impl Iterator<Item = Download> {
         let index = image.index;
         let is_entry = move |download: &&Download| download.object.index == index && download.object.sub > 0;

@@ -1,5 +1,5 @@
-//! Configures a simulated slave by the SDO downloads of the board. All of them are transferred at one moment; the job
-//! then lasts as long as they would take on a network.
+//! Configures a simulated slave by the SDO downloads of the board. All downloads are made at one simulated time, after
+//! the job has waited for the time that they would take on a network.
 
 use crate::fieldbus::pdo::{self, ProcessData};
 use crate::fieldbus::{AlState, Refusal, Role, SlaveConfig};
@@ -22,7 +22,9 @@ pub fn configure(slave: &mut dyn Slave, config: &SlaveConfig) -> Result<Option<P
     }
     let is_there = ProcessData::probe(role).is_some_and(|object| slave.upload(object).is_ok());
     let data = ProcessData::of(role, is_there).ok_or(pdo::NO_SUCH_MODE)?;
-    for download in data.downloads(sync) {
+    // Not by value: that would put several copies of the list on the stack of the program's thread, which may be small.
+    let downloads = data.downloads(sync);
+    for download in downloads.iter() {
         if let Err(code) = slave.download(download.object, download.size, download.value)
             && !download.may_fail_with(code)
         {

@@ -22,6 +22,10 @@ pub(super) struct RunningJob {
     second_axes: SlaveSet,
 }
 
+impl RunningJob {
+    pub(super) const IDLE: Self = Self { job: Job::Scan, due: 0, deadline: 0, next: 0, second_axes: SlaveSet::EMPTY };
+}
+
 /// A running SDO.
 pub(super) struct RunningSdo {
     request: SdoRequest,
@@ -118,8 +122,8 @@ impl SimBus {
             let station = self.station(slave);
             (station.commanded, station.process_data) = (AlState::Init, None);
             if answers {
-                // The result is ignored. A slave that refuses Init stays in its state, and the next job that needs
-                // another state fails because of that.
+                // The result is ignored: a slave that refuses Init stays in its state, and the next job that needs
+                // another state fails.
                 let _ = station.slave.enter(AlState::Init);
             }
         }

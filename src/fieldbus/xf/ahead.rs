@@ -1,9 +1,10 @@
 //! Prepares the configuration that the next change to SafeOP needs, while no job or SDO is requested.
 //!
 //! The preparation writes no object of a slave, so that the SDO transfers of a program read the same values as without
-//! it. If the declared cycle time is a new one, it starts the chip's network again with that time. Then it reads
+//! it. If the declared cycle time is new, the preparation restarts the chip's network with that time. Then it reads
 //! whether the slaves already have their mapping. If all slaves have it, or a mapping of the same length, the chip lays
-//! out the process data. Every request to the bus interrupts the preparation; what was read by then is kept.
+//! out the process data in its process image. Every request to the bus interrupts the preparation; the values that were
+//! read by then are kept.
 
 use super::chip_bus::ChipBus;
 use super::jobs::{Part, Running};
@@ -41,8 +42,8 @@ impl<W: Wires> ChipBus<W> {
     }
 
     /// Begins or continues the preparation, unless a job, an SDO transfer or the reading of the slaves' states is
-    /// running. \[OURS] With a preparation the chip executes its command RECONFIG_OP possibly long before SafeOP, and
-    /// SDO transfers may come after it.
+    /// running. \[OURS] So the chip may execute its command RECONFIG_OP long before SafeOP, and SDO transfers may
+    /// follow this command.
     pub(super) fn go_ahead(&mut self, now: Ns) {
         let Some(config) = self.ahead.declared else { return };
         if self.sdo.is_some() {
@@ -54,7 +55,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Ends the preparation, also if a slave has not answered: it is not tried again until the next declaration.
+    /// Ends the preparation, even if a slave has not answered. It is not repeated until the next call of
+    /// [`Self::declare`].
     pub(super) fn end_ahead(&mut self) {
         self.ahead.declared = None;
     }
@@ -73,8 +75,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Called when an SDO transfer of the host begins. A download that may change the mapping makes invalid what is
-    /// known of the slave's objects.
+    /// Called when an SDO transfer of the host begins. A download that may change the mapping invalidates the bus's
+    /// record of the slave's objects.
     pub(super) fn note_sdo(&mut self, request: &SdoRequest) {
         if request.write.is_some() && may_change_mapping(request.object) {
             self.network.forget_objects(request.slave);

@@ -13,7 +13,7 @@ pub(super) const IMAGE_MAX: usize = DataSize::MAX.bytes();
 /// The maximum number of answers that are kept until they are polled; if there are more, the oldest is lost. \[OURS]
 pub(super) const ANSWERS: usize = 128;
 
-/// What the chip has answered about one of its cycles.
+/// The chip's answer for one of its cycles.
 #[derive(Clone, Debug)]
 pub(super) struct Answer {
     /// When the cycle ran, on the clock of the wires to the chip.
@@ -33,8 +33,8 @@ impl Default for Answer {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Keeps the answer of the cycle with the number `cycle`. Its inputs begin at byte `from` of those that the driver
-    /// has received. `behind`: the number of later cycles in the same exchange, so the cycle ran about that many
+    /// Keeps the answer of the cycle with the number `cycle`. Its inputs begin at byte `from` of the inputs that the
+    /// driver has received. `behind`: the number of later cycles in the same exchange, so the cycle ran about that many
     /// periods before `now`.
     pub(super) fn keep_cycle(&mut self, now: Ns, cycle: u64, behind: u64, from: usize) {
         let period_ns = self.network.cycle.ns();
@@ -65,8 +65,8 @@ impl<W: Wires> ChipBus<W> {
     /// Returns the chip's next cycle if it had passed by the engine's time `now`; `None`: no further cycle.
     pub(super) fn next_answer(&mut self, now: Ns) -> Option<CycleDone> {
         let at = self.engine_time(self.answers.front()?.at);
-        // If the clock of the wires to the chip is a real one, a cycle that was received has passed, even if the
-        // engine's time is still before it.
+        // If the wires to the chip have a real clock, a received cycle has passed, even if the engine's time is still
+        // before the cycle.
         if at > now && !self.options.real_time {
             return None;
         }
@@ -85,14 +85,14 @@ impl<W: Wires> ChipBus<W> {
     }
 
     /// Returns a cycle every [`tick_ns`] while no slave is in OP. The chip's own cycles are not read then, but the
-    /// board still makes a report in each cycle.
+    /// board has to make a report in each cycle even so.
     pub(super) fn next_tick(&mut self, now: Ns) -> Option<CycleDone> {
         self.is_held = false;
         let at = self.told_at.saturating_add(tick_ns());
         if at > now {
             return None;
         }
-        // A bus whose network was lost still accepts outputs. They reach no slave.
+        // A bus whose network was lost still accepts outputs, which reach no slave, so they count as lost.
         if let Some(set) = self.queue.pop_front() {
             self.lose_left_behind();
             self.lose_sets(1);
@@ -116,7 +116,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Copies the inputs of the newest polled cycle, with what is known of lost and stale slaves, into `inputs`.
+    /// Copies the inputs of the newest polled cycle, and the sets of lost and stale slaves, into `inputs`.
     pub(super) fn fill(&self, inputs: &mut Inputs) {
         let network = &self.network;
         let in_safe_op = network.at_least(AlState::SafeOp);

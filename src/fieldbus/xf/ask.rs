@@ -71,7 +71,8 @@ pub(super) enum Ask {
     },
     /// Lays out the process data in the chip's process image.
     Reconfig,
-    /// The same for slaves that fall back to their default process data with [`Self::Reconfig`] (XF ZH 410).
+    /// Lays out the process data like [`Self::Reconfig`]. Used if a slave falls back to its default process data with
+    /// that command (XF ZH 410).
     ConfigMap,
     /// Makes those GPIO pins of the chip outputs whose bits are set: bit k is pin k.
     OutputPins(u16),
@@ -90,8 +91,8 @@ pub(super) struct Asked {
     ticket: Ticket,
 }
 
-/// The chip's number for a slave. If the slave's number is too high for the chip, the result is the highest number, for
-/// which the command fails, since no slave has it.
+/// The chip's number for a slave. If the slave's number is too high for the chip, the result is the highest number,
+/// which no slave has, so the command fails.
 fn number(slave: u8) -> SlaveNumber {
     SlaveNumber::new(slave.saturating_sub(1)).unwrap_or(SlaveNumber::MAX)
 }
@@ -148,7 +149,7 @@ impl Ask {
     }
 }
 
-/// The times of SYNC0, which is active or not.
+/// The distributed-clock settings of a slave: the SYNC0 period, and whether SYNC0 is active.
 const fn timing(sync0_ns: u32, is_active: bool) -> DcTiming {
     let assign_activate = if is_active { 0x0300 } else { 0 };
     DcTiming { assign_activate, sync0_ns, sync1_ns: 0, shift_ns: 0 }

@@ -19,8 +19,8 @@ use super::{ANSWER_DELAY, ENTRIES, XfBusCounters, XfBusOptions};
 use crate::fieldbus::{AlState, JobDone, MAX_SLAVES, Ns, SdoDone, SdoRequest, SlaveSet};
 use crate::xf::host::{COMFORTABLE_SIZE, Host, HostConfig, HostState, StepError, Wires};
 
-/// Without a runner: if a real clock of the wires is ahead of the engine's time by more than this, the engine was not
-/// called for a while, and the offset of the two clocks is measured again, ns. \[OURS]
+/// Without a runner: the maximum time by which a real clock of the wires may be ahead of the engine's time, ns. If it
+/// is ahead by more, the engine was not called for a while, and the offset of the two clocks is measured again. \[OURS]
 const SKEW_MAX_NS: Ns = 2_000_000;
 /// With a runner (`engine::Threaded`): the limit in place of [`SKEW_MAX_NS`], ns. It is longer, because the runner
 /// catches up on delays of up to this time. \[OURS]
@@ -41,8 +41,8 @@ pub(super) enum Shortening {
     Done,
 }
 
-/// The state of the bus. The async function of the running job is no part of it: it has a reference to this state, and
-/// locks its mutex while it is polled.
+/// The state of the bus, without the async function of the running job. That function has a reference to this state,
+/// and locks its mutex while it is polled.
 #[derive(Debug)]
 pub(super) struct ChipBus<W> {
     pub(super) wires: W,
@@ -82,8 +82,8 @@ pub(super) struct ChipBus<W> {
     /// The newest set of outputs that was written to the chip, as far as is known. The chip repeats it while its FIFO
     /// is empty. `None`: none was written since the slaves entered OP.
     pub(super) newest_written: Option<Set>,
-    /// Whether `newest_written` has to be written once more. Either a slave was lost since then, which has to get other
-    /// outputs than the chip would repeat, or slaves may not have received the set.
+    /// Whether `newest_written` has to be written once more. Either a slave was lost since then and must not get the
+    /// outputs that the chip would repeat, or slaves may not have received the set.
     pub(super) repeat_is_due: bool,
     /// Exchanges of process data in flight, the oldest first.
     pub(super) flying: VecDeque<Flying>,
@@ -105,8 +105,8 @@ pub(super) struct ChipBus<W> {
     pub(super) next_read: Ns,
     /// When the newest received cycle of the chip ran, on the clock of the wires to the chip.
     pub(super) newest_cycle: Ns,
-    /// Whether cycles and their inputs may have been lost since `newest_cycle`. The next cycle that is read then counts
-    /// the missing ones.
+    /// Whether cycles and their inputs may have been lost since `newest_cycle`. When the next cycle is read, the
+    /// missing cycles are counted.
     pub(super) gap: bool,
     pub(super) lost_cycles: u32,
     /// The number of sets of outputs that were given up since the newest cycle was polled.
@@ -116,8 +116,8 @@ pub(super) struct ChipBus<W> {
     /// The id of the newest outputs that were accepted and dropped while no slave was in OP.
     pub(super) dropped: Option<u64>,
     /// `left_behind`: the number of sets of outputs that were dropped when the last slave left OP.
-    /// `newest_left_behind`: the id of the newest of them. They count as discarded if the board calls `clear_ahead`,
-    /// and as lost if slaves enter OP, or outputs are accepted, before it has done so.
+    /// `newest_left_behind`: the id of the newest of these sets. They count as discarded once the board has called
+    /// `clear_ahead`, but as lost if slaves enter OP or outputs are accepted before that.
     pub(super) left_behind: u64,
     pub(super) newest_left_behind: Option<u64>,
     pub(super) newest_inputs: Vec<u8>,
@@ -167,8 +167,8 @@ impl<W: Wires> ChipBus<W> {
             flying: VecDeque::with_capacity(IN_FLIGHT_MAX + 1),
             wrote_last: false,
             level: FillLevel::default(),
-            // Room for more ids than the chip has sets: the id of a set that was sent stays until a later answer shows
-            // that it was sent.
+            // Room for more ids than the chip can hold sets: the id of a sent set stays in the ledger until a later
+            // answer shows that the set was sent.
             ledger: Ledger::new(2 * ENTRIES + usize::from(ANSWER_DELAY) + 1),
             clearing: Clearing::Idle,
             answers: VecDeque::with_capacity(ANSWERS),
@@ -202,9 +202,9 @@ impl<W: Wires> ChipBus<W> {
         self.options.ahead.saturating_add(transport_sets).min(u16::from(entries).max(1))
     }
 
-    /// The time on the clock of the wires to the chip when the engine's time is `now`. If the clock of the wires is a
-    /// real one and there is no runner, the engine's clock stands still while the engine is not called. The offset of
-    /// the clocks is then measured again.
+    /// The time on the clock of the wires to the chip when the engine's time is `now`. Without a runner the engine's
+    /// clock stands still while the engine is not called, but a real clock of the wires does not. The offset of the two
+    /// clocks is then measured again.
     pub(super) fn wires_time(&mut self, now: Ns) -> Ns {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));
@@ -254,7 +254,7 @@ impl<W: Wires> ChipBus<W> {
         true
     }
 
-    /// Gives the driver its next work besides the commands of the job: SDOs, a preparation, a clear, the reading of
+    /// Gives the driver its next work except the commands of the job: SDOs, a preparation, a clear, the reading of AL
     /// states, process data.
     pub(super) fn end_turn(&mut self, now: Ns) {
         self.run_sdo();
@@ -325,7 +325,7 @@ impl<W: Wires> ChipBus<W> {
         self.ledger.lost_until(newest);
     }
 
-    /// An estimate of the number of sets of outputs in the chip and waiting for it.
+    /// An estimate of the number of sets of outputs in the chip and in the queue.
     pub(super) fn held(&self) -> u64 {
         self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns())
     }

@@ -82,8 +82,8 @@ impl<W: Wires> ChipBus<W> {
                     // Forgets the newest written set unless it is the newest one that was sent: a cleared set must not
                     // be sent as a repetition.
                     self.newest_written = self.newest_written.take().filter(|set| Some(set.id) == newest_sent);
-                    // It is not known whether the newest set has reached the FIFO. It counts as sent, so nothing else would
-                    // write it again, and the slaves may lack it. Written twice, the same outputs do no harm.
+                    // If it is not known whether the newest set has reached the FIFO, it counts as sent and would not
+                    // be written again. The slaves may lack it, so it is repeated: the same outputs twice do no harm.
                     self.repeat_is_due |= doubted.is_some() && doubted == newest_sent;
                     Clearing::SwitchingOn(None, newest_sent)
                 }

@@ -1,13 +1,13 @@
 //! Process data: the sets of outputs that each exchange writes, the cycles that it reads, and their results.
 //!
-//! In OP each exchange writes as many of the waiting sets as the packet, the chip's FIFO and the depth allow, and reads as
-//! many cycles. If more cycles wait in the chip, every other exchange only reads. Below OP the newest inputs are read
-//! directly, without the FIFO.
+//! In OP each exchange writes as many of the waiting sets as the packet, the chip's FIFO and [`ChipBus::depth`] allow,
+//! and reads the same number of cycles. If more cycles wait in the chip, every other exchange only reads. Below OP the
+//! newest inputs are read directly, without the FIFO.
 //!
-//! Usually one exchange of process data is in flight at a time, so that its result is known before the next one begins, and
-//! a set that the chip has not accepted is written again in its place. If the cycle is too short for that, a second
-//! exchange follows at once ([`Network::in_flight`]). A set that then turns out not to be written is lost and counted,
-//! because a later set has already gone out.
+//! Usually one exchange of process data is in flight at a time. Its result is then known before the next one begins, so
+//! a set that the chip has not accepted can be written again before later sets. If the cycle is too short for that, a
+//! second exchange follows at once ([`Network::in_flight`]). A set that then turns out not to be written counts as
+//! lost, because a later set has already been sent to the chip.
 
 use super::chip_bus::ChipBus;
 use super::tick_ns;
@@ -19,9 +19,9 @@ use super::answers::IMAGE_MAX;
 use super::clear::Clearing;
 use super::network::Network;
 
-/// From this backlog on the bus reads faster. If this many cycles remain in the chip beyond those that an exchange with
-/// outputs reads, every other exchange only reads, since it reads more cycles. If no outputs wait, this many cycles are
-/// read at once and not only when the next read is due. \[OURS]
+/// The backlog of cycles in the chip from which the bus reads faster. If this many cycles would remain in the chip
+/// after an exchange with outputs, every other exchange only reads, because such an exchange reads more cycles. If no
+/// outputs wait, a backlog of this size is read at once instead of at the next due time. \[OURS]
 const BACKLOG: u8 = 4;
 /// The maximum number of sets of outputs in one exchange, and of cycles that one exchange reads. \[OURS]
 const IN_ONE_EXCHANGE: usize = 32;
@@ -263,10 +263,10 @@ impl<W: Wires> ChipBus<W> {
     }
 
     /// Called when it is not known whether an exchange has written its sets of outputs, the oldest `sets` of the queue,
-    /// to the chip. They count as lost. The newest of them may be the set that the chip repeats now. If no other set
-    /// follows, it is written once more \[OURS]: otherwise the slaves might never get the last outputs, for example an
-    /// SV_OFF, and the command frame would stay in the board's FIFO. If the chip had the set already, the slaves get it
-    /// twice in a row, as from a chip that repeats it.
+    /// to the chip. These sets count as lost. The newest of them may be the set that the chip repeats now. If no other
+    /// set follows, the newest is written once more \[OURS]: otherwise the slaves might never get the last outputs, for
+    /// example an SV_OFF, and the command frame would stay in the board's FIFO. If the chip already had that set, the
+    /// slaves get it twice in a row, as they do when the chip repeats a set.
     fn doubt(&mut self, sets: usize) {
         if let Some(newest) = sets.checked_sub(1).and_then(|newest| self.queue.get(newest)) {
             self.newest_written = Some(newest.clone());

@@ -25,9 +25,9 @@ use crate::xf::host::{HostError, Wires};
 pub(super) use network::state_of;
 pub(super) use run::run_job;
 
-/// The number of cycles after which the engine has certainly polled that a set of outputs was sent: the fill levels lag
-/// three exchanges of two packets each. After the last cycle in OP the engine has polled all cycles in the same time.
-/// \[OURS]
+/// The number of cycles after which the engine has certainly polled the report that a set of outputs was sent: the fill
+/// levels lag three exchanges of two packets each. In this time after the last cycle in OP, the engine has also polled
+/// all cycles in OP. \[OURS]
 const TOLD_LATE: Ns = 6;
 
 /// A preallocated, reusable slot for the future of a job, so that a job does not allocate. The arguments of the future
@@ -121,7 +121,7 @@ fn abort_code(error: &HostError) -> AbortCode {
 struct Steps<W> {
     bus: Arc<Mutex<ChipBus<W>>>,
     /// If the job has found lost slaves, it waits until the engine has polled the loss, at most until this time on the
-    /// clock of the wires to the chip. `None`: the job has not waited for this yet.
+    /// clock of the wires to the chip. `None`: the job has not had to wait for this yet.
     tells_until: Option<Ns>,
 }
 

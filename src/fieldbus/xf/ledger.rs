@@ -57,12 +57,12 @@ pub(super) struct Ledger {
     /// For each of the newest headers, the moments to which its fill levels may belong: one for each of the newest
     /// states.
     samples: [[Option<Moment>; LAG]; SAMPLES],
-    /// Pairs of a cycle and the number of sets of outputs that were certainly sent by its end: the sets that the RxFIFO
-    /// contained were then sent. If many cycles wait to be read, the headers that show what these cycles sent are no
-    /// longer in `samples`.
+    /// Pairs of a cycle and the number of sets of outputs that were certainly sent by its end. Each comes from a
+    /// header: it is the cycle by whose end all sets that the RxFIFO contained were sent. If many cycles wait to be
+    /// read, the headers that show what these cycles sent are no longer in `samples`.
     milestones: VecDeque<(u64, u64)>,
-    /// The number of doubtful sets of outputs, of which it is not known whether they have reached the RxFIFO and are
-    /// still in it. 0 after the FIFO was empty.
+    /// The number of doubtful sets of outputs: it is not known whether they have reached the RxFIFO and are still in
+    /// it. 0 after the FIFO was empty.
     doubtful: u64,
     /// The doubtful sets of outputs. For each: how many sets had certainly been written before it, and its id.
     doubts: VecDeque<(u64, u64)>,
@@ -117,7 +117,7 @@ impl Ledger {
         self.states[LAG - 1] = newest;
     }
 
-    /// Records sets of outputs of which it is not known whether they have reached the RxFIFO.
+    /// Records doubtful sets of outputs: it is not known whether they have reached the RxFIFO.
     pub(super) fn doubt(&mut self, ids: impl Iterator<Item = u64>) {
         let written = self.newest().written;
         for id in ids {
@@ -148,7 +148,8 @@ impl Ledger {
         let (doubtful, stopped) = (self.doubtful, self.stopped);
         let moment = |State { written, read }: State| {
             // The RxFIFO cannot contain more sets of outputs than were written by then, so a state with fewer written
-            // sets is ruled out. With doubtful sets it is not: these are in the level but not in `written`.
+            // sets is ruled out. With doubtful sets no state is ruled out: the level may include them, but `written`
+            // does not.
             let sent = if doubtful > 0 { Some(written.saturating_sub(rx_fifo)) } else { written.checked_sub(rx_fifo) };
             Some(Moment {
                 sent: sent?,
@@ -222,7 +223,7 @@ impl Ledger {
         self.newest_sent
     }
 
-    /// The id of the newest set of outputs of which it is not known whether it has reached the RxFIFO.
+    /// The id of the newest doubtful set of outputs: it is not known whether the set has reached the RxFIFO.
     pub(super) fn newest_doubt(&self) -> Option<u64> {
         self.doubts.back().map(|(_, id)| *id).max(self.settled_doubt)
     }
@@ -238,9 +239,9 @@ impl Ledger {
     /// Called when the RxFIFO was stopped and then emptied. `rx_fifo` is the fill level of the stopped FIFO, from a
     /// header after the stop. Returns the id of the newest set of outputs that was sent.
     ///
-    /// A set of which it is not known whether it has reached the FIFO counts as if it had \[OURS]. So the result may be
-    /// too new, by the number of such sets, but never too old. If it is too new, an axis moves on by one more target.
-    /// If it were too old, an axis would go back to a target that it has left.
+    /// A doubtful set counts as if it had reached the FIFO \[OURS]. So the result may be too new, by the number of
+    /// doubtful sets, but never too old. If it is too new, an axis only moves on to a later target. If it were too old,
+    /// an axis would go back to a target that it has left.
     pub(super) fn cleared(&mut self, rx_fifo: u8) -> Option<u64> {
         let State { written, read } = self.newest();
         let (mut sent, mut doubts) = (written, self.doubts.len());
@@ -258,8 +259,8 @@ impl Ledger {
         self.forget_unsent(State { written: self.sent, read })
     }
 
-    /// Called when the content of the RxFIFO is lost, as by a reset of the chip. Returns the id of the newest set of
-    /// outputs that was certainly sent. It is not known whether the next set was sent, too.
+    /// Called when the content of the RxFIFO is lost, for example by a reset of the chip. Returns the id of the newest
+    /// set of outputs that was certainly sent. It is not known whether the next set was sent, too.
     pub(super) fn lost(&mut self) -> Option<u64> {
         let State { read, .. } = self.newest();
         self.forget_unsent(State { written: self.sent, read })

@@ -1,9 +1,9 @@
 //! An estimate of the number of sets of outputs in the chip.
 //!
-//! The [`Ledger`](super::ledger::Ledger) shows which sets were sent, but some cycles late. The decision how many sets
-//! to write next cannot wait for that. If the chip is to hold eight sets, and sets count as being in the chip until the
-//! ledger shows that they were sent, nearly all of the eight are already sent. So the estimate keeps the time at which
-//! the RxFIFO runs empty, at one set per cycle, and each header corrects it, since the two clocks differ.
+//! The [`Ledger`](super::ledger::Ledger) shows which sets were sent, but some cycles late: too late to decide how many
+//! sets to write next. If the bus kept eight sets in the chip by the count of the ledger, nearly all eight could
+//! already be sent. So the estimate keeps the time at which the RxFIFO runs empty, at one set per cycle. Each header
+//! corrects this time, because the clocks of the chip and of the wires differ.
 
 use crate::ethercat::Ns;
 

@@ -3,7 +3,7 @@
 //! | file | what it holds |
 //! | --- | --- |
 //! | `mod.rs` | [`XfBus`], the implementation of [`Fieldbus`] |
-//! | `chip_bus.rs` | the bus without the sequence of its job |
+//! | `chip_bus.rs` | the state of the bus, without the async function of its running job |
 //! | `options.rs` | [`XfBusOptions`] |
 //! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as async functions, and in `run.rs` the polling of these |
 //! | `ask.rs` | one command of the chip and its answer |
@@ -63,8 +63,8 @@ const ENTRIES: usize = 64;
 /// The number of sets of outputs that are always on their way in a steady stream: one waits for its exchange, one is in
 /// the running exchange, and one is in the chip until its next cycle. \[OURS]
 const ON_THE_WAY: u64 = 3;
-/// An upper limit for about two exchanges, ns: at 24 MHz the longest packet and the idle time after it take less than
-/// this, and two of them take hardly more. \[OURS]
+/// The maximum time that the bus gets for exchanges in each step in which a late runner catches up, ns. It is enough
+/// for about two exchanges with the longest packets at 24 MHz. \[OURS]
 const CATCH_UP_NS: Ns = 1_000_000;
 /// The size of the chip's memory for both FIFOs together, bytes (XF EN 1236).
 const FIFO_MEMORY: usize = 0x4000;
@@ -170,7 +170,7 @@ impl<W: Wires> XfBus<W> {
     }
 }
 
-/// Evaluates the driver's results, and gives it its next work.
+/// Evaluates the driver's results, polls the running job, and gives the driver its next work.
 fn turn<W: Wires>(bus: &mut MutexGuard<'_, ChipBus<W>>, sequence: &mut Sequence) {
     let now = bus.wires.now();
     if bus.begin_turn(now) {
@@ -297,9 +297,9 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
             if bus.options.real_time {
                 (bus.skew, bus.has_runner) = (Some(now.wrapping_sub(wires)), true);
             }
-            // \[OURS] A late runner catches up in parts. For each part the bus gets real time for exchanges: a cycle,
-            // or [`CATCH_UP_NS`] if that is less. So the chip's FIFO is filled at once after a stall, and a machine
-            // that is too slow for its cycles still makes exchanges.
+            // \[OURS] A late runner catches up in steps. In each step the bus gets real time for exchanges: a cycle, or
+            // [`CATCH_UP_NS`] if that is less. So the chip's FIFO is filled at once after a stall, and a machine that
+            // is too slow for its cycles still makes exchanges.
             let behind_ns = bus.network.cycle.ns().min(CATCH_UP_NS);
             if now < until { bus.wires_time(until) } else { wires.saturating_add(behind_ns) }
         }));

@@ -126,8 +126,8 @@ pub(super) struct Network {
     /// The number of slaves that the last scan has found.
     pub found: u8,
     pub with_dc: SlaveSet,
-    /// The slaves with distributed clocks to which the chip sends no SYNC0, because they run free. The initialisation of
-    /// the network switches it on for all.
+    /// The slaves with distributed clocks for which SYNC0 is switched off, because they run free. The initialisation of
+    /// the network switches SYNC0 on for all slaves.
     pub free_running: SlaveSet,
     /// The state to which the newest job has brought each slave. The slave may have left it by itself.
     pub commanded: [AlState; MAX_SLAVES],
@@ -140,8 +140,8 @@ pub(super) struct Network {
     /// What is known of the objects of each slave; `None`: nothing is known, or the objects may have changed since they
     /// were read.
     pub seen: [Option<Seen>; MAX_SLAVES],
-    /// The slaves of which an object of the mapping was written. The slaves keep these objects while the chip's network is
-    /// started again, so this set stays.
+    /// The slaves in which an object of the mapping was written. A restart of the chip's network does not change these
+    /// objects, so it does not clear this set.
     pub remapped: SlaveSet,
     /// Whether a slave has fallen back to its default process data when the chip laid them out by RECONFIG. From then on
     /// CONFIG_MAP lays them out (XF ZH 410).
@@ -246,9 +246,9 @@ impl Network {
         self.seen[usize::from(slave) - 1].filter(holds)
     }
 
-    /// The slaves whose mapping the chip may have taken back by laying out the process data: a slave may fall back to its
-    /// default one (XF ZH 410). Not checked are slaves that had the mapping of CSP, or of an IO slave, before any of it was
-    /// written \[OURS]: it is most likely their default one.
+    /// The slaves that may have lost the wanted mapping when the chip laid out the process data: a slave may fall back
+    /// to its default mapping (XF ZH 410). Slaves that had the mapping for CSP, or for an IO slave, without any write
+    /// are left out \[OURS]: that mapping is most likely their default.
     pub(super) fn may_have_fallen_back(&self) -> SlaveSet {
         let may_fall = |slave: &u8| {
             self.seen[usize::from(*slave) - 1].is_some_and(|Seen { config, mapped, .. }| {
@@ -277,9 +277,9 @@ impl Network {
         self.laid_out |= was_laid_out && (data.output_bytes(), data.input_bytes()) == (output_bytes, input_bytes);
     }
 
-    /// Updates what is known of a slave's objects by the AL state that was read from it. A slave in Init, or one that
-    /// does not answer, may come back with other objects. From SafeOP on the objects do not change, so what is known
-    /// counts as read now.
+    /// Updates the record of a slave's objects after the slave's AL state was read. A slave in Init, or one that does
+    /// not answer, may come back with other objects. In SafeOP and OP the objects do not change, so the recorded values
+    /// count as read now.
     pub(super) fn note_objects(&mut self, slave: u8, state: Option<AlState>, now: Ns) {
         match (state, &mut self.seen[usize::from(slave) - 1]) {
             (None | Some(AlState::Init), _) => self.forget_objects(slave),

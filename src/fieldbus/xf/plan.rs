@@ -12,12 +12,12 @@ pub(super) const IN_FLIGHT_MAX: usize = 2;
 /// wait. \[OURS]
 const SETS_MAX: usize = 8;
 /// For each exchange of process data, a plan leaves time for this number of packets: two for the exchange itself, and
-/// two for a command in between, since the states of the slaves are read while slaves move. \[OURS]
+/// two for a command in between, because the AL states of the slaves are also read in OP. \[OURS]
 const PACKETS_A_TURN: u32 = 4;
-/// For how long after it was handed over a set of outputs may still count as being in the chip, in half turns. A half
-/// turn is the time of [`PACKETS_A_TURN`] / 2 packets. In this time the set is first in flight, and later the fill
-/// levels that show it as sent are two exchanges old (OBS). \[OURS] With as many sets on the way as there are cycles in
-/// this time, and one more, no cycle of the chip's model repeats its outputs, whatever the packet size.
+/// The maximum time, in half turns, for which a set of outputs counts as being in the chip after it was handed over. A
+/// half turn is the time of [`PACKETS_A_TURN`] / 2 packets. The set is first in flight, and later the fill levels that
+/// show it as sent lag two exchanges (OBS). \[OURS] The number of sets on the way is the number of cycles in this time,
+/// plus one. With so many sets the chip's model never has to repeat outputs, whatever the packet size.
 const HALF_TURNS_KNOWN: u64 = 5;
 
 /// What a cycle requires of the exchanges with the chip.

@@ -1,14 +1,15 @@
 //! Lost slaves, and resets of the chip.
 //!
-//! The chip reports that the working counter of some cycle was wrong, but not because of which slave: by a counter that
-//! stops at 255 and by an interrupt flag. The bus then reads the states of all slaves. It also reads them at intervals,
-//! since below SafeOP no cycle shows that a slave is gone. A slave stays lost until a change of state brings it back.
+//! An error counter, which stops at 255, and an interrupt flag of the chip show that the working counter of some cycle
+//! was wrong. They do not show which slave was the cause. The bus then reads the AL states of all slaves. It also reads
+//! them at intervals, since below SafeOP no cycle shows that a slave is gone. A slave stays lost until a change of
+//! state brings it back.
 //!
-//! **Inputs of a cycle with a wrong working counter** are not used \[OURS], as far as this is possible: the chip only
-//! counts the errors, in the header of an answer. It reports neither the cycles nor the slaves. So after new errors the
-//! inputs of the next [`DOUBT_CYCLES`] cycles that are read are not used, and all slaves keep their previous inputs.
-//! The inputs of cycles that were read before that header were used already. If the errors continue, and the states of
-//! all slaves show that none is lost, the inputs of all slaves are stale and the slaves are lost
+//! **Inputs of a cycle with a wrong working counter** are not used \[OURS], as far as possible: an answer header only
+//! has the number of errors, but neither the cycles nor the slaves. So after new errors the inputs of the next
+//! [`DOUBT_CYCLES`] cycles that are read are not used, and all slaves keep their previous inputs. The inputs of cycles
+//! that were read before that header were used already. If the errors continue, although the AL states show that no
+//! slave is lost, the inputs of all slaves become stale and all slaves count as lost
 //! ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)). While a slave is lost every cycle has a wrong working counter, so
 //! the errors show nothing about the other slaves.
 
@@ -25,9 +26,9 @@ use crate::xf::host::{HostError, HostState, Wires};
 /// The interval at which the states of the slaves are read if nothing requires it earlier, ns. \[OURS]
 const INTERVAL_NS: Ns = 100_000_000;
 
-/// If an answer header counts a new working counter error, the inputs of this many next cycles are not used. Any of
-/// them may have had the error: the header may be two exchanges old, and between two exchanges there may be no cycle.
-/// \[OURS]
+/// The number of next cycles whose inputs are not used after an answer header has counted a new working counter error.
+/// Any of these cycles may have had the error: the header may be two exchanges old, and between two exchanges there may
+/// be no cycle. \[OURS]
 const DOUBT_CYCLES: u32 = 4;
 
 /// The present step in reading the states of all slaves.
@@ -41,7 +42,7 @@ enum Step {
     One(u8),
 }
 
-/// The state of the repeated reading of all slaves' states, and of the working counter errors that make the next
+/// The progress of the repeated reading of all slaves' AL states, and the working counter errors that make the next
 /// reading begin early.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Watch {
@@ -160,10 +161,10 @@ impl<W: Wires> ChipBus<W> {
         self.watch.reading_since = Some(self.wires.now());
     }
 
-    /// Called when all states have been read. A slave that is not lost was in its state all the time, and has received
-    /// the outputs that were sent before the reading began. This does not hold for cycles with a wrong working counter:
-    /// a slave that is still there has missed them, and the chip does not report which one. The outputs of these cycles
-    /// count as lost.
+    /// Called when all AL states have been read. A slave that is not lost was in its state all the time, and has
+    /// received the outputs that were sent before the reading began. Cycles with a wrong working counter are the
+    /// exception: some slave that is still there has missed them, and the chip does not report which one. If no slave
+    /// is lost, the outputs of these cycles count as lost.
     pub(super) fn end_reading(&mut self) {
         let missed = std::mem::take(&mut self.watch.wrong_before);
         if self.network.lost.is_empty() && self.job.is_none() {
@@ -173,8 +174,8 @@ impl<W: Wires> ChipBus<W> {
         self.watch.suspect_from = self.watch.unsent_before.filter(|_| self.watch.has_new_errors);
     }
 
-    /// Whether the inputs of the cycle that was just read are in doubt. To be called once for each cycle that was read,
-    /// since each call counts [`Watch::doubt_cycles`] down.
+    /// Whether the inputs of the cycle that was just read are in doubt. Must be called once for each cycle that was
+    /// read, because each call decrements [`Watch::doubt_cycles`].
     pub(super) fn takes_in_doubt(&mut self) -> bool {
         let is_doubtful = self.watch.doubt_cycles > 0 && self.network.lost.is_empty();
         self.watch.doubt_cycles = self.watch.doubt_cycles.saturating_sub(1);
@@ -205,8 +206,8 @@ impl<W: Wires> ChipBus<W> {
         self.network.at_least(AlState::SafeOp).difference(self.network.lost).iter().filter(has_inputs).collect()
     }
 
-    /// Marks all slaves with inputs as lost, after the working counter was wrong for too long: it is not known which of
-    /// them still send inputs.
+    /// Marks all slaves with inputs as lost, after the working counter was wrong for too long: it is not known which
+    /// slaves still send inputs.
     fn lose_stale(&mut self) {
         let from = self.watch.suspect_from.or(self.watch.unsent);
         let stale = self.with_inputs();
@@ -269,7 +270,8 @@ impl<W: Wires> ChipBus<W> {
         self.watch.asked = ask.submit(&mut self.host, now).ok();
     }
 
-    /// Whether all slaves are in OP, as their lowest state shows, and jobs have brought all of them to OP.
+    /// Whether all slaves are in OP, as the lowest AL state of all slaves shows, and jobs have brought all of them to
+    /// OP.
     fn are_all_in_op(&self, lowest: Option<AlState>) -> bool {
         let network = &self.network;
         lowest == Some(AlState::Op) && network.lost.is_empty() && network.in_op() == SlaveSet::first(network.found)
@@ -307,8 +309,8 @@ impl<W: Wires> ChipBus<W> {
         }
         self.end_ahead();
         let in_op = self.network.in_op();
-        // The chip no longer shows which slaves have missed earlier outputs. So for every slave in OP all outputs count
-        // as missed that are not known to be sent, and those from `suspect_from` on if there are any.
+        // The chip no longer shows which slaves have missed earlier outputs. So for every slave in OP, all outputs that
+        // are not known to be sent count as missed, and also all outputs from `suspect_from` on if it is set.
         let next = self.ledger.next_id();
         let missed_from = self.watch.suspect_from.map_or(next, |from| from.min(next));
         let all = SlaveSet::first(self.network.found);

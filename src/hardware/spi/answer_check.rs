@@ -6,8 +6,7 @@ use crate::sk::{
     CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, MasterState, SlotForm, SlotSize, StateByte,
 };
 
-/// By how many bits the answers may be shifted, too early or too late: [`AnswerCheck::explain`] tries each of these
-/// numbers. \[OURS]
+/// The bit shifts, too early or too late, that [`AnswerCheck::explain`] tries to undo. \[OURS]
 const SHIFT_BITS: std::ops::RangeInclusive<usize> = 1..=32;
 
 /// The wiring fault that invalid answers of the board indicate.
@@ -47,7 +46,7 @@ pub enum WiringFault {
     Bits {
         /// The number of bits by which the answers are shifted.
         bits: usize,
-        /// Whether the answers come later than the clock of SPI demands; otherwise they come earlier.
+        /// `true`: the answers are late relative to SCLK; `false`: they are early.
         late: bool,
     },
     /// The answers are shifted by whole bytes.
@@ -59,7 +58,7 @@ pub enum WiringFault {
     Bytes {
         /// The number of bytes by which the answers are shifted.
         bytes: usize,
-        /// Whether the answers come later than the clock of SPI demands; otherwise they come earlier.
+        /// `true`: the answers are late relative to SCLK; `false`: they are early.
         late: bool,
     },
     /// The answers are invalid, but fit none of the other faults.
@@ -70,8 +69,8 @@ pub enum WiringFault {
     Garbled,
 }
 
-/// How many invalid answers are kept, to find the wiring fault: one is reported only if it explains all of them, since
-/// a single answer may fit a fault by chance. \[OURS]
+/// How many invalid answers are kept to find the wiring fault. A fault is reported only if it explains all of them,
+/// since a single answer may fit a fault by chance. \[OURS]
 const INVALID_KEPT: usize = 4;
 
 /// How many answers with different valid CRCs show that the board sends CRCs. One is not enough, because the CRC of an
@@ -88,12 +87,12 @@ pub struct AnswerCheck {
     valid_crcs: u8,
     /// The CRC of the latest answer that `valid_crcs` counts.
     crc: u8,
-    /// Whether a valid answer has shown an id in slot 0 that only answers in step with the board show ([`shows_id`]). \[OURS]
-    /// Before that, the byte in the place of the state may be another byte of an answer that came too late or too early, so
-    /// it has to be a usual state. After that, any state is one.
+    /// Whether a valid answer had a command id in slot 0 that a shifted answer rarely has ([`shows_id`]). \[OURS] Until
+    /// then the answers may be shifted, and the state byte may be another byte of the answer, so only the usual states
+    /// are accepted. After that, any state is accepted.
     has_shown_id: bool,
-    /// The latest invalid answers since a valid one, at most [`INVALID_KEPT`]. An answer that repeats the one before it
-    /// is not kept, because it shows nothing new about the fault.
+    /// The invalid answers since the latest valid one, at most the newest [`INVALID_KEPT`]. An answer that repeats the
+    /// one before it is not kept, because it shows nothing new about the fault.
     invalid: VecDeque<Frame>,
 }
 
@@ -177,8 +176,8 @@ impl AnswerCheck {
         if all(&|bytes| is_answer(&Frame::from_prefix(bytes), other, policy)) {
             return Some(WiringFault::SlotSize { set: self.size.bytes(), fits: other.bytes() });
         }
-        // Without a CRC a shift by whole bytes cannot be told from other faults, so only shifts by up to 7 bits are
-        // tried.
+        // Without a CRC, a shift by whole bytes cannot be distinguished from other faults, so only shifts by up to 7
+        // bits are tried.
         let most = if policy == CrcPolicy::Strict { *SHIFT_BITS.end() } else { 7 };
         let mut shifts = SHIFT_BITS.take_while(|bits| *bits <= most).flat_map(|bits| [(bits, true), (bits, false)]);
         let (bits, late) = shifts.find(|shift| all(&|bytes| self.is_shifted(bytes, *shift, policy)))?;
@@ -193,8 +192,8 @@ impl AnswerCheck {
         if late {
             return is_answer(&moved, self.size, policy);
         }
-        // The first bits are lost. They belong to the command id of slot 0, so each id that a first answer may have is
-        // tried.
+        // An early answer has lost its first bits. They belong to the command id of slot 0, so each id that a first
+        // answer may have is tried.
         FIRST_ANSWER_IDS.into_iter().any(|id| {
             moved.bytes_mut()[0] = if bits < 8 { moved.bytes()[0] & (0xFF >> bits) | id & !(0xFF >> bits) } else { id };
             is_answer(&moved, self.size, policy)
@@ -210,8 +209,8 @@ pub struct InvalidAnswer;
 /// in OP sends the cyclic response.
 const FIRST_ANSWER_IDS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::LocalRead.code(), MASTER_CYCLIC];
 
-/// Whether a frame has the form of an answer and a fitting CRC, or none if `policy` allows that. A CRC alone fits by
-/// chance once in 256 times.
+/// Whether a frame has the form of an answer and a valid CRC. If `policy` allows it, the CRC may be absent. The form is
+/// checked too, because a CRC is valid by chance once in 256 times.
 fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
     let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
     fits && frame.check_crc(size, policy).is_ok()
@@ -220,14 +219,15 @@ fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
         && !same(frame.wire(size), 0)
 }
 
-/// Whether slot 0 has the id of LIO_RD or of the cyclic response, which is rarely there if the answer is shifted.
+/// Whether slot 0 has the command id of LIO_RD or of the cyclic response. A shifted answer rarely has one of these ids
+/// there.
 fn shows_id(frame: &Frame, size: SlotSize) -> bool {
     let id = frame.slot(size, 0).id;
     id == CommandId::LocalRead.code() || id == MASTER_CYCLIC
 }
 
-/// Whether slot 0 has a state as most boards show it, and the fields of that state (SK-2). \[OURS] A report may have others.
-/// But bytes that have them only if they are read in another way show by that how they have to be read.
+/// Whether slot 0 has one of the usual states and the fields that belong to it (SK-2). \[OURS] A valid report may have
+/// another state. But bytes that are shifted or have the other slot size rarely pass this check.
 fn has_usual_state(frame: &Frame, size: SlotSize) -> bool {
     let slot = frame.slot(size, 0);
     let state = MasterResponse::decode(&slot).state;

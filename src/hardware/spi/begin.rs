@@ -15,9 +15,9 @@ const VALID_ANSWERS_MIN: u32 = 2;
 /// How many invalid answers, without a valid one in between, show that a wire is faulty. Zeros from a board without a
 /// BUSY line do not show this before the time limit, because the board may still be starting up. \[OURS]
 const INVALID_ANSWERS_MAX: u32 = 8;
-/// Answers may seem valid but be shifted by some bits: they have the form of a report and no CRC, and do not answer
-/// LIO_RD. If as many answers as this were valid and each of them may be shifted, opening the link fails once its time
-/// limit has passed. \[OURS]
+/// The maximum number of valid answers if none of them proves that no bit is shifted. A shifted answer may look valid:
+/// it has the form of a report and no CRC, and does not answer LIO_RD. After this many, opening the link fails once its
+/// time limit has passed. \[OURS]
 const UNCONFIRMED_ANSWERS_MAX: u32 = 12;
 /// The pause between two of the first exchanges. It is longer than a cycle below OP, so that each answer is a new one,
 /// and longer than the shortest period of a board without BUSY
@@ -41,8 +41,8 @@ pub(super) fn begin(
     wires.reset(RESET_LOW).map_err(link_error)?;
     let mut answer = Frame::new();
     let (mut exchanges, mut valid, mut invalid, mut rises) = (0, 0, 0, false);
-    // Answers that are shifted by some bits may look valid. So if an invalid answer has shown a wiring fault, and valid
-    // answers follow, but none that proves the wiring, that fault is the reason of the error.
+    // The latest wiring fault that an invalid answer has shown. It becomes the reason of the error if valid answers
+    // follow and none of them proves the wiring: such answers may be shifted by some bits.
     let mut known_fault = WiringFault::Garbled;
     loop {
         let left = options.open_limit.saturating_sub(began.elapsed());
@@ -93,8 +93,8 @@ pub(super) fn begin(
     }
 }
 
-/// A frame with GET_STATUS in every slot, or with LIO_RD instead in slot 0; two frames of each kind alternate. So the
-/// answers differ: without a CRC, only an answer with the command id of LIO_RD shows that no bit is shifted.
+/// A frame with GET_STATUS in every slot. In every second pair of frames, slot 0 contains LIO_RD instead: below OP and
+/// without a CRC, only an answer with the command id of LIO_RD shows that no bit is shifted.
 fn question(options: &SpiOptions, number: u32) -> Frame {
     let mut frame = Frame::new();
     if number >= VALID_ANSWERS_MIN && number / 2 % 2 == 1 {

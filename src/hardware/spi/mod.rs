@@ -5,10 +5,10 @@
 //! whether it writes or not. For this the link has a thread that makes one exchange per cycle, timed by a [`Pacer`]. An
 //! exchange carries the oldest frame that the program has written, or else a frame of GET_STATUS commands.
 //!
-//! The price: if the program has no frame ready for a cycle, the link sends a frame of GET_STATUS commands. It becomes
-//! an entry without targets, between two entries with targets, in the board's FIFO, and the axes stand still for one
-//! cycle. A program that writes ahead avoids this. For a program that is occasionally late there is the key `prefill=`:
-//! the board's FIFO is filled with that many entries first, and while they last the link sends no GET_STATUS frame.
+//! The drawback: if the program has no frame ready for a cycle, the link sends a frame of GET_STATUS commands. In the
+//! board's FIFO this frame is an entry without targets, so the axes stand still for one cycle. A program that writes
+//! ahead avoids this. For a program that is occasionally late there is the key `prefill=`: the link first fills the
+//! board's FIFO with that many entries, and sends no GET_STATUS frame while they last.
 //!
 //! The number of free FIFO entries in a report is the number of frames that the program may still write: 160 less the
 //! program's entries in the board's FIFO and less the program's frames that the link has not sent yet. Entries that the
@@ -130,7 +130,7 @@ impl SpiLink {
             cycle_us: AtomicU64::new(options.cycle.us().into()),
             invalid_answers: AtomicU64::new(0),
         });
-        // The last exchange of `begin` ends here. The shortest time between two exchanges counts from this exchange,
+        // The last exchange of `begin` ends here. The minimum time between two exchanges applies to the next exchange,
         // too.
         pacer.ended(shared.now());
         let runner =
@@ -195,7 +195,8 @@ impl Link for SpiLink {
     fn close(&self) {
         self.shared.queues.close(Instant::now() + CLOSE_LIMIT);
         if let Some(thread) = self.thread.lock().take() {
-            // If the link's thread has panicked, its message was printed at that time, and its result is not needed.
+            // If the link's thread has panicked, the panic message has already been printed, and the result is not
+            // needed.
             let _ = thread.join();
             let unsent = self.shared.queues.counts().unsent;
             if unsent > 0 {

@@ -13,8 +13,8 @@ use crate::sk::{CycleTime, SlotSize};
 pub(super) const PERIOD_WITHOUT_BUSY: Duration = Duration::from_micros(800);
 /// SK-10: the shortest cycle time if BUSY is not connected.
 const LEAST_CYCLE_WITHOUT_BUSY_US: u32 = 1000;
-/// SK-10: how many clocks of SCLK a cycle has to last at least. A cycle of 250 us needs 24 MHz, one of 1 ms 6 MHz,
-/// which both are 6000 clocks; other cycles in proportion \[OURS].
+/// SK-10: the minimum number of SCLK clocks per cycle. A cycle of 250 us needs 24 MHz and a cycle of 1 ms needs 6 MHz:
+/// both are 6000 clocks. Other cycle times need the same number \[OURS].
 const LEAST_CLOCKS_PER_CYCLE: u64 = 6000;
 /// How long a board may take to answer when its link is opened, since it may still be starting up. \[OURS]
 const OPEN_LIMIT: Duration = Duration::from_secs(3);
@@ -57,7 +57,7 @@ impl SpiOptions {
     ///
     /// # Errors
     /// [`UriError::OtherScheme`] if it is not an `spi:` link; [`UriError::BadPath`] without a device;
-    /// [`UriError::BadValue`] for a cycle time that does not exist or is too short for these wires.
+    /// [`UriError::BadValue`] for a cycle time that is not 250 us * 2^n or is too short for these wires.
     pub fn from_uri(uri: &LinkUri) -> Result<(Self, SpiSettings), UriError> {
         uri.expect_scheme(Scheme::Spi)?;
         let hertz = |value: &str| keys::hertz(value)?.try_into().ok();

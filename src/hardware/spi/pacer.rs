@@ -1,5 +1,5 @@
-//! Decides when the next exchange is due and what it carries. The pacer is plain state: it neither reads a clock nor
-//! waits, and time is an argument.
+//! Decides when the next exchange is due and what it carries. The pacer only keeps state: it neither reads a clock nor
+//! waits, and its caller passes the present time.
 //!
 //! On SPI every exchange carries a command frame. In OP each command frame takes an entry of the board's FIFO, from
 //! which the board removes one entry per cycle. So the link makes one exchange per cycle, timed by this machine's
@@ -20,11 +20,11 @@ const LEVEL_MIN: u16 = 1;
 /// Exchanges are skipped if the level is at least this far above the target. A difference of one is no drift of the
 /// clocks: it depends on whether an exchange is just before or just after the board takes an entry. \[OURS]
 const LEVEL_SLACK: u16 = 2;
-/// The maximum number of exchanges that are skipped in a row. The next one is made in any case, because only exchanges
-/// bring reports. \[OURS]
+/// The maximum number of exchanges that are skipped in a row. The exchange after them is made in any case, because only
+/// exchanges bring reports. \[OURS]
 const SKIPPED_IN_A_ROW_MAX: u16 = 8;
-/// After a skipped or an extra exchange, the FIFO levels in this many reports are ignored: they are from before it.
-/// \[OURS]
+/// After a skipped or an extra exchange, this many reports are ignored: their FIFO levels are from before that
+/// exchange. \[OURS]
 const IGNORED_REPORTS: u8 = 2;
 /// While the FIFO level is this high, no frame of the program is sent: frames wait in the link. Two entries stay free
 /// as a margin. \[OURS]
@@ -34,10 +34,10 @@ const LEVEL_MAX: u16 = FIFO_ENTRIES - 2;
 const RESERVE_MAX: u16 = 32;
 /// After this many regular exchanges without a late one the reserve shrinks by one entry. \[OURS]
 const RESERVE_DECAY_EXCHANGES: u32 = 2000;
-/// How many of the newest frames the FIFO level in an answer may not include yet, because the answer is older than they
-/// are. \[OURS]
+/// The maximum number of sent frames that the FIFO level in an answer does not include yet, because they are newer than
+/// the answer. \[OURS]
 const UNREPORTED_ENTRIES_MAX: u16 = 2;
-/// The maximum age, in cycles, of the FIFO level and the other state that an answer shows. \[OURS]
+/// The maximum age, in cycles, of the FIFO level and the other data in an answer. \[OURS]
 const ANSWER_AGE_MAX_CYCLES: Ns = 2;
 /// The maximum target for the FIFO level, even if a program sets a higher threshold. It is below the size of the FIFO,
 /// so that the level can be above the target without a loss of frames. \[OURS]
@@ -76,7 +76,7 @@ pub enum PacerPlan {
 pub struct WaitingFrames {
     /// The number of waiting frames.
     pub frames: usize,
-    /// Whether the oldest of them contains a motion command (CSP, CSV or CST).
+    /// Whether the oldest waiting frame contains a motion command (CSP, CSV or CST).
     pub motion: bool,
     /// Whether the link is being closed: no more frames will follow, and the waiting ones are sent as fast as possible.
     pub last: bool,
@@ -123,8 +123,8 @@ pub struct PacerCounts {
     /// Number of cycles in which the exchange was skipped because the program had no frame and entries of the prefill
     /// were still in the FIFO.
     pub skipped_with_prefill: u64,
-    /// Number of the program's commands for slaves whose answer was in no report: they were rejected, or were executed
-    /// between two answers.
+    /// Number of the program's commands to slaves that no report has answered: the board rejected them, or executed
+    /// them between two answers.
     pub unanswered: u64,
 }
 
@@ -136,8 +136,8 @@ pub struct Pacer {
     state: Option<MasterState>,
     /// When the next regular exchange, one per cycle, is due.
     tick: Ns,
-    /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs the shortest
-    /// period ([`PacerOptions::period_ns`]) between two.
+    /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs a minimum
+    /// time ([`PacerOptions::period_ns`]) between the starts of two exchanges.
     not_before: Ns,
     /// The target for the FIFO level. As in the reports, the level is the number of entries after the board has taken
     /// one out in a cycle.
@@ -149,8 +149,8 @@ pub struct Pacer {
     /// Whether there has been an extra exchange since the last regular one.
     had_extra: bool,
     /// The largest number of cycles by which this machine was late. It shrinks by one after each
-    /// [`RESERVE_DECAY_EXCHANGES`] exchanges in time. While frames of the program wait, at least [`LEVEL_MIN`] more
-    /// entries than this are kept in the FIFO.
+    /// [`RESERVE_DECAY_EXCHANGES`] exchanges in time. While frames of the program wait, the link keeps at least
+    /// `reserve` plus [`LEVEL_MIN`] entries in the FIFO.
     reserve: u16,
     /// Number of regular exchanges since this machine was last late, or since the reserve last shrank.
     on_time: u32,
@@ -250,8 +250,8 @@ impl Pacer {
         }
     }
 
-    /// The target for the FIFO level. The reserve counts only while frames of the program are waiting, because it
-    /// consists of these.
+    /// The target for the FIFO level. The reserve counts only while frames of the program are waiting, because only
+    /// these frames can fill it.
     fn level_for(&self, held: usize) -> u16 {
         if held > 0 && self.reserve > 0 { self.target_level.max(self.reserve + LEVEL_MIN) } else { self.target_level }
     }
@@ -293,7 +293,7 @@ impl Pacer {
         }
     }
 
-    /// Records that an exchange begins whose command frame is `frame`.
+    /// Records the beginning of an exchange with the command frame `frame`.
     pub fn begins(&mut self, frame: &Frame, content: ExchangeContent, extra: bool, now: Ns) {
         self.counts.exchanges += 1;
         self.counts.host += u64::from(content == ExchangeContent::Host);
@@ -334,8 +334,8 @@ impl Pacer {
         }
     }
 
-    /// Records that the exchange has ended. Its transfer began at least one transfer time ago. The board's shortest
-    /// period until the next exchange counts from that time.
+    /// Records that the exchange has ended. Its transfer began at least one transfer time ago. The minimum time until
+    /// the next exchange counts from the beginning of the transfer.
     pub fn ended(&mut self, now: Ns) {
         let began = now.saturating_sub(self.options.wires_ns);
         if self.options.period_ns > 0 {
@@ -470,7 +470,6 @@ impl Pacer {
 
 /// Whether a frame contains a motion command.
 pub fn has_motion(frame: &Frame, size: SlotSize) -> bool {
-    let motion = [CommandId::Csp, CommandId::Csv, CommandId::Cst].map(CommandId::code);
     let slots = frame.slots(size);
-    (1..=size.max_slaves()).any(|slave| motion.contains(&slots.head(slave).id))
+    (1..=size.max_slaves()).any(|slave| CommandId::from_code(slots.head(slave).id).is_motion())
 }

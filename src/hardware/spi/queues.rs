@@ -116,8 +116,8 @@ impl FrameQueues {
         let mut state = self.state.lock();
         let cancels = state.cancels;
         loop {
-            // After the loss of the board, reports from before can still be read, because they may show its cause.
-            // After closing, nothing can be read.
+            // After the loss of the board, the reports from before can still be read, because they may show the cause
+            // of the loss. After closing, nothing can be read.
             if state.closing.is_some() {
                 state.check_open()?;
             }
@@ -155,7 +155,7 @@ impl FrameQueues {
         self.wake_all();
     }
 
-    /// For the link's thread: records its end, so that the frames still queued count as not sent.
+    /// For the link's thread: records that the thread ends, so that the frames still queued count as not sent.
     pub fn end(&self) {
         let mut state = self.state.lock();
         state.unsent += state.held.len() as u64;

@@ -25,13 +25,13 @@ const WAS_RESET: &str = "it was reset (SW_RESET)";
 /// BUSY is high while a board processes a frame, which takes less than a cycle. If BUSY stays high for longer than this
 /// after a SW_RESET, the board is starting up. \[OURS]
 const BUSY_AFTER_RESET_MAX: Duration = Duration::from_millis(20);
-/// After this many valid answers since a SW_RESET, the board has refused the command: a board that executes it starts
-/// up and gives no valid answers. One answer is not enough, since the first answers may be from before the command.
+/// If this many valid answers follow a SW_RESET, the board has refused the command: a board that executes it starts up
+/// and gives no valid answers. One answer is not enough, since the first answers may be from before the command.
 /// \[OURS]
 const ANSWERS_AFTER_RESET: u32 = 4;
-/// How many exchanges pass between two checks that BUSY has fallen. It falls once in each exchange; if it has not
-/// fallen in any of them, the line is not that of BUSY. The kernel stores at most 16 edges of a line until they are
-/// read. \[OURS]
+/// How many exchanges pass between two checks that BUSY has fallen. BUSY falls once in each exchange; if the line has
+/// not fallen in any of these exchanges, `busy=` names another line. The kernel stores at most 16 edges of a line until
+/// they are read. \[OURS]
 const EXCHANGES_PER_EDGE_CHECK: u32 = 16;
 
 /// What the link's thread and the link share.
@@ -72,8 +72,8 @@ pub(super) struct Runner {
     pub options: SpiOptions,
     pub pacer: Pacer,
     pub answer_check: AnswerCheck,
-    /// How many more valid answers have to come until a SW_RESET counts as refused by the board; 0: no SW_RESET was
-    /// sent whose effect is unknown.
+    /// How many more valid answers have to come until a SW_RESET counts as refused by the board; 0: no SW_RESET with an
+    /// unknown effect is pending.
     pub reset_doubt: u32,
 }
 
@@ -142,8 +142,8 @@ impl Runner {
         let resets = content == ExchangeContent::Host
             && matches!(MasterCommand::decode(&command.slot(size, 0), size), Ok(MasterCommand::SoftReset));
         if resets {
-            // A SW_RESET with a right CRC is executed. If its CRC is wrong, a board that checks CRCs refuses it: the
-            // next answers show whether the board does.
+            // A SW_RESET with a right CRC is executed. If the CRC is wrong, a board that checks CRCs refuses the
+            // command: the next answers show whether this board has refused it.
             if command.check_crc(size, CrcPolicy::Strict).is_ok() {
                 return Err(EndReason::Lost(WAS_RESET.to_owned()));
             }
@@ -244,6 +244,10 @@ mod tests {
         fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError> {
             assert_eq!(tx.len(), SIZE.frame_len());
             self.left -= 1;
+            // On a busy machine the host would get no chance before all exchanges are over.
+            while self.left.is_multiple_of(4) && self.shared.queues.held() == 0 {
+                std::thread::yield_now();
+            }
             match self.left {
                 0 => self.shared.queues.close(Instant::now()),
                 left if left.is_multiple_of(16) => rx.fill(0xFF),

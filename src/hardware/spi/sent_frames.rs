@@ -1,6 +1,6 @@
-//! The frames that were sent last, kept to show a program the same answers as on USB. The link adds entries of its own
-//! to the board's FIFO, of which the program must not see anything: neither in the number of free entries nor in the
-//! answers of the slots.
+//! The newest sent frames, kept to show a program the same answers as on USB. The link adds entries of its own to the
+//! board's FIFO. The program must not notice them, neither in the number of free entries nor in the answers of the
+//! slots.
 
 use crate::ethercat::Ns;
 use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKind, SlotSize};
@@ -9,7 +9,8 @@ use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKi
 /// exchange, and two frames that may be newer than the answer. \[OURS]
 const UNREPORTED_ENTRIES: u16 = 3;
 const MAX_SLOTS: usize = SlotSize::Bytes12.slots();
-/// The number of frames that are kept: as many as the FIFO can hold, and those that its reported level may not include.
+/// The number of frames that are kept: as many as the FIFO can hold, plus those that the reported level may not
+/// include.
 const ENTRIES_KEPT: usize = FIFO_ENTRIES as usize + UNREPORTED_ENTRIES as usize;
 
 const GET_STATUS: u8 = CommandId::GetStatus.code();
@@ -41,7 +42,7 @@ struct Answered {
     entry: u64,
 }
 
-/// The frames that were sent last, and the answers of the slots to them. Frames are numbered from 0.
+/// The newest sent frames, and the answers of the slots to their commands. Frames are numbered from 0.
 pub(super) struct SentFrames {
     size: SlotSize,
     /// The records of the newest frames: a ring buffer indexed by [`ring_index`].
@@ -54,9 +55,9 @@ pub(super) struct SentFrames {
     done_before: u64,
     /// The answer of each slot to the latest command of the program.
     answers: [Option<Answered>; MAX_SLOTS],
-    /// The slots of slaves that have answered IO_RD or IO_WR, as [`Self::io_answer`] needs to know: bit N is slot N.
+    /// The slots of slaves that have answered IO_RD or IO_WR, for [`Self::io_answer`]: bit N is slot N.
     io_slaves: u64,
-    /// Whether the board's answers repeat the index of a command, as those of firmware 1.7 do.
+    /// Whether the board's answers repeat the index of a command, as firmware 1.7 does.
     repeats_index: bool,
     /// The board's two counters of frames that it did not execute, as in the newest answer in OP: its error count and
     /// its full count. `None`: the board is not in OP.
@@ -64,7 +65,7 @@ pub(super) struct SentFrames {
     /// Frames with a smaller number may be among those that the board did not execute, so no answer is derived from
     /// them.
     doubtful_before: u64,
-    /// Number of commands of the program for slaves whose answer was in no report.
+    /// Number of the program's commands to slaves that no report has answered.
     unanswered: u64,
 }
 
@@ -120,9 +121,9 @@ impl SentFrames {
         self.pushed += 1;
     }
 
-    /// The time up to which sent frames are certainly included in the newest answer. The answer shows a state of the
-    /// board that may be older than the beginning of the newest exchange by `old`, and that may lack the frame of the
-    /// exchange before. The earlier of the two times counts.
+    /// The latest time for which the newest answer certainly includes every frame sent until then. The answer may show
+    /// a state of the board that is `old` ns older than the beginning of the newest exchange. It may also lack the
+    /// frame of the exchange before that one. The earlier of these two limits counts.
     fn reported_until(&self, old: Ns) -> Ns {
         let began = |back: u64| self.pushed.checked_sub(back).map_or(0, |number| self.times[ring_index(number)]);
         began(1).saturating_sub(old).min(began(2).saturating_sub(1))
@@ -136,8 +137,8 @@ impl SentFrames {
         newest.filter(|number| matches!(self.entries[ring_index(*number)], Entry::Host(_))).count() as u16
     }
 
-    /// The number of the oldest frame that may not have been executed yet: all frames before it have been. The answer
-    /// reports the FIFO level `level`; frames that were sent after `since` may be missing from this level.
+    /// The number of the oldest frame that may not have been executed yet: all earlier frames have been executed. The
+    /// answer reports the FIFO level `level`; frames that were sent after `since` may be missing from this level.
     fn executed_before(&self, level: u16, since: Ns) -> u64 {
         let unknown =
             (self.oldest()..self.pushed).rev().take_while(|number| self.times[ring_index(*number)] > since).count();
@@ -171,8 +172,8 @@ impl SentFrames {
                 self.answers[slot] = Some(Answered { slot: answered, entry });
                 self.note_io_slave(slot, &answered, entry);
             } else if answered.index != 0 && self.host_asked_status(slot, answered.index) {
-                // The GET_STATUS command has an index, which those of the link do not have. So it is the program's, and
-                // its answer is shown unchanged.
+                // The GET_STATUS command has an index, which the link's own GET_STATUS commands do not have. So the
+                // command is the program's, and its answer is shown unchanged.
                 self.answers[slot] = None;
             }
         }
@@ -194,8 +195,9 @@ impl SentFrames {
         put
     }
 
-    /// The number of the newest frame with the command `id` in this slot that the board may have executed by this
-    /// answer. If there is none: one less than the number of the first frame that may not have been executed yet.
+    /// Returns the number of the newest frame with the command `id` in this slot that the board may have executed
+    /// before it made this answer. If there is none, returns the number of the last frame before `done_before`: all
+    /// frames up to it have been executed or discarded.
     fn newest_with(&self, slot: usize, id: u8, level: u16) -> u64 {
         let end = self.pushed.saturating_sub(u64::from(level) + 1);
         let has = |number: &u64| matches!(self.entries[ring_index(*number)], Entry::Host(commands) if commands[slot].id == id);
@@ -258,8 +260,8 @@ impl SentFrames {
         self.io_slaves = 0;
     }
 
-    /// Number of the program's commands for slaves whose answer was in no report: they were rejected, or were executed
-    /// between two answers.
+    /// Number of the program's commands to slaves that no report has answered: the board rejected them, or executed
+    /// them between two answers.
     pub const fn unanswered(&self) -> u64 {
         self.unanswered
     }
@@ -270,12 +272,12 @@ const fn ring_index(number: u64) -> usize {
     (number % ENTRIES_KEPT as u64) as usize
 }
 
-/// The slot of an answer to GET_STATUS with the command id, the index and the outputs of the answer to an earlier
-/// command.
+/// The slot to show in a report: `now`, an answer to GET_STATUS, with the command id, index and outputs from `answers`,
+/// the answer to an earlier command.
 fn shown_slot(now: &RawSlot, answers: &RawSlot, slot: usize) -> RawSlot {
     let mut shown = RawSlot { id: answers.id, ..*now };
-    // Byte 1, the index, is left as it is in two cases. In slot 0 it counts errors. With firmware 1.5 it holds a
-    // drive's mode of operation, whatever the command was.
+    // Byte 1, the index, is not replaced in two cases. In slot 0 it counts errors. With firmware 1.5 it holds a drive's
+    // mode of operation, whatever the command was.
     if slot > 0 && now.index == 0 {
         shown.index = answers.index;
     }

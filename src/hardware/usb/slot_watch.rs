@@ -21,10 +21,10 @@ pub(crate) struct SlotWatch {
 enum State {
     /// The reports have proven neither size yet.
     Open {
-        /// How many reports in a row fit only the given size. A report that fits both sizes or neither is left out.
+        /// How many reports in a row fit only the given size. A report that fits both sizes or neither is ignored.
         given: u32,
         /// How many reports in a row fit only the other size: `other[0]` by their CRC, `other[1]` by the form of their
-        /// slots. A report that fits both sizes or neither is left out.
+        /// slots. A report that fits both sizes or neither is ignored.
         other: [u32; 2],
     },
     /// The reports have proven the given size.

@@ -62,8 +62,8 @@ fn ask<const N: usize>(socket: &impl AsRawFd, interface: &str, command: u32) -> 
     numbers[0] = command;
     let mut request = request_about(interface)?;
     request.ifr_ifru.ifru_data = numbers.as_mut_ptr().cast();
-    // SAFETY: the request names `numbers`, which lives until the call returns and is as long as what the kernel writes for
-    // this command.
+    // SAFETY: the request points to `numbers`, which lives until the call returns and has room for everything that the
+    // kernel writes for this command.
     let answer = unsafe { libc::ioctl(socket.as_raw_fd(), SIOCETHTOOL as _, &raw mut request) };
     (answer == 0).then_some(numbers)
 }

@@ -141,10 +141,10 @@ pub enum DefaultRoute {
     },
 }
 
-/// The interface with that name, if it may be used.
+/// Returns the interface `name`, if it may be used for EtherCAT frames.
 ///
 /// # Errors
-/// [`InterfaceError`], which says why not and what to do.
+/// [`InterfaceError`]: the reason why the interface cannot be used, and the next step.
 pub fn check(name: &str, default_route: DefaultRoute) -> Result<Interface, InterfaceError> {
     let failed = |source| InterfaceError::System { name: name.to_owned(), source };
     named(name, interfaces().map_err(failed)?, default_route)

@@ -1,4 +1,5 @@
-//! A gadget in configfs, as a list of steps: folders, small texts and links, in the order in which the kernel takes them.
+//! A gadget in configfs, as a list of steps that make folders, write small texts and make links, in the order that the
+//! kernel requires.
 
 use std::fs;
 use std::io;
@@ -42,7 +43,7 @@ pub enum Step {
     Make(PathBuf),
     /// Writes a text into a file that the kernel has made.
     Write(PathBuf, String),
-    /// As [`Step::Write`], but without the file nothing is done: older kernels do not have it.
+    /// Like [`Step::Write`], but does nothing if the file does not exist, as with older kernels.
     WriteIfThere(PathBuf, String),
     /// Makes a symbolic link. The first path is its target, the second one is the link.
     Link(PathBuf, PathBuf),
@@ -94,8 +95,8 @@ fn write(path: &Path, text: &str) -> io::Result<()> {
     if written == text.len() { Ok(()) } else { Err(io::ErrorKind::WriteZero.into()) }
 }
 
-/// The steps that make the gadget in the folder `gadget`, with a function of FunctionFS of the name `function`. It is not
-/// bound to a controller yet.
+/// The steps that make the gadget in the folder `gadget`, with a FunctionFS function of the name `function`. They do
+/// not bind the gadget to a controller.
 pub fn steps(gadget: &Path, function: &str, ids: &DeviceIds) -> Vec<Step> {
     let number = |file: &str, value: u16| Step::Write(gadget.join(file), format!("{value:#06x}"));
     let configuration = gadget.join("configs").join(CONFIGURATION);
@@ -129,8 +130,8 @@ pub fn steps(gadget: &Path, function: &str, ids: &DeviceIds) -> Vec<Step> {
     steps
 }
 
-/// The steps that remove the gadget in the folder `gadget` with all that the folder contains. The gadget is not bound
-/// to a controller any more.
+/// The steps that remove the gadget in the folder `gadget` with all that the folder contains. The gadget must not be
+/// bound to a controller.
 pub fn removal(gadget: &Path) -> Vec<Step> {
     let below = |folder: &Path, is_link: bool| {
         let entries = fs::read_dir(folder).into_iter().flatten().flatten();
@@ -177,7 +178,7 @@ impl Gadget {
         Ok(gadget)
     }
 
-    /// Gives the gadget to a controller: from now on a host at its port sees the device.
+    /// Binds the gadget to a controller: from now on a host at the controller's port sees the device.
     ///
     /// # Errors
     /// [`StepError`]: EBUSY if another gadget has the controller.
@@ -185,7 +186,7 @@ impl Gadget {
         Step::Write(self.folder.join("UDC"), controller.to_owned()).apply()
     }
 
-    /// Takes the gadget from its controller. For a host this looks as if the device was unplugged.
+    /// Unbinds the gadget from its controller. For a host this looks as if the device was unplugged.
     pub fn unbind(&self) {
         unbind(&self.folder);
     }
@@ -195,13 +196,13 @@ impl Drop for Gadget {
     fn drop(&mut self) {
         self.unbind();
         for step in removal(&self.folder) {
-            // Anything that cannot be removed now is a leftover, which the next run removes.
+            // An error is ignored: anything that cannot be removed now is a leftover, which the next run removes.
             let _ = step.apply();
         }
     }
 }
 
-/// Takes a gadget from its controller. The kernel's error is ignored: it means that the gadget has no controller.
+/// Unbinds a gadget from its controller. The kernel's error is ignored: it means that the gadget has no controller.
 fn unbind(gadget: &Path) {
     let _ = write(&gadget.join("UDC"), "\n");
 }
@@ -261,8 +262,8 @@ mod tests {
         }
     }
 
-    /// The steps leave in a folder what they say; a file that the kernel lacks is an error with its path, an optional one
-    /// is not.
+    /// The steps make the folders, files and links that they name. If a file does not exist, the step fails with the
+    /// path of the file, unless the file is optional.
     #[test]
     fn steps_are_carried_out() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -309,7 +310,7 @@ mod tests {
             Step::Remove(gadget.clone()),
         ];
         assert_eq!(steps, expected);
-        // The kernel removes its own folders with the one around them.
+        // The kernel removes the folders that it has made together with their parent folder.
         for step in &steps {
             for own in ["configs/c.1/strings", "configs", "functions", "strings"] {
                 let _ = fs::remove_dir(gadget.join(own));

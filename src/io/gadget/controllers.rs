@@ -56,7 +56,7 @@ pub fn choose(class: &Path, wanted: Option<&str>) -> Result<String, ControllerEr
 }
 
 /// A claim on a controller, held until it is dropped or the process ends. While the process holds it, no other process
-/// of this project has a gadget for that controller: one that exists in configfs is a leftover.
+/// of this project has a gadget for that controller, so a gadget that already exists in configfs is a leftover.
 pub struct Claim {
     _listener: UnixListener,
 }
@@ -90,7 +90,8 @@ mod tests {
         folder
     }
 
-    /// The only controller needs no name; of several one is named, and an error lists them.
+    /// If there is only one controller, no name is needed. If there are several, a name is needed, and the error text
+    /// lists the controllers.
     #[test]
     fn a_controller_is_chosen() {
         let choose = |names: &[&str], wanted| choose(class(names).path(), wanted);

@@ -53,8 +53,8 @@ fn release(folder: &Path) {
 pub struct ControlEndpoint(File);
 
 impl ControlEndpoint {
-    /// The next event. `None`: there is none yet, or the kernel has reported instead that the host has given up the
-    /// request that was answered last.
+    /// The next event. `None`: there is no event yet, or the kernel has reported that the host has cancelled the
+    /// request that was answered last (EIDRM).
     ///
     /// # Errors
     /// Errors of the kernel: the function cannot be used any more.
@@ -71,27 +71,27 @@ impl ControlEndpoint {
         }
     }
 
-    /// Answers a request to the host with these bytes. If the host has given the request up, the kernel discards the
-    /// answer.
+    /// Answers a request for data to the host with these bytes. If the host has cancelled the request, the kernel
+    /// discards the answer.
     pub fn answer(&self, bytes: &[u8]) {
         let _ = (&self.0).write(bytes);
     }
 
-    /// Takes the data of a request to the device into `bytes`, which also acknowledges the request. Returns the number
-    /// of bytes; `None` if the host has given the request up.
+    /// Reads the data of a request with data to the device into `bytes`, which also acknowledges the request. Returns
+    /// the number of bytes; `None` if the host has cancelled the request.
     pub fn take(&self, bytes: &mut [u8]) -> Option<usize> {
         (&self.0).read(bytes).ok()
     }
 
-    /// Acknowledges a request to the device that has no data, by a read of no bytes. If the host has given the request
-    /// up, nothing happens.
+    /// Acknowledges a request to the device that has no data, by a read of no bytes. Has no effect if the host has
+    /// cancelled the request.
     pub fn acknowledge(&self) {
         let _ = (&self.0).read(&mut []);
     }
 
-    /// Stalls a request. For this the kernel wants a transfer in the direction opposite to that of the request.
+    /// Stalls a request. The kernel does so when a transfer in the opposite direction is started.
     pub fn stall(&self, to_host: bool) {
-        // The result is ignored, because such a transfer always fails.
+        // The result is ignored, because a transfer in the wrong direction always fails.
         let _ = if to_host { (&self.0).read(&mut []) } else { (&self.0).write(&[]) };
     }
 }

@@ -1,5 +1,5 @@
-//! Transfers of the two interrupt endpoints, one under way in each direction, by Linux' asynchronous I/O. With it the
-//! transfer of a report that the host does not fetch can be cancelled.
+//! Transfers of the two interrupt endpoints, at most one in flight in each direction. They use Linux' asynchronous I/O,
+//! because with it the transfer of a report that the host does not fetch can be cancelled.
 //!
 //! Sources: io_setup(2), io_submit(2), io_cancel(2), io_getevents(2); include/uapi/linux/aio_abi.h of Linux.
 
@@ -68,8 +68,8 @@ pub struct End {
     pub result: io::Result<usize>,
 }
 
-/// The memory that the kernel reads and writes while a transfer is under way. The control block comes first, so its
-/// address is also that of this value.
+/// The memory that the kernel reads and writes while a transfer is under way. The control block is the first field, so
+/// its address is also the address of this value.
 #[repr(C)]
 struct Memory {
     block: ControlBlock,

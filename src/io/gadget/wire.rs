@@ -21,11 +21,11 @@ pub const EVENT_LEN: usize = 12;
 /// The length of a setup packet in bytes.
 pub const SETUP_LEN: usize = 8;
 
-/// The first write to endpoint 0: the descriptors of the function at high speed, which stand in `descriptors` one after the
-/// other.
+/// The first write to endpoint 0: the descriptors of the function at high speed. `descriptors` contains these
+/// descriptors one after the other.
 pub fn descriptors(descriptors: &[u8]) -> Vec<u8> {
     let (mut count, mut rest) = (0_u32, descriptors);
-    // Each descriptor begins with its length. No descriptor has the length 0; the loop ends there, because it would not
+    // Each descriptor begins with its length. A length of 0 is invalid; the loop ends there, because it would not
     // advance.
     while let [length @ 1..=u8::MAX, ..] = rest {
         rest = rest.get(usize::from(*length)..).unwrap_or_default();
@@ -46,9 +46,9 @@ fn head(numbers: [u32; 4], rest: &[u8]) -> Vec<u8> {
 /// What has happened to the function (`enum usb_functionfs_event_type`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
-    /// The gadget was given to a controller.
+    /// The gadget was bound to a controller.
     Bound,
-    /// The gadget was taken from its controller.
+    /// The gadget was unbound from its controller.
     Unbound,
     /// A host has selected the configuration: from now on the endpoints can transfer reports.
     Enabled,

@@ -24,14 +24,14 @@ pub(super) enum Outcome {
 
 /// Receives the end of each transfer from the backend. The pipe's state implements it.
 pub(super) trait TransferListener: Send + Sync {
-    /// The transfer with the number `number` ([`Backend::submit_input`]) to the host has ended with `bytes`. `resubmit`
-    /// submits this transfer again. The listener may call it only before it returns, because the backend reuses the
-    /// transfer's memory.
+    /// Transfer `number` to the host ([`Backend::submit_input`]) has ended and has transferred `bytes`. `resubmit`
+    /// submits this transfer again. The listener may call `resubmit` only before it returns, because the backend reuses
+    /// the transfer's memory.
     fn input_ended(&self, number: usize, outcome: Outcome, bytes: &[u8], resubmit: &dyn Fn() -> Result<(), UsbError>);
     /// The transfer to the device has ended. `moved` is the number of bytes transferred.
     fn output_ended(&self, outcome: Outcome, moved: usize);
-    /// A call of [`Self::input_ended`] or [`Self::output_ended`] has panicked. So it is unknown whether that transfer
-    /// was counted as ended, and no thread may wait for its end any more.
+    /// A call of [`Self::input_ended`] or [`Self::output_ended`] has panicked. So it is unknown whether the pipe has
+    /// counted that transfer as ended, and no thread may wait for its end any more.
     #[cfg_attr(windows, allow(dead_code, reason = "there a thread of this crate calls, and no foreign code"))]
     fn panicked(&self);
 }
@@ -47,8 +47,8 @@ pub(super) trait Backend: Send + Sync {
     fn submit_input(&self, number: usize) -> Result<(), UsbError>;
 
     /// Whether a waiting call may run [`Self::handle_events`] itself, which saves a context switch. On Windows only the
-    /// pipe's own thread handles events, because programs may end threads by force, and a transfer would be lost with a
-    /// thread that ends there.
+    /// pipe's own thread handles events, because programs may end their threads by force. The result of a transfer
+    /// would be lost with a thread that ends while it handles events.
     fn lets_calls_handle_events(&self) -> bool {
         true
     }
@@ -76,8 +76,8 @@ pub(super) trait Backend: Send + Sync {
     /// Cancels the transfer to the device, which then ends soon. Has no effect if none is submitted.
     fn cancel_output(&self);
 
-    /// Calls the listener for transfers that have ended. Waits for the end of one for at most `limit`, or until
-    /// [`Self::interrupt`].
+    /// Calls the listener for transfers that have ended. If none has ended, waits for the end of a transfer for at most
+    /// `limit`, or until [`Self::interrupt`].
     fn handle_events(&self, limit: Duration) -> Result<(), UsbError>;
 
     /// Ends the wait in [`Backend::handle_events`], from another thread.

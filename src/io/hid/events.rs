@@ -4,9 +4,9 @@
 //!
 //! A call that returns does not wake the pipe's thread, since that would cost a context switch again. Instead the
 //! pipe's thread checks at an interval whether the program still calls the pipe. During a long wait of a single call
-//! the pipe's thread sleeps, and that call wakes it at its end. If the thread of that call was ended by force, the
-//! pipe's thread takes over. So it does when a signal handler that has interrupted the waiting call closes the pipe; if
-//! the handler reads or writes, its own call handles events, since the interrupted one cannot go on.
+//! the pipe's thread sleeps, and that call wakes it when it returns. The pipe's thread takes over if the thread of that
+//! call was ended by force, or if a signal handler that has interrupted the call closes the pipe. If the handler reads
+//! or writes instead, the call of the handler handles events, since the interrupted call cannot continue.
 
 use std::mem;
 use std::thread;
@@ -19,20 +19,20 @@ use super::error::UsbError;
 use super::reports::{ABANDONED, EVENTS_FAILED, Shared, State};
 use crate::threads::{CallingThread, WaitQueue};
 
-/// The maximum time for which a thread waits for events before it checks the pipe's state. \[OURS]
+/// The maximum time for which a thread waits for events before it checks the pipe's state again. \[OURS]
 const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
-/// While a program makes calls, but none waits at the moment, the pipe's thread handles events that the calls have left
-/// over. It checks for them at this interval times the number of transfers to the host. The interval is half of the
-/// shortest cycle (250 us), in which one report comes, so that transfers are resubmitted while others are still
-/// pending. \[OURS]
+/// While a program makes calls, but no call waits at the moment, the pipe's thread handles the events that these calls
+/// have left over. It checks for events at this interval times the number of transfers to the host. The interval is
+/// half of the shortest cycle (250 us), in which one report comes, so that transfers are resubmitted while others are
+/// still pending. \[OURS]
 const CHECK_INTERVAL_PER_TRANSFER: Duration = Duration::from_micros(125);
 /// The longest interval at which the pipe's thread checks for events, for any number of transfers. \[OURS]
 const CHECK_INTERVAL_MAX: Duration = Duration::from_millis(1);
 /// The interval at which a thread of the pipe that waits for a thread of the program checks whether that thread still
 /// exists. \[OURS]
 pub(super) const CALLER_CHECK_INTERVAL: Duration = Duration::from_millis(100);
-/// How long the thread that closes the pipe waits for the thread that handles events, which was woken, before it handles
-/// them itself. A signal handler that does not return may have interrupted that thread. \[OURS]
+/// While the pipe is being closed: how long the pipe's thread waits for the call that handles events, which was woken,
+/// before it handles events itself. A signal handler that does not return may have interrupted that call. \[OURS]
 const HANDLER_LIMIT: Duration = Duration::from_millis(200);
 /// How long to wait for the end of a transfer whose thread was ended by force. \[OURS]
 const ABANDONED_LIMIT: Duration = Duration::from_secs(1);
@@ -97,23 +97,19 @@ impl Shared {
         }
     }
 
-    /// The pipe's thread sleeps until the call that handles events returns, or until the thread of that call has ended.
+    /// Lets the pipe's thread sleep until the call that handles events returns, for at most [`CALLER_CHECK_INTERVAL`].
+    /// The caller then checks the state again, whether this thread was woken or not: a call that returns at the end of
+    /// the interval wakes nobody. If the thread of the call has ended, its event handling ends here.
     fn sleep(&self, state: &mut MutexGuard<'_, State>) {
         state.thread_asleep = true;
-        loop {
-            let woken = !self.thread_wakeup.wait_for(state, CALLER_CHECK_INTERVAL).timed_out();
-            if state.event_handler.is_some_and(|caller| caller.is_gone()) {
-                log::debug!("a thread of the program is gone that was waiting for the board");
-                state.event_handler = None;
-                self.readable.notify_all();
-                self.writable.notify_all();
-                break;
-            }
-            if woken {
-                break;
-            }
-        }
+        self.thread_wakeup.wait_for(state, CALLER_CHECK_INTERVAL);
         state.thread_asleep = false;
+        if state.event_handler.is_some_and(|caller| caller.is_gone()) {
+            log::debug!("a thread of the program is gone that was waiting for the board");
+            state.event_handler = None;
+            self.readable.notify_all();
+            self.writable.notify_all();
+        }
     }
 
     /// Called by a read or write: waits for a change of the state. The wait may end without a change, so the caller
@@ -175,7 +171,7 @@ impl Shared {
         }
     }
 
-    /// Wakes all threads that wait for a change of the state, also the one that handles events.
+    /// Wakes all threads that wait for a change of the state, including the thread that handles events.
     pub fn wake_all(&self, state: &State, backend: &dyn Backend) {
         self.readable.notify_all();
         self.writable.notify_all();
@@ -227,8 +223,8 @@ impl Shared {
 mod tests {
     use super::*;
 
-    /// With any number of transfers, the check interval is at most half the time in which reports of the shortest cycle
-    /// use up all of them, so that they are resubmitted in time.
+    /// With any number of transfers, the check interval is at most half the time in which reports at the shortest cycle
+    /// use up all transfers, so that transfers are resubmitted in time.
     #[test]
     fn transfers_are_looked_after_in_time() {
         let cycle = Duration::from_micros(250);

@@ -1,9 +1,9 @@
-//! Pauses the input of a pipe while a program does not read: its reports then stay in the system's queue. That queue
-//! drops the oldest reports when it is full, as the pipe's own queue does. Without a pause the pipe would make a call
-//! of Windows for each report, which takes processor time from the program's writes.
+//! Pauses the input of a pipe while a program does not read: the board's reports then stay in the system's queue. That
+//! queue drops the oldest reports when it is full, as the pipe's own queue does. Without a pause the pipe would call
+//! Windows for each report, which takes processor time from the program's writes.
 //!
 //! The system does not count the reports that it drops meanwhile, so a pipe pauses its input only if its owner allows
-//! it ([`PipeOptions::may_pause_input`]). If the device is lost during a pause, the next call notices it.
+//! pauses ([`PipeOptions::may_pause_input`]). If the device is lost during a pause, the next call notices the loss.
 
 use std::time::{Duration, Instant};
 
@@ -103,9 +103,9 @@ impl InputPause {
         }
     }
 
-    /// How much longer to wait for the remaining reports of the system's queue, which the pause has shortened to the
-    /// length of the pipe's queue. `None` once all are received or the time is over; this call then gives the system's
-    /// queue its maximum length again.
+    /// How much longer to wait for the remaining reports in the system's queue, which the pause has shortened to the
+    /// length of the pipe's queue. `None` once all of these reports are received or the time is over. This function
+    /// then sets the system's queue to its maximum length again.
     fn catch_up_time_left(&mut self, backend: &dyn Backend) -> Option<Duration> {
         let Phase::CatchingUp { missing, until } = self.phase else { return None };
         let left = until.saturating_duration_since(Instant::now());
@@ -130,7 +130,7 @@ impl InputPause {
 
 impl Shared {
     /// Called by the pipe's thread: begins a pause if no call has read for [`PAUSE_AFTER_UNREAD`]. Otherwise ends the
-    /// phase after a pause in which the system's queue is emptied, if that is done.
+    /// catch-up phase ([`Phase::CatchingUp`]) if it is over.
     pub fn begin_pause(&self, state: &mut State, backend: &dyn Backend) {
         if state.closing || state.lost.is_some() {
             return;

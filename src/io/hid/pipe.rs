@@ -17,10 +17,10 @@ use crate::threads::{self, CallingThread};
 /// Options for [`Pipe::open`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PipeOptions {
-    /// Number of transfers to the host that are submitted at the same time, 1 or more. The more there are, the longer
-    /// may the process be late without losing a report.
+    /// Number of transfers to the host that are submitted at the same time, 1 or more. With more transfers the process
+    /// may be late for longer without losing a report.
     pub transfers: usize,
-    /// Capacity of the queue of unread reports, 1 or more; the newest ones are kept.
+    /// Capacity of the queue of unread reports, 1 or more; the queue keeps the newest reports.
     pub queue: usize,
     /// Whether reports may stay in the system's queue while the program does not read, which saves processor time. This
     /// happens only on Windows, whose queue keeps the newest reports. Reports that Windows drops are not counted.
@@ -39,7 +39,7 @@ pub enum PipeError {
     /// The pipe was closed by [`Pipe::close`].
     #[error("it is closed")]
     Closed,
-    /// The device was unplugged or no longer answers, for this reason.
+    /// The device was unplugged or no longer answers. The value is the reason, as a text for the user.
     #[error("{0}")]
     Lost(&'static str),
     /// Only a part of the report was transferred.
@@ -115,7 +115,7 @@ impl Pipe {
     /// 0. Without a `limit` the call waits until a report comes.
     ///
     /// A report that comes while a call waits has the time of the system's event. A report that comes between two calls
-    /// may have a time that is up to a millisecond late, since the pipe's thread then looks for events at intervals.
+    /// may have a time that is up to 1 ms late, since the pipe's thread then checks for events at an interval.
     ///
     /// # Errors
     /// [`PipeError::Timeout`], [`PipeError::Cancelled`] by [`Self::cancel_reads`], [`PipeError::Closed`], or
@@ -185,8 +185,9 @@ impl Pipe {
         written
     }
 
-    /// Called in a signal handler that has interrupted a write: waits until the transfer of that write has ended. Returns
-    /// its result, which that write takes when the handler has returned; `None`: it has submitted no transfer yet.
+    /// Called in a signal handler that has interrupted a write: waits until the transfer of the interrupted write has
+    /// ended. Returns the result of that transfer, which the interrupted write needs when the handler has returned;
+    /// `None`: the interrupted write has submitted no transfer yet.
     fn end_of_interrupted_write(
         &self,
         began: Instant,
@@ -253,7 +254,7 @@ impl Pipe {
         state.output_submitted = true;
         drop(state);
         // The lock is released, because on some systems the call returns only when the device has the report.
-        // SAFETY: it is this thread's turn to write, and the transfer of the write before has ended.
+        // SAFETY: it is this thread's turn to write, and the transfer of the previous write has ended.
         let submitted = unsafe { self.backend.submit_output(report) };
         let mut state = self.shared.state.lock();
         if let Err(error) = submitted {
@@ -283,8 +284,7 @@ impl Pipe {
                 None
             };
             match (given_up, stop) {
-                // The write has to wait for the end of its transfer, which comes soon because the transfer was
-                // cancelled.
+                // The transfer was cancelled. The write waits for the end of the transfer, which comes soon.
                 (Some(_), _) => self.shared.wait_written(&mut state, &*self.backend, None),
                 (None, Some(why)) => {
                     given_up = Some(why);
@@ -347,8 +347,8 @@ impl Pipe {
             let mut state = self.shared.state.lock();
             state.closing = true;
             if !state.is_handled_by_another() {
-                // A signal handler closes the pipe and has interrupted the thread that handles events, which cannot go on
-                // before this call returns. The pipe's thread takes over.
+                // If this thread is recorded as the event handler, a signal handler that has interrupted it closes the
+                // pipe. The interrupted call cannot continue before this call returns, so the pipe's thread takes over.
                 state.event_handler = None;
             }
             self.shared.wake_all(&state, &*self.backend);
@@ -384,7 +384,7 @@ fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
 struct WriterTurn<'a> {
     shared: &'a Shared,
     caller: CallingThread,
-    /// Whether the calling thread has interrupted a write of its own: this one is then in a signal handler.
+    /// Whether this write is made in a signal handler that has interrupted another write of the same thread.
     interrupts_a_write: bool,
 }
 
@@ -392,7 +392,8 @@ impl Drop for WriterTurn<'_> {
     fn drop(&mut self) {
         {
             let writers = &mut self.shared.state.lock().writers;
-            // Only its last entry: the one before is that of the write that this one has interrupted.
+            // Removes only the last entry of this thread. An earlier entry belongs to the write that this write has
+            // interrupted.
             if let Some(last) = writers.iter().rposition(|other| *other == self.caller) {
                 writers.remove(last);
             }

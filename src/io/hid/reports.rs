@@ -56,7 +56,7 @@ pub(super) struct State {
     pub writers: VecDeque<CallingThread>,
     /// Whether the transfer to the device is submitted and has not ended.
     pub output_submitted: bool,
-    /// The end of the transfer to the device, with the number of bytes transferred; `None` until it has ended.
+    /// How the transfer to the device has ended, with the number of bytes transferred; `None` until it has ended.
     pub output_result: Option<(Outcome, usize)>,
     /// Why the device is lost, as a text for the user; `None` while it is connected.
     pub lost: Option<&'static str>,
@@ -77,7 +77,7 @@ pub(super) struct State {
     /// How many calls of the backend's event handling have failed in a row.
     pub event_errors: u32,
     /// Whether the backend's event handling has failed for good. The ends of transfers are then no longer reported, so
-    /// the system may still use some of them, and the device is lost.
+    /// the system may still use the memory of some transfers, and the device is lost.
     pub events_failed: bool,
     failures: u32,
     pub input_pause: InputPause,
@@ -91,8 +91,8 @@ impl State {
         Self { reports, writers, input_pause: InputPause::new(options), ..Self::default() }
     }
 
-    /// Whether another thread than the calling one handles events. If the calling thread does, this call is one of a
-    /// signal handler that has interrupted it.
+    /// Whether another thread than the calling thread handles events. If the calling thread itself is recorded as the
+    /// event handler, this call comes from a signal handler that has interrupted the event handling.
     pub fn is_handled_by_another(&self) -> bool {
         self.event_handler.is_some_and(|handler| handler != CallingThread::current())
     }
@@ -150,7 +150,7 @@ impl Shared {
         self.writable.notify_all();
     }
 
-    /// Puts a report into the queue; whoever waits for it is woken by the caller.
+    /// Puts a report into the queue. The caller then wakes the waiting reads.
     fn keep(&self, state: &mut State, bytes: &[u8]) {
         // Some devices end a report with an empty packet. These and other short transfers are counted.
         let Ok(bytes) = <[u8; REPORT_LEN]>::try_from(bytes) else {
@@ -194,8 +194,8 @@ impl TransferListener for Shared {
                 }
             }
         }
-        // The transfer is resubmitted under the lock: the thread that closes the pipe cancels the transfers submitted
-        // before it set `closing`, and nothing may be submitted after that.
+        // The transfer is resubmitted while the lock is held. After `closing` is set, the pipe's thread cancels the
+        // submitted transfers once, so no transfer may be submitted after that.
         let wanted = !state.closing && state.lost.is_none();
         let held_back = wanted && state.input_pause.keeps_back(number);
         if !wanted || held_back || resubmit().is_err() {
@@ -205,8 +205,8 @@ impl TransferListener for Shared {
             }
         }
         drop(state);
-        // After the lock is released. A reader that was woken before would wait for the lock in its queue, and would be
-        // given it: a thread that is ended by force in that moment keeps it for ever.
+        // Reads are woken only after the lock is released. Otherwise a woken thread would wait in the queue of the lock
+        // and be given the lock: if it is ended by force at that moment, the lock stays taken for ever.
         if outcome == Outcome::Done {
             self.readable.notify_all();
         }

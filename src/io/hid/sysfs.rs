@@ -92,8 +92,8 @@ impl Sysfs {
         self.attribute(path, "product")
     }
 
-    /// What the user should know about the connection of the device at `path`: low speed, autosuspend, over-currents.
-    /// `high_speed` is whether the device runs at 480 Mbit/s.
+    /// Problems with the connection of the device at `path`: low speed, autosuspend, over-currents. `high_speed`:
+    /// whether the device runs at 480 Mbit/s.
     pub fn warnings(&self, path: &str, high_speed: bool) -> Vec<DeviceWarning> {
         let mut remarks = Vec::new();
         if !high_speed {
@@ -126,7 +126,7 @@ impl Sysfs {
         count.and_then(|count| count.parse().ok()).unwrap_or(0)
     }
 
-    /// The processes that have the device with this bus number and address open. Only root can see those of other
+    /// The processes that have the device with this bus number and address open. Only root can see processes of other
     /// users.
     pub fn holders(&self, (bus, address): (u8, u8)) -> Vec<DeviceHolder> {
         let node = PathBuf::from(format!("/dev/bus/usb/{bus:03}/{address:03}"));

@@ -78,8 +78,8 @@ impl ReadyLine {
 
     /// Waits until the device is ready, for at most `limit`; returns whether it is.
     ///
-    /// An edge between reading the level and the wait ends the wait, since the kernel queues it. An older edge does so
-    /// too, so the level is read again after each wait.
+    /// An edge between the reading of the level and the wait also ends the wait, since the kernel queues edges. An
+    /// older edge ends the wait too, so the level is read again after each wait.
     pub fn wait_ready(&mut self, limit: Duration) -> Result<bool, SpiError> {
         let began = Instant::now();
         loop {

@@ -73,7 +73,7 @@ impl Clock {
         Stamp(self.opened_at.0.saturating_add(u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)))
     }
 
-    /// Begins a read or a write that may wait as `wait` says. Fails if the inner link has failed.
+    /// Begins a read or a write that may wait for as long as `wait` allows. Fails if the inner link has failed.
     pub(super) fn call(&self, dir: Dir, wait: Wait) -> Result<Call, LinkError> {
         let cancels = self.cancellation.lock().cancels[dir as usize];
         let deadline = match wait.limit() {

@@ -5,7 +5,7 @@ use crate::sk::{FifoAction, MasterCommand, MasterState, Motion, SlaveCommand};
 const SIZE: SlotSize = SlotSize::Bytes12;
 const GO_HOME: SlaveCommand = SlaveCommand::GoHome;
 
-/// A board that takes every frame, and whose axis 1 stands where the test says.
+/// A board that takes every frame, and whose axis 1 is at the position that the test sets.
 #[derive(Default)]
 struct Board {
     sent: Mutex<Vec<Frame>>,
@@ -50,7 +50,7 @@ impl Link for Board {
     }
 }
 
-/// A board whose axis 1 has these limits, which programs have to keep.
+/// A board, and the link around it that checks these limits of axis 1 and does not send targets beyond them.
 fn board(min: i32, max: i32) -> (Arc<Board>, Arc<dyn Link>) {
     let text = format!(
         "format = 1\n[axes]\nX = {{ slave = 1, min = {min}, max = {max} }}\nY = {{ slave = 2 }}\n[limits]\nprogram = \"stop\"\n"
@@ -87,7 +87,7 @@ fn stands(board: &Board, link: &Arc<dyn Link>, position: i32) {
     link.read(&mut Frame::new(), Wait::Forever).unwrap();
 }
 
-/// An axis that stands beyond one limit may come back, and no target beyond the other limit is sent for that.
+/// An axis beyond one limit may come back, but a target beyond the other limit is not sent.
 #[test]
 fn an_axis_beyond_one_limit_does_not_go_beyond_the_other() {
     let (board, link) = board(100, 200);
@@ -95,10 +95,10 @@ fn an_axis_beyond_one_limit_does_not_go_beyond_the_other() {
     for (target, is_sent) in [(0, true), (-1, false), (201, false), (299, false), (200, true), (201, false)] {
         assert_eq!(takes(&link, target), is_sent, "{target}");
     }
-    // It has come back, and so the place where it was is beyond the limit again.
+    // The axis has come back, so its earlier position is beyond the limit again.
     stands(&board, &link, 150);
     assert!(!takes(&link, 99) && takes(&link, 100) && takes(&link, 200));
-    // Beyond the upper limit the same.
+    // The same beyond the upper limit.
     stands(&board, &link, 230);
     for (target, is_sent) in [(231, false), (70, false), (230, true), (215, true), (216, true), (231, false)] {
         assert_eq!(takes(&link, target), is_sent, "{target}");
@@ -115,8 +115,8 @@ fn homing_forgets_where_the_axis_was() {
     assert!(!takes(&link, 50));
 }
 
-/// The last target allows one no farther out as long as the axis is enabled, and so on its way there. One that was switched off
-/// may have been moved by hand.
+/// While an axis is enabled, and so on its way to its last target, targets no farther out than that are allowed. An
+/// axis that was switched off may have been moved by hand.
 #[test]
 fn a_target_of_an_axis_that_was_off_is_forgotten() {
     let (board, link) = board(100, 200);
@@ -132,8 +132,9 @@ fn a_target_of_an_axis_that_was_off_is_forgotten() {
     assert!(!takes(&link, 240) && takes(&link, 200));
 }
 
-/// A frame with a target beyond a limit reaches the board without its targets, and with all else: what switches axes off,
-/// ends a homing, clears the FIFO, leaves OP or brakes an axis in CSV. The slots keep their marks, and a right CRC is right.
+/// A frame with a target beyond a limit reaches the board without its CSP targets, but with all other commands: those
+/// that switch axes off, end a homing, clear the FIFO, leave OP or brake an axis in CSV. The slots keep their marks,
+/// and the CRC stays right.
 #[test]
 fn what_stops_axes_is_sent_beside_a_target_beyond_a_limit() {
     let (board, link) = board(0, 100);

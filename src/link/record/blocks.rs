@@ -24,11 +24,13 @@ const BLOCK: usize = 1024;
 /// What a [`BlockWriter`] does with entries that are not in a block yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Pieces {
-    /// They go to the file at once, and a block replaces them. Only a file on a disk can do that.
+    /// Entries go to the file at once as pieces, and later a block replaces the pieces. Only a file on a disk allows
+    /// that.
     Replaced,
-    /// They go to the file at once and stay there; no blocks are written, so that nothing in the file ever changes.
+    /// Entries go to the file at once as pieces, which stay there. No blocks are written, so that written bytes never
+    /// change.
     Kept,
-    /// They wait in memory for their block, so that nothing in the file ever changes.
+    /// Entries wait in memory for their block, so that written bytes never change.
     None,
 }
 
@@ -37,18 +39,18 @@ pub(super) struct BlockWriter<E> {
     loss: Loss,
     sink: Sink,
     form: Pieces,
-    /// Whether entries are stored in the order of their times: if they may come late, and written bytes can be
-    /// replaced.
+    /// Whether a block has its entries in the order of their times. Entries are sorted if they may come late, unless
+    /// they are final in the file before their block ([`Pieces::Kept`]).
     sorts: bool,
     /// The entries that are not in a block yet. If entries are sorted, the newest ones stay here for the next block,
     /// because an entry that comes late may belong before them.
     entries: Vec<E>,
-    /// How many of `entries`, at their beginning, repeat earlier ones ([`Section::repeated`]). Entries that come late do not
-    /// get before them.
+    /// The number of entries at the beginning of `entries` that repeat earlier ones ([`Section::repeated`]). Sorting
+    /// leaves them at the beginning.
     repeated: usize,
     /// How many of `entries` are in the file already, as pieces.
     in_pieces: usize,
-    /// The number of pieces behind the last block, and the number of their bytes at the end of the file.
+    /// The number of pieces after the last block, and the length that they take at the end of the file, bytes.
     pieces: u32,
     pieces_bytes: u64,
     /// The number of blocks so far, and of the entries in them.
@@ -56,7 +58,7 @@ pub(super) struct BlockWriter<E> {
     packets: u64,
     /// The length of the recording without the pieces at its end, bytes.
     length: u64,
-    /// The length of the last block in bytes and the number of its entries; `None` if an index stands behind it. The
+    /// The length of the last block in bytes and the number of its entries; `None` if an index follows the block. The
     /// block is removed if a full disk has no room for the end of the recording.
     last_block: Option<(u64, u64)>,
     /// The blocks that are not listed in an index of the file yet.
@@ -70,7 +72,8 @@ pub(super) struct BlockWriter<E> {
 
 /// Stores entries as differences and compresses them, in buffers that are used again.
 struct Packing {
-    /// Packs blocks, of which each can be read alone. `pieces` packs pieces, which continue each other.
+    /// Packs blocks, each of which can be read alone. `pieces` packs pieces, each of which continues the piece before
+    /// it.
     blocks: Packer,
     pieces: Packer,
     compressor: Compressor,
@@ -81,13 +84,15 @@ struct Packing {
 }
 
 impl<E: Entry> BlockWriter<E> {
-    /// Writes the beginning of the recording. Fails if the disk has no room for it and for its end.
+    /// Writes the beginning of the recording. Fails if the disk has no room for the beginning and the end of a
+    /// recording.
     pub fn begin(loss: Loss, sink: Sink, meta: &RecordMeta) -> io::Result<Self> {
         let form = if sink.can_rewrite() { Pieces::Replaced } else { Pieces::Kept };
         Self::begin_as(form, loss, sink, &Section { meta: Some(meta.clone()), repeated: 0 }, meta.clock)
     }
 
-    /// As [`Self::begin`], with another treatment of the newest entries and what the first block says of the recording.
+    /// As [`Self::begin`]. `form` says how entries are treated that are not in a block yet; `section` is the contents
+    /// of the first block.
     pub fn begin_as(form: Pieces, loss: Loss, sink: Sink, section: &Section, clock: Clock) -> io::Result<Self> {
         let pack = Packing {
             blocks: Packer::default(),
@@ -122,7 +127,8 @@ impl<E: Entry> BlockWriter<E> {
         writer.sink.put(0, &writer.pack.out)?;
         if writer.sink.can_rewrite() {
             if let Err(error) = writer.sink.put(0, &[0; SECTION_END_BYTES_MAX]) {
-                // Without its end the recording would look as if the program had been killed.
+                // Without room for its end the recording would look as if the program had been killed, so the beginning
+                // is removed.
                 writer.sink.truncate_by(length)?;
                 return Err(error);
             }
@@ -156,8 +162,8 @@ impl<E: Entry> BlockWriter<E> {
         Ok(())
     }
 
-    /// Appends a piece with the entries from the index `from` on to the buffer of the next write. It is the first piece
-    /// behind a block, or it continues the piece before.
+    /// Appends a piece with the entries from the index `from` on to the buffer of the next write. `is_first`: it is the
+    /// first piece after a block; otherwise it continues the piece before.
     fn add_piece(&mut self, from: usize, is_first: bool) {
         if is_first {
             self.pieces = 0;
@@ -186,9 +192,9 @@ impl<E: Entry> BlockWriter<E> {
         }
     }
 
-    /// Replaces the pieces by a block. `held_back` of the newest entries become the first piece of the next block. Fails
-    /// if there is no room for so many bytes more, `room`. After an error all entries are still there, and the pieces in
-    /// the file may be damaged.
+    /// Replaces the pieces by a block. `held_back` of the newest entries become the first piece of the next block.
+    /// Fails if the disk does not also have room for `room` more bytes. After an error all entries are still in memory,
+    /// and the pieces in the file may be damaged.
     fn write_block(&mut self, held_back: usize, room: usize) -> io::Result<()> {
         let count = self.entries.len().saturating_sub(held_back);
         if count == 0 {
@@ -246,7 +252,7 @@ impl<E: Entry> BlockWriter<E> {
         Ok(())
     }
 
-    /// Removes the first entries from memory, because a block in the file has them.
+    /// Removes the first `count` entries from memory, because the file has them.
     fn written(&mut self, count: usize) {
         self.entries.drain(..count);
         self.repeated = self.repeated.saturating_sub(count);
@@ -269,7 +275,7 @@ impl<E: Entry> BlockWriter<E> {
         BlockAt { at: self.length, packets, has_orders, is_piece: false, times_ns }
     }
 
-    /// Appends an index of the blocks since the last one to the next write. `at` is the offset of the index in the
+    /// Appends an index of the blocks since the last index to the next write. `at` is the offset of the index in the
     /// recording.
     fn add_index(&mut self, at: u64) {
         let back = if self.index_at > 0 { at - self.index_at } else { 0 };
@@ -314,7 +320,7 @@ impl<E: Entry> BlockWriter<E> {
         }
     }
 
-    /// Writes a block of all entries. The recording may go on behind it.
+    /// Writes a block of all entries. The recording may go on after it.
     pub(super) fn write_all_blocks(&mut self) {
         if let Err(error) = self.write_block(0, SECTION_END_BYTES_MAX) {
             self.fail(&error);
@@ -322,9 +328,9 @@ impl<E: Entry> BlockWriter<E> {
     }
 
     /// Stops the recording after an error. On a full disk a block of all entries may still fit, since it is shorter
-    /// than the pieces that it replaces. Otherwise the entries that are not in the file yet are dropped, if others are,
-    /// and a block is tried with fewer and fewer entries: it has to leave room for the end of the recording. If not even
-    /// one entry fits, the pieces are removed.
+    /// than the pieces that it replaces. Otherwise entries are dropped, first those that are not in the file yet, and a
+    /// block is tried with fewer and fewer entries: it has to leave room for the end of the recording. If not even one
+    /// entry fits, the pieces are removed.
     fn fail(&mut self, error: &io::Error) {
         let fewer = |entries: usize| entries - entries.div_ceil(64);
         let mut kept = if self.in_pieces > 0 { self.in_pieces } else { fewer(self.entries.len()) };
@@ -395,11 +401,12 @@ mod tests {
 
     const TEST: &str = "link::record::blocks::tests::a_disk_that_is_full_keeps_what_was_in_pieces";
     const PATH: &str = "ECMSK_TEST_FULL_BLOCKS";
-    /// The entries of a piece, which nearly fills the disk, and those that come later.
+    /// The number of entries in a piece that nearly fills the disk, and of the entries that come later.
     const IN_PIECES: u64 = 500;
     const LATER: u64 = 1000;
 
-    /// Records frames that cannot be compressed, for which the disk has no room. The recording begins with the path, twice.
+    /// Records frames that cannot be compressed and for which the disk has no room. The link in the recording's
+    /// metadata is the path, twice.
     fn record(path: &Path) {
         let file = Sink::File(file::open(path).unwrap());
         let loss = Loss::new("a file".to_owned(), Arc::default());
@@ -420,15 +427,15 @@ mod tests {
         writer.end();
     }
 
-    /// If a block finds no room, the entries stay in the file that were there in pieces.
+    /// If the disk has no room for a block, the entries that are in the file as pieces stay there.
     #[test]
     fn a_disk_that_is_full_keeps_what_was_in_pieces() {
         if let Some(path) = crate::address::config::variable(PATH) {
             return record(path.as_ref());
         }
         let folder = tempfile::tempdir().unwrap();
-        // Limits of the file in units of 512 bytes. At 562 the piece fits, and the end of the recording behind it or not, by
-        // the length of the name.
+        // Limits of the file in units of 512 bytes. At 562 the piece fits. Whether the end of the recording fits after
+        // it depends on the length of the name.
         for (limit, name) in
             [240, 561, 562, 563].into_iter().flat_map(|limit| (1..240).step_by(30).map(move |name| (limit, name)))
         {

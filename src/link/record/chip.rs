@@ -59,10 +59,10 @@ impl Entry for ExchangeEntry {
 
 /// A link to a chip that records all exchanges of the link that it wraps.
 ///
-/// An exchange is recorded when it has succeeded, as two packets: the bytes to the chip with the time of its begin, and
-/// those from the chip with the time of its end. An exchange that is longer than the longest packet of a chip becomes
-/// several packets of the file. Packets that are missing from the file are counted, reported to the user and noted in
-/// the file, as in recordings of a board.
+/// An exchange is recorded when it has succeeded, as two packets: the bytes to the chip with the time at which the
+/// exchange began, and the bytes from the chip with the time at which it ended. An exchange that is longer than the
+/// longest packet of a chip becomes several packets of the file. Packets that are missing from the file are counted,
+/// reported to the user and noted in the file, as in recordings of a board.
 pub struct RecordedChip {
     inner: Box<dyn ChipLink>,
     recorder: Recorder<ExchangeEntry>,

@@ -31,8 +31,9 @@ impl RecordingCopy {
         Self { path: path.to_owned(), meta: meta.clone(), settings: Settings::new(meta.slot), writer: None }
     }
 
-    /// Looks at a frame that is not copied, before those that are: if it is a setting of the board (SET_AXIS, SET_DC),
-    /// the copy begins with it, shortly before its first frame. Its frames cannot be understood without.
+    /// Looks at a frame before the first one that is copied. If the frame is a setting of the board (SET_AXIS, SET_DC),
+    /// the copy begins with it, at a time shortly before its first frame. Without the settings the copied frames cannot
+    /// be understood.
     pub fn look(&mut self, recorded: &Recorded) {
         self.settings.look(&entry(recorded));
     }

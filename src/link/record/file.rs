@@ -216,8 +216,8 @@ impl RecordingFile {
     /// previous recording in the same file. \[OURS]
     ///
     /// If the link's clock has run on since the previous recording, perhaps more slowly than real time (`rate=`,
-    /// `catch_up_ms=`), it shows how much time lies between the two. If the clock has started again from its zero, the
-    /// real time since the end of the previous recording is used; in virtual time none is.
+    /// `catch_up_ms=`), the time between the two recordings is taken from this clock. If the clock has started again
+    /// from its zero, it is the real time since the end of the previous recording; on a virtual clock it is 0.
     pub(in crate::link) fn continued(&self, meta: &RecordMeta, link_time: Stamp) -> RecordMeta {
         let mut meta = meta.clone();
         let Some(path) = &self.path else { return meta };

@@ -1,4 +1,4 @@
-//! What a recording lacks: the number of missing frames, the reason, and what the user is told of it.
+//! What a recording lacks: the number of missing frames, the reason, and the messages to the user about them.
 
 use std::io;
 use std::sync::Arc;
@@ -17,13 +17,12 @@ pub(super) struct Loss {
     dropped: Arc<AtomicU64>,
     /// Whether the user was warned about missing frames.
     told: bool,
-    /// Whether the user is told nothing, since somebody else counts the same frames.
+    /// Whether the user is told nothing, since another [`Loss`] counts the same frames.
     is_quiet: bool,
     /// The error of a failed write. After it nothing more is written, and every frame is counted as missing. `None`: no
     /// write has failed.
     failed: Option<String>,
-    /// Why frames are missing that the source recording lacked already; only for a copy of a recording. Otherwise
-    /// `None`.
+    /// For a copy of a recording: why frames are missing that the source recording lacked already. Otherwise `None`.
     inherited: Option<String>,
 }
 
@@ -32,7 +31,7 @@ impl Loss {
         Self { name, dropped, told: false, is_quiet: false, failed: None, inherited: None }
     }
 
-    /// The loss of a file whose missing frames and errors somebody else takes over.
+    /// The loss of a file whose missing frames and errors another [`Loss`] takes over and reports.
     pub fn quiet() -> Self {
         Self { is_quiet: true, ..Self::new(String::new(), Arc::default()) }
     }

@@ -15,8 +15,9 @@
 //! - `writer.rs`: the recorder's thread, which writes frames as pcapng blocks, and the end of the recording;
 //!   `blocks.rs`: the same in the format `.ecmrec`; `loss.rs`: what the file lacks
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and the handling of a full disk
-//! - `copy.rs`: writing frames of another recording; `settings.rs`: the commands that they are understood with
-//! - `flight/`: the key `flight=`: the last hours, and what surrounds an event
+//! - `copy.rs`: writing frames of another recording; `settings.rs`: the commands without which they cannot be
+//!   understood
+//! - `flight/`: the key `flight=`: the frames of the last hours, and those around an event
 //! - `network.rs`: recordings of EtherCAT frames on a network
 //! - `sync.rs`: syncing the file to the disk
 //! - `tell.rs`: messages to the user of the program

@@ -62,7 +62,7 @@ impl<E: Entry> Recorder<E> {
         }
     }
 
-    /// Begins a recording by `recording`, whose missing entries are counted in `dropped`.
+    /// Begins a recording that `recording` writes; missing entries are counted in `dropped`.
     ///
     /// # Errors
     /// The system provides no thread.
@@ -73,7 +73,7 @@ impl<E: Entry> Recorder<E> {
         queue: usize,
         stall_max: Option<Duration>,
     ) -> io::Result<Self> {
-        let queue = Arc::new(Queue::new(queue, dropped));
+        let queue = Arc::new(Queue::new(queue, meta.clock, dropped));
         let entries = Arc::clone(&queue);
         let writer = threads::spawn("ecmsk-record", move || writer::run(&entries, recording))?;
         Ok(Self {
@@ -134,7 +134,7 @@ impl<E: Entry> Recorder<E> {
     }
 
     /// Waits for room in the queue and adds the entry; returns whether it was added. The reader of a pipe may never
-    /// read, so this wait ends after `stall_max` without success; so does it when the recording ends.
+    /// read, so this wait ends after `stall_max` without success. It also ends without success when the recording ends.
     fn wait_and_add(&self, mut entry: E) -> bool {
         let queue = &self.queue;
         let began = Instant::now();

@@ -46,7 +46,7 @@ impl<E> Ring<E> {
         &self.places[(number % self.places.len() as u64) as usize]
     }
 
-    /// Whether as many entries are in the queue as it has places.
+    /// Whether all places of the queue are in use.
     pub fn is_full(&self) -> bool {
         let next = self.next.load(Ordering::SeqCst);
         next.saturating_sub(self.oldest.load(Ordering::SeqCst)) >= self.places.len() as u64
@@ -56,25 +56,37 @@ impl<E> Ring<E> {
     ///
     /// # Errors
     /// Returns the entry if the queue is full.
-    pub fn add(&self, entry: E) -> Result<(), E> {
+    pub fn add(&self, mut entry: E) -> Result<(), E> {
         loop {
             let Some(number) = self.begin() else { return Err(entry) };
-            let place = self.place(number);
-            if let Some(mut free) = place.entry.try_lock() {
-                // This thread may have stalled for long. If the place has a newer entry by now, this entry was skipped,
-                // and is dropped.
-                if place.ready.load(Ordering::SeqCst) <= number {
-                    *free = Some(entry);
-                    place.ready.store(number + 1, Ordering::SeqCst);
-                }
-                return Ok(());
+            match self.store(number, entry) {
+                Ok(()) => return Ok(()),
+                Err(back) => entry = back,
             }
-            place.is_broken.store(true, Ordering::SeqCst);
         }
     }
 
+    /// Stores the entry of the claimed number `number`.
+    ///
+    /// # Errors
+    /// Returns the entry if another thread holds the place, which counts as unusable from now on.
+    pub(super) fn store(&self, number: u64, entry: E) -> Result<(), E> {
+        let place = self.place(number);
+        let Some(mut free) = place.entry.try_lock() else {
+            place.is_broken.store(true, Ordering::SeqCst);
+            return Err(entry);
+        };
+        // This thread may have stalled for long. If the place has a newer entry by now, this entry was skipped, and is
+        // dropped.
+        if place.ready.load(Ordering::SeqCst) <= number {
+            *free = Some(entry);
+            place.ready.store(number + 1, Ordering::SeqCst);
+        }
+        Ok(())
+    }
+
     /// Claims the number for a new entry; `None`: the queue is full.
-    fn begin(&self) -> Option<u64> {
+    pub(super) fn begin(&self) -> Option<u64> {
         loop {
             let number = self.next.load(Ordering::SeqCst);
             if number.saturating_sub(self.oldest.load(Ordering::SeqCst)) >= self.places.len() as u64 {

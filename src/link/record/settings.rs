@@ -1,11 +1,11 @@
-//! The settings of a board that later frames are understood with: the kinds of its slaves and its cycle time.
+//! The settings of a board without which later frames cannot be understood: the kinds of its slaves and its cycle time.
 
 use super::writer::FrameEntry;
 use crate::link::Dir;
 use crate::sk::{CycleTime, MasterCommand, MasterResponse, MasterState, SlotSize};
 
-/// How many cycles before the frames of a recording the commands stand. Reports that are read late stand behind them, too:
-/// by default a link keeps 32 reports while nobody reads (`queue=`). \[OURS]
+/// How many cycles before the first frame of a recording the commands are placed. So reports that are read late, with
+/// older times, come after the commands, too: by default a link keeps 32 unread reports (`queue=`). \[OURS]
 const CYCLES_BEFORE: u64 = 64;
 
 /// The newest command for each setting: SET_AXIS for each group of slaves, and SET_DC.
@@ -40,7 +40,7 @@ impl Settings {
                 *self = Self::new(Some(self.size));
                 return;
             }
-            // A board takes settings in Init and PreOP (SK-4).
+            // A board takes settings only in Init and PreOP (SK-4).
             _ if matches!(self.state, Some(MasterState::SafeOp | MasterState::Op)) => return,
             Ok(MasterCommand::SetAxis { group, .. }) => Setting::Axes(group),
             Ok(MasterCommand::SetDc { cycle, .. }) => {
@@ -53,13 +53,13 @@ impl Settings {
         self.commands.push((setting, entry.clone()));
     }
 
-    /// How many commands there are.
+    /// The number of stored commands.
     pub fn len(&self) -> u32 {
         self.commands.len() as u32
     }
 
-    /// The commands, oldest first, as if they had been sent shortly before the frame of `at_ns`. \[OURS] With their own times
-    /// a recording would begin hours before its other frames.
+    /// The commands, oldest first, as if they had been sent shortly before the frame of `at_ns`. \[OURS] With the
+    /// commands' own times a recording could begin hours before its other frames.
     pub fn before(&self, at_ns: u64) -> impl Iterator<Item = FrameEntry> + '_ {
         let at_ns = at_ns.saturating_sub(CYCLES_BEFORE * self.cycle.unwrap_or(CycleTime::DEFAULT).ns());
         self.commands.iter().map(move |(_, entry)| FrameEntry { at_ns, ..entry.clone() })

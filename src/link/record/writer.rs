@@ -33,7 +33,7 @@ const AROUND_PACKET: usize = 32;
 const BATCH_FRAMES: usize = BATCH_BYTES / (PACKET_LEN + AROUND_PACKET);
 /// How many frames at the end of the file can be rewritten to insert a late frame before them. On the real clock the
 /// reading thread may be late by a whole queue of reports (`queue=`, 32 by default), during which as many commands are
-/// written; 128 frames are twice of that. \[OURS]
+/// written: 64 frames together. 128 frames are twice that. \[OURS]
 pub(super) const SORTED_FRAMES: usize = 128;
 /// The most bytes of the blocks that end a section. A recording begins only if the disk has room for them. \[OURS]
 pub(super) const SECTION_END_BYTES_MAX: usize = 512;
@@ -161,9 +161,9 @@ impl<E> Drop for Ends<'_, E> {
 
 /// The section of a pcapng file that is being written.
 ///
-/// In a file on the real clock frames are in the order of their times, although a thread of the program may hand one over
-/// late: such a frame is inserted at its place, and the frames behind it are written again. A pipe gets the frames in the
-/// order in which they arrive, and so does a file on a virtual clock, where this is the order of the calls.
+/// In a file on the real clock frames are in the order of their times, although a thread of the program may hand one
+/// over late: such a frame is inserted by its time, and the frames after it are written again. A pipe gets the frames
+/// in the order in which they arrive, and so does a file on a virtual clock, where this is the order of the calls.
 pub(super) struct Capture<E> {
     loss: Loss,
     sink: Sink,
@@ -233,7 +233,7 @@ impl<E: Entry> Capture<E> {
     }
 
     /// Writes the waiting frames in the order of their times. Frames in the file with later times are written again
-    /// behind them.
+    /// after them.
     fn write_out(&mut self) -> io::Result<()> {
         let mut again = 0;
         if self.sorts {

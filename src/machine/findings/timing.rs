@@ -9,8 +9,8 @@ use crate::span::Span;
 /// \[OURS] If one wake-up in a hundred is later than this, half a cycle of 1 ms, real-time priority is advised.
 const P99_LATENESS_MAX: Duration = Duration::from_micros(500);
 
-/// Judges the resolution of the machine's timers: wrong if it is coarser than 100 us on Linux or 1 ms on Windows, which
-/// cannot keep cycles.
+/// Judges the resolution of the machine's timers: a resolution coarser than 100 us on Linux or 1 ms on Windows is
+/// wrong, because such a timer cannot keep cycles.
 pub fn timer(resolution: Duration) -> Finding {
     const CHECK: &str = "timer";
     let nanoseconds = i64::try_from(resolution.as_nanos()).unwrap_or(i64::MAX);

@@ -82,7 +82,7 @@ impl Machine {
         Some(if is_ours { GadgetOnController::Ours } else { GadgetOnController::Other(gadget) })
     }
 
-    /// Whether gadgets can be made in the kernel's folder for them.
+    /// Whether configfs has the folder for gadgets, and whether this user may make gadgets in it.
     pub fn gadget_folder(&self) -> GadgetFolder {
         match self.access(GADGETS) {
             Access::Missing if self.is_mounted(CONFIGFS) => GadgetFolder::NoModule,

@@ -1,5 +1,5 @@
-//! A machine with Linux, read from its files in `/sys`, `/proc`, `/dev` and `/etc`. libusb is not used, so that this also works
-//! where a board cannot be opened.
+//! A machine with Linux, read from its files in `/sys`, `/proc`, `/dev` and `/etc`. libusb is not used, so that the
+//! checks also work where a board cannot be opened.
 //!
 //! [`Machine`] reads the facts ([`usb`], [`spi`], [`gpio`], [`gadget`], [`holders`], [`limits`], [`net`], [`udev`]); `findings/`
 //! judges them.
@@ -31,7 +31,7 @@ pub struct Machine {
     root: PathBuf,
 }
 
-/// Whether this user may read and write a file, as its permissions say.
+/// Whether this user may read and write a file, according to its permissions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// The user may read and write the file.

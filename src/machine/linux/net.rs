@@ -30,8 +30,8 @@ pub struct NetCard {
     pub bus: Option<String>,
     /// Whether the card is switched on.
     pub is_up: bool,
-    /// Whether the cable has a link to a device at its other end; `None` if the card is switched off, since it does not
-    /// show that then.
+    /// Whether the cable has a link to a device at its other end; `None` if the card is switched off, because it does
+    /// not report the link then.
     pub has_carrier: Option<bool>,
     /// The speed of the card, Mbit/s; `None` if it is not known.
     pub speed: Option<i64>,
@@ -74,8 +74,8 @@ impl Machine {
         cards
     }
 
-    /// The cards of this machine, as the link `nic:` sees them; `None` if the machine's files are below another folder,
-    /// as in tests.
+    /// The cards of this machine, as the link `nic:` sees them; `None` if the machine's files are below a folder other
+    /// than `/`, as in tests.
     fn own_cards(&self) -> Option<Vec<NetCard>> {
         #[cfg(any(feature = "nic", feature = "serve"))]
         if self.root == std::path::Path::new("/") {
@@ -138,7 +138,7 @@ impl Machine {
         (card.unsuitable_kind, card.driver, card.bus, card.speed) = (kind.map(|(_, what)| what), driver, bus, speed);
     }
 
-    /// The network manager that configures the card with this interface index.
+    /// The network manager that configures the card with this interface index; `None` if none does.
     fn manager(&self, index: i64) -> Option<&'static str> {
         let says = |file: String, no: &str| self.text(&file).is_some_and(|text| !text.lines().any(|line| line == no));
         if says(format!("/run/NetworkManager/devices/{index}"), "managed=false") {
@@ -157,14 +157,14 @@ impl Machine {
         self.number("/sys/kernel/realtime") == Some(1)
     }
 
-    /// The processors that the kernel's scheduler leaves free (`isolcpus=`), such as `3` or `2-3`; `None` if there are
+    /// The processors that `isolcpus=` excludes from the kernel's scheduler, such as `3` or `2-3`; `None` if there are
     /// none.
     pub fn isolated_processors(&self) -> Option<String> {
         self.attribute("/sys/devices/system/cpu/isolated")
     }
 
-    /// The deepest sleep state that processor 0 may enter, for all processors: its name, and the time to wake up from
-    /// it, us. `None`: the kernel lists no sleep state that is allowed.
+    /// The deepest sleep state that processor 0 may enter, which is taken as that of all processors: its name, and the
+    /// time to wake up from it, us. `None`: the kernel lists no sleep state that is allowed.
     pub fn deepest_sleep(&self) -> Option<(String, i64)> {
         const STATES: &str = "/sys/devices/system/cpu/cpu0/cpuidle";
         let states = self.names(STATES).into_iter().filter_map(|state| {

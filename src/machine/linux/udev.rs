@@ -4,7 +4,8 @@ use super::Machine;
 
 /// The rule that this project ships, `share/udev/60-ecmsk.rules`.
 pub const RULE: &str = include_str!("../../../share/udev/60-ecmsk.rules");
-/// The file where the rule is installed. Its number has to be below that of 73-seat-late.rules, which acts on the tag uaccess.
+/// Where the rule is installed. Its number has to be below 73, so that it sets the tag uaccess before
+/// 73-seat-late.rules acts on that tag.
 pub const PLACE: &str = "/etc/udev/rules.d/60-ecmsk.rules";
 /// The commands that make udev apply new rules, also to devices that are connected already.
 pub const RELOAD: [&str; 2] = [
@@ -35,8 +36,8 @@ pub enum Rule {
 }
 
 impl Machine {
-    /// Searches the installed rules for those with the board's ids. If there are several, the rule of this version goes
-    /// before the first rule that somebody else wrote.
+    /// Searches the installed rules for those with the board's ids. If there are several, the first rule of this
+    /// project takes precedence over rules that somebody else wrote.
     pub fn udev_rule(&self) -> Rule {
         let mut other = None;
         for folder in FOLDERS {
@@ -54,7 +55,7 @@ impl Machine {
     }
 }
 
-/// Whether a line of the file that is no comment contains the board's vendor id and its product id.
+/// Whether a line of the file other than a comment contains the board's vendor id and product id.
 fn is_for_the_board(text: &str) -> bool {
     let rules = text.lines().map(str::trim_start).filter(|line| !line.starts_with('#'));
     rules.map(str::to_ascii_lowercase).any(|line| line.contains("16c0") && line.contains("05df"))

@@ -1,5 +1,5 @@
-//! Devices on USB that may be a board, read from sysfs, so that they are also seen by users who may not open them and in builds
-//! without libusb. The same devices count as boards as for the link `usb:`.
+//! USB devices that may be a board, read from sysfs. So they are also found for users who may not open them, and in
+//! builds without libusb. The criteria for a board are those of the link `usb:`.
 
 mod descriptors;
 
@@ -56,7 +56,7 @@ pub struct UsbDevice {
 pub struct Driver {
     /// The interface, such as `1-2.3:1.0`, or the device, such as `1-2.3`.
     pub interface: String,
-    /// The name of the driver, such as `usbhid`. `usbfs` stands for a program that uses libusb.
+    /// The name of the driver, such as `usbhid`. The kernel shows `usbfs` for a program that uses libusb.
     pub name: String,
 }
 
@@ -98,7 +98,7 @@ impl UsbDevice {
         self.speed.as_deref() == Some(HIGH_SPEED)
     }
 
-    /// The device files by which programs may have opened the device: that of libusb, and those of hidraw.
+    /// The device files by which programs may have opened the device: the one for libusb, and the hidraw files.
     pub fn files(&self) -> Vec<String> {
         self.node.iter().chain(&self.hidraw).cloned().collect()
     }
@@ -173,7 +173,8 @@ impl Machine {
     }
 
     fn driver(&self, interface: &str) -> Option<Driver> {
-        // The driver `usb`, which a whole device usually has, is left out: it keeps nobody from using an interface.
+        // The driver `usb`, which is usually bound to a whole device, is left out, because it does not claim any
+        // interface.
         let name = self.link_name(&format!("{DEVICES}/{interface}/driver")).filter(|name| name != "usb")?;
         Some(Driver { interface: interface.to_owned(), name })
     }

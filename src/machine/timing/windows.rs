@@ -17,7 +17,8 @@ pub fn late(period: Duration, times: usize) -> Vec<Duration> {
     let mut late = Vec::with_capacity(times);
     for _ in 0..times {
         let deadline = Instant::now() + period;
-        // The thread that runs the cycles of a modelled board also waits by such sleeps, so it is as late as this one.
+        // The thread that runs the cycles of a modelled board sleeps in the same way, so the lateness measured here
+        // also holds for that thread.
         std::thread::sleep(period);
         late.push(Instant::now().saturating_duration_since(deadline));
     }

@@ -55,7 +55,7 @@ impl Master {
     }
 }
 
-/// A running FoE transfer: the mailbox, which it has for itself, and the timeout of each answer.
+/// A running FoE transfer, with exclusive access to the mailbox, and the timeout of each answer.
 struct Transfer {
     mailbox: Mailbox,
     timeout_ns: Ns,
@@ -96,7 +96,7 @@ impl Transfer {
                     FoeMessage::Ack { .. } | FoeMessage::Data { .. } => FoeError::PACKET_NUMBER,
                     _ => FoeError::ILLEGAL,
                 };
-                // A repeated older packet is no answer to this message.
+                // A repeated older message is no answer to this one, so it is skipped.
                 if !self.mailbox.leaves_out() {
                     return self.fail(wrong).await;
                 }

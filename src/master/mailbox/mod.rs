@@ -1,8 +1,10 @@
-//! The mailbox of a slave: one request and its answer at a time, whatever else the slave sends and whatever is lost.
+//! The mailbox of a slave: one request and its answer at a time, also when the slave sends other messages or frames are
+//! lost.
 //!
 //! No request is executed twice: if a frame that writes a request is lost, the same message is written again with the
-//! same counter, by which the slave recognises it. The first request in PreOP is not mistaken for one of another
-//! master. No answer is lost: if a frame that reads an answer is lost, the master asks the slave for a repeat.
+//! same counter, by which the slave recognises it. In PreOP a slave may drop the first request as a repeat of a request
+//! of another master, so a harmless request comes first. No answer is lost: if a frame that reads an answer is lost,
+//! the master asks the slave for a repeat.
 //!
 //! Files: `state.rs` is what the mailbox of a slave keeps between requests. Each mailbox protocol has a file with its jobs:
 //! `coe/`, `foe.rs`. To add one, add its file here, and a row in `ends!` of `master/handle.rs` for each type of result.
@@ -148,8 +150,8 @@ impl Mailbox {
         (self.info.areas.receive.len as usize).saturating_sub(MAILBOX_HEADER_LEN)
     }
 
-    /// Writes a message into the slave's mailbox, again while the mailbox is full or if the frame is lost, until the
-    /// time `until`.
+    /// Writes a message into the slave's mailbox. Tries it again while the mailbox is full, or if the frame is lost,
+    /// until the time `until`.
     pub(in crate::master) async fn send(
         &mut self,
         protocol: MailboxProtocol,
@@ -237,7 +239,7 @@ impl Mailbox {
         self.is_waiting = false;
     }
 
-    /// Reads the message in the slave's mailbox as it is; `None`: the mailbox is empty. An emergency also becomes an
+    /// Reads the message in the slave's mailbox, undecoded; `None`: the mailbox is empty. An emergency also becomes an
     /// event.
     pub(in crate::master) async fn take(&mut self) -> Result<Option<Vec<u8>>, MailboxError> {
         let is_full = self.collect().await?;
@@ -254,8 +256,8 @@ impl Mailbox {
     }
 
     /// Sends a harmless first request after a slave has entered PreOP. Some slaves still remember the counter of the
-    /// last request of another master, through Init, and drop a first request with the same counter as a repeat. This
-    /// request may be dropped; the following ones have another counter than either.
+    /// last request of another master, through Init, and drop a first request with the same counter as a repeat. Only
+    /// this harmless request can be dropped so: the next request has another counter.
     async fn begin(&mut self, timeout_ns: Ns) -> Result<(), MailboxError> {
         let is_counted = self.state(|state| state.is_shared || state.counter != MailboxCounter::NONE);
         if is_counted || !self.info.protocols.contains(MailboxProtocols::COE) {
@@ -331,18 +333,18 @@ impl Mailbox {
                 return Ok(());
             }
             if self.bus.now() >= until {
-                // The slave does not support repeats, so its mailbox is read as it is.
+                // The slave does not support repeats, so the master reads what its mailbox contains now.
                 return Ok(());
             }
             self.bus.sleep(POLL_NS).await;
         }
     }
 
-    /// Whether the message is not the last one again, which a repeat may bring.
+    /// Returns false if a repeat has brought the last message again.
     ///
-    /// \[OURS] The counter decides this and nothing else, and only for a slave that counts: some have always the same
-    /// counter, or others than the standard says, which no master refuses. Whether a message answers the request its
-    /// content shows.
+    /// \[OURS] Only the counter decides this, and only for a slave that counts its messages. Some slaves always send
+    /// the same counter, or other values than the standard defines, and no master refuses that. Whether a message
+    /// answers the request is decided by its content.
     fn is_new(&self) -> bool {
         let Ok(message) = MailboxMessage::decode(&self.bytes) else { return !self.is_repeated };
         let counter = message.header.counter;

@@ -17,8 +17,8 @@ pub(in crate::master) struct MailboxState {
     pub(in crate::master) is_open: bool,
     /// Whether the slave may still answer an abandoned request.
     pub(in crate::master) owes: bool,
-    /// Whether another master uses the mailbox, too. Requests then have counter 0, so that the slave takes none of that
-    /// master's requests for a repeat.
+    /// Whether another master uses the mailbox, too. Requests then have counter 0, so that the slave does not take a
+    /// request of the other master for a repeat.
     pub(in crate::master) is_shared: bool,
 }
 

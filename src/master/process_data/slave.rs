@@ -53,7 +53,7 @@ impl SlaveData {
     /// Recomputes the registers after a change of the process data or of their place.
     pub(super) fn update_registers(&mut self) {
         if Arc::get_mut(&mut self.registers).is_none() {
-            // A running change of state still refers to the old registers and goes on with those.
+            // A running change of state still refers to the old registers and continues with them.
             self.registers = Arc::default();
         }
         let Some(Registers { managers: all, fmmus }) = Arc::get_mut(&mut self.registers) else { return };

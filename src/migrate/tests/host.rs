@@ -21,8 +21,8 @@ fn late_writes() {
     assert!(!found.is_limited());
     // 20 frames waited at the newest report, and one was written after it.
     assert_eq!((found.whole_ns, found.usual_ns, found.sets), (13 * MS, MS, 21));
-    // If no axis moves, a pause is the program's intention: it polls the state of drives that are off, or repeats a
-    // target.
+    // If no axis moves, a pause is the program's intention: the program polls the state of drives that are off, or
+    // repeats a target.
     let mut run = Run::in_op(1, 1000);
     for n in 0..50 {
         run.take(Dir::Write, Frame::new()).pass(if n == 30 { 20 * MS } else { MS }).op(8);

@@ -12,8 +12,8 @@ use crate::io::ethernet::{self, Claim, DefaultRoute, EthernetSocket, InterfaceEr
 use crate::link::LinkError;
 use crate::master::{FrameBuffer, Wire, WireDown};
 
-/// How long the card only listens before it sends anything. Another master sends frames in each of its cycles, so its
-/// frames are seen in this time. \[OURS]
+/// How long this program only listens on the card before it sends anything. Another master sends frames in each of its
+/// cycles, so this program receives some of them in this time. \[OURS]
 const LISTEN: Duration = Duration::from_millis(100);
 /// The bit of the source address that each slave sets in a frame that passes it. In the address of a master the bit is 0.
 const PASSED_SLAVE_BIT: u8 = 0x02;
@@ -22,9 +22,9 @@ const PASSED_SLAVE_BIT: u8 = 0x02;
 pub(crate) struct Card {
     name: String,
     socket: EthernetSocket,
-    /// Whether the interface does not exist any more.
+    /// Whether the interface was found to no longer exist.
     is_gone: bool,
-    /// The message if the interface no longer exists.
+    /// The message for the case that the interface no longer exists.
     lost_message: CardsGone,
     source: MacAddress,
     begin: Instant,
@@ -36,7 +36,7 @@ impl Card {
     /// Opens the card that a link names.
     ///
     /// # Errors
-    /// [`LinkError::Uri`] if the link names no card; otherwise as [`Self::open`].
+    /// [`LinkError::Uri`] if the link names no card; otherwise the errors of [`Self::open`].
     pub(super) fn of(uri: &LinkUri) -> Result<Self, LinkError> {
         if uri.path().is_empty() {
             let path = uri.path().to_owned();
@@ -136,7 +136,7 @@ impl Wire for Card {
     }
 }
 
-/// Waits until a frame has arrived or the time has passed. An error of the wait is ignored, because the next read then
+/// Waits until a frame has arrived or `left_ns` has passed. An error of the wait is ignored, because the next read then
 /// finds no frame.
 fn wait_for_frames(fds: &mut [PollFd<'_>], left_ns: Ns) {
     let limit = Timespec::try_from(Duration::from_nanos(left_ns)).ok();
@@ -166,7 +166,7 @@ impl NicWires for Card {
 pub(crate) struct Cards {
     first: Card,
     second: Card,
-    /// The messages for the loss of the first card, of the second one, and of both.
+    /// The messages for the loss of the first card, of the second card, and of both cards.
     lost_message: Box<[CardsGone; 3]>,
 }
 

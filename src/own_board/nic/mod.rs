@@ -1,5 +1,5 @@
-//! `nic:INTERFACE`: slaves on a network card of this machine, without a real board. The EC01M is the model in this
-//! process, and the EtherCAT master of this crate runs the network.
+//! `nic:INTERFACE`: slaves on a network card of this machine, without a real board. This process runs the model of the
+//! EC01M, and the EtherCAT master of this crate runs the network.
 //!
 //! - `mod.rs`: opens the link
 //! - `card.rs`: the frames and the clock of one card, or of two
@@ -48,7 +48,7 @@ pub(crate) fn wires(uri: &LinkUri) -> Result<(CardWires, Settings), LinkError> {
     Ok((CardWires::Ring(Ring::new(Cards::new(first, second), probe_source)), settings))
 }
 
-/// Why a board did not reach PreOP, with the next step for the user.
+/// The error text for a board that did not reach PreOP: the reason, and the next step for the user.
 fn why_not(board: &Board) -> String {
     if let Some(why) = board.engine().state_failure().filter(|why| *why != StateFailure::NoSlave) {
         return format!("no PreOP: {why}; see who is there with `ecmsk bus scan`");

@@ -59,7 +59,7 @@ impl Masters {
     }
 
     /// Detects two masters by their alternating source addresses: a master that replaces another one does not
-    /// alternate. Returns the log line about the two masters when they are detected first, otherwise `None`.
+    /// alternate. Returns the log line about the two masters when it detects them for the first time, otherwise `None`.
     fn compare(&mut self, source: MacAddress) -> Option<String> {
         let first = *self.source.get_or_insert(source);
         if source != first {
@@ -109,8 +109,8 @@ mod tests {
         let mut masters = Masters::new("veth1".into(), begin);
         assert_eq!(masters.note(Some(&ONE), at(10)).as_deref(), Some("a master is there on veth1"));
         assert_eq!(masters.note(Some(&ONE), at(20)), None);
-        // Slaves set a bit in the source address of a frame (0x02 of the first byte). The bit does not make it another
-        // address.
+        // Slaves set a bit in the source address of a frame (0x02 of the first byte). An address with this bit counts
+        // as the same address.
         assert_eq!(masters.note(Some(&[ONE[0] | 2, 1, 1, 1, 1, 1]), at(30)), None);
         assert_eq!(masters.note(Some(&OTHER), at(40)), None, "it may be the next one");
         let said = masters.note(Some(&ONE), at(50)).expect("it is told");

@@ -209,7 +209,7 @@ mod tests {
     }
 
     /// ECAT-15.18 Clocks drift as requested: the first one is too fast by the requested value, the last one too slow by
-    /// it.
+    /// the same value.
     #[test]
     fn crystals_drift() {
         let mut wire = Wire::with_drift("drive*3", "", 100);
@@ -289,8 +289,8 @@ mod tests {
         assert_eq!((wire.count(), scripted(&wire)), (Some(1), 3));
         wire.wait(100);
         assert_eq!((wire.count(), scripted(&wire)), (Some(2), 4), "nobody is in OP");
-        // The terminal `io` reaches OP by requests of states and written outputs alone. It needs neither PDO mapping
-        // nor distributed clocks, if its sync managers are set as in its EEPROM.
+        // The terminal `io` reaches OP if the master only requests the states and writes the outputs. It needs neither
+        // PDO mapping nor distributed clocks, if its sync managers are set as in its EEPROM.
         assert_eq!(wire.send(Command::Apwr, 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
         let outputs = [0x00, 0x11, 0x02, 0x00, 0x64, 0, 1, 0, 0x80, 0x11, 0x02, 0x00, 0x20, 0, 1, 0];
         assert_eq!(wire.send(Command::Apwr, 0x0810 << 16, &outputs).map(|(_, counter)| counter), Some(1));
@@ -351,8 +351,8 @@ mod tests {
         assert_eq!(states(&wire), [(init, AlStatus::NONE), (preop, AlStatus::NONE)]);
     }
 
-    /// ECAT-15.26 For a slave that changes its state too often some changes are not logged, but their number is. They
-    /// never suppress lines about another slave, and the final state is always logged.
+    /// ECAT-15.26 If a slave changes its state too often, some changes are not logged, but their number is. Lines about
+    /// another slave are never suppressed because of it, and the final state is always logged.
     #[test]
     fn no_state_is_swallowed() {
         let mut wire = Wire::new("io*2", "");
@@ -425,8 +425,8 @@ mod tests {
         assert_eq!(times[2..], [0, 0]);
     }
 
-    /// ECAT-8.13 Each frame of a master gets exactly one answer, unless the cable loses the frame: the number of
-    /// answers is that of the frames minus that of the lost ones.
+    /// ECAT-8.13 Each frame of a master gets exactly one answer, unless the cable loses the frame: of 1000 frames, 100
+    /// of which are lost, 900 are answered.
     #[test]
     fn s40_each_frame_is_answered_once() {
         let mut wire = Wire::new("drive*2", "at 500ms cut 1 for 100ms\n");

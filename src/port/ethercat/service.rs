@@ -20,7 +20,7 @@ use crate::port::serving::Shared;
 
 /// The interval at which the slaves' time advances while no frame comes, and at which their states are logged. \[OURS]
 const TICK: Duration = Duration::from_millis(5);
-/// The pause after an error of a socket in receiving a frame, before the server reads from the sockets again. \[OURS]
+/// The pause after a socket has failed to receive a frame, before the server reads from the sockets again. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
 /// The interval at which the server checks whether each interface has a link. \[OURS] It is short, because a real slave
 /// closes its port some milliseconds after a loss of the link, long before its process data watchdog expires.
@@ -184,9 +184,9 @@ impl Service {
         self.log_limit.due(now).into_iter().for_each(|line| self.notes.push(line));
     }
 
-    /// Checks the links of the interfaces. Returns the name of one that has disappeared. If an interface of a ring has
-    /// no link, the slave at that end closes its port. With a single interface nothing is done: without a link no
-    /// frames come. `None`: no interface has disappeared.
+    /// Checks the links of the interfaces. Returns the name of an interface that has disappeared; `None`: none has. If
+    /// an interface of a ring has no link, the slave at that end closes its port. With a single interface the slave's
+    /// port stays as it is: without a link no frames come.
     fn look_at_links(&mut self, now: Instant) -> Option<String> {
         self.next_look = now + LINK_PERIOD;
         let is_ring = self.ports.len() > 1;

@@ -9,9 +9,10 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::esc::{Chain, EscSlave};
 use crate::slave::{AXES_MAX, AxisFault};
 
-/// The most lines for one slave within [`PERIOD_NS`], for states and for faults each. \[OURS]
+/// The maximum number of lines for one slave within [`PERIOD_NS`], counted separately for states and for faults.
+/// \[OURS]
 const LINES_MAX: u32 = 20;
-/// The period in which [`LINES_MAX`] lines are allowed, counted from the first of them, ns. \[OURS]
+/// The period in which [`LINES_MAX`] lines are allowed, counted from the first of these lines, ns. \[OURS]
 const PERIOD_NS: Ns = 10_000_000_000;
 
 type State = (RequestedState, AlStatus);
@@ -53,7 +54,7 @@ pub(super) struct Told {
 }
 
 impl Told {
-    /// Nothing is logged yet: all slaves are in Init and have no fault.
+    /// Creates the state in which nothing is logged yet: all slaves count as being in Init and without a fault.
     pub(super) fn new(slaves: usize) -> Self {
         let init = (RequestedState::State(AlState::Init), AlStatus::NONE);
         let known = Known { told: init, seen: init, changes: 0, budget: Budget::default() };

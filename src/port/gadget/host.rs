@@ -1,9 +1,9 @@
-//! State of the USB host at the other end of the cable, derived from the events and ended transfers of this machine's
-//! device controller. Plain state without I/O and waits; the caller passes the time.
+//! State of the USB host at the other end of the cable, derived from the events and completed transfers of this
+//! machine's device controller. This is state without I/O and waits; the caller passes the time.
 //!
-//! The controller holds at most one report for the host, and accepts one frame at a time. While it has no report, or
-//! while the board has not accepted the previous frame, it answers the host with NAK. The requests and transfers of the
-//! host go to the USB device model that USB/IP uses too.
+//! The controller holds at most one report for the host, and accepts one frame at a time. It answers the host with NAK
+//! on the IN endpoint while it has no report, and on the OUT endpoint while the board has not accepted the previous
+//! frame. The requests and transfers of the host go to the USB device model that USB/IP uses too.
 
 use std::fmt;
 use std::time::Duration;
@@ -15,12 +15,12 @@ use crate::port::usb_board::setup::{Request, Setup, report};
 use crate::port::usb_board::transfer::{Direction, Ends, Status, Transfer};
 use crate::sk::{FRAME_LEN, Frame};
 
-/// The age at which a report that the host has not fetched is replaced by a newer one. A host that reads fetches it within
-/// 125 us; one that begins to read gets no report of long ago. \[OURS]
+/// The age at which a report that the host has not fetched is replaced by a newer one. A reading host fetches a report
+/// within 125 us. Without the replacement, a host that begins to read would get an outdated report first. \[OURS]
 const REPLACE_AFTER: Duration = Duration::from_millis(20);
 
-/// The sequence numbers that this file gives to transfers, one for each use. By them [`Ended`] recognizes which
-/// transfer has completed.
+/// The sequence numbers that this file gives to transfers, one for each use. They tell [`Ended`] which transfer has
+/// completed.
 const CONTROL: u32 = 0;
 const REPORT: u32 = 1;
 const FRAME: u32 = 2;
@@ -113,10 +113,10 @@ pub(super) struct Gone {
 pub(super) enum Written {
     /// The board has accepted the frame.
     Taken,
-    /// The link has refused this frame, and may take the next one. The host cannot learn that: its controller has
-    /// acknowledged the packet already.
+    /// The link has refused this frame, but may accept the next one. The host does not learn of the refusal: the device
+    /// controller has already acknowledged the packet.
     Refused,
-    /// The board has not accepted the frame. It is kept for the next attempt.
+    /// The board has not accepted the frame. The frame is kept for the next attempt.
     Not,
 }
 
@@ -142,8 +142,8 @@ pub(super) enum Answer {
     Acknowledge,
     /// The request is refused.
     Stall {
-        /// The direction in the setup packet: whether the data stage goes to the host. The kernel stalls endpoint 0
-        /// when the server tries a transfer in the other direction, so the stall needs to know it.
+        /// The direction in the setup packet: whether the data stage goes to the host. To stall endpoint 0, the server
+        /// has to try a transfer in the other direction.
         to_host: bool,
     },
 }
@@ -154,11 +154,11 @@ pub(super) struct Host {
     descriptors: Descriptors,
     device: Device<Ended>,
     presence: Presence,
-    /// Whether reports and frames are passed between host and board. They are not while axes are being stopped, or
-    /// while the link to the board is lost.
+    /// Whether reports and frames are passed between host and board; `false` while axes are being stopped, or while the
+    /// link to the board is lost.
     is_open: bool,
-    /// Rises with each new device model, so that the result of a write is ignored if its frame came through an earlier
-    /// one.
+    /// The generation of the device model, which rises with each new model. The result of a write is ignored if its
+    /// frame came through an earlier model.
     generation: u64,
     /// Whether a frame that the host has sent to the OUT endpoint waits for the board.
     frame_waits: bool,
@@ -192,7 +192,7 @@ impl Host {
     }
 
     /// Handles an event of the USB function other than a request. Returns how the event has changed the presence of the
-    /// host; `None`: it has not.
+    /// host; `None`: the presence is unchanged.
     pub(super) fn event(&mut self, event: Event, now: Duration, controller: &mut dyn Controller) -> Option<Change> {
         match event {
             Event::Enabled => {
@@ -282,13 +282,14 @@ impl Host {
         self.arm(now, controller);
     }
 
-    /// Handles the end of the controller's transfer of a report by another error than a cancellation.
+    /// Handles the failure of the controller's transfer of a report by an error other than a cancellation.
     pub(super) const fn not_sent(&mut self) {
         self.is_taken_back = false;
     }
 
-    /// Passes a packet that the controller has received on the OUT endpoint to the device model. The controller accepts
-    /// no further packet until the board has accepted this frame. Without a host the packet is dropped.
+    /// Handles a packet that the controller has received on the OUT endpoint: passes it to the device model. The
+    /// controller accepts no further packet until the board has accepted this frame. Without a host the packet is
+    /// dropped.
     pub(super) fn received(&mut self, packet: &[u8], now: Duration, controller: &mut dyn Controller) {
         if self.presence == Presence::Away {
             return;
@@ -321,7 +322,7 @@ impl Host {
         now: Duration,
         controller: &mut dyn Controller,
     ) {
-        // A link may refuse a frame of which the board has got a part.
+        // The board may have got a part of a frame that its link has refused, so axes may move.
         self.has_written |= written != Written::Not;
         if generation != self.generation {
             return;
@@ -354,8 +355,8 @@ impl Host {
         self.is_open = false;
     }
 
-    /// Passes reports and frames again. If another host has gone meanwhile, they stay blocked until its axes are
-    /// stopped, too.
+    /// Passes reports and frames again. If another host has gone meanwhile, reports and frames stay blocked until the
+    /// axes of that host are stopped, too.
     pub(super) fn open(&mut self, now: Duration, controller: &mut dyn Controller) {
         self.is_open = self.gone.is_none();
         self.arm(now, controller);
@@ -415,7 +416,7 @@ impl Host {
     }
 
     /// Ends the session of the host. The next host starts with a new device model, without frames and reports of this
-    /// one.
+    /// host.
     fn leave(&mut self, why: Why) {
         if self.presence == Presence::There {
             let counters = self.device.counters();

@@ -144,8 +144,8 @@ fn a_report_that_nobody_fetches_is_replaced() {
     assert_eq!((board.ends.taken_back, board.fetch(), board.fetch()), (2, Some(31), Some(60)));
 }
 
-/// A host that is gone ends the transfer of a report that was just taken back in another way. For the next host old reports are
-/// replaced all the same.
+/// When a host goes, the transfer of a report that is being taken back ends with another error than a cancellation. Old
+/// reports are replaced for the next host all the same.
 #[test]
 fn a_report_that_is_taken_back_may_end_with_its_host() {
     let mut board = Board::attached();
@@ -360,7 +360,7 @@ fn a_host_may_go_while_axes_are_stopped() {
     assert_eq!(board.fetch(), Some(2));
 }
 
-/// Events without a host, and those that say nothing new, change nothing.
+/// Events while no host is connected, and events that repeat the present state, change nothing.
 #[test]
 fn events_that_change_nothing() {
     let mut board = Board::new();

@@ -1,6 +1,7 @@
-//! The virtual board at a USB device port of this machine (Linux). A host at the other end of the cable sees an ECM-SK;
-//! behind it is a board on any link (a model, a real board, a served one). The kernel's gadget in configfs and
-//! FunctionFS carries it (why: docs/decisions/the-gadget-is-served-over-functionfs.md).
+//! The virtual board at a USB device port of this machine (Linux). A host at the other end of the cable sees an ECM-SK.
+//! The server passes frames and reports between this host and a board on any link (a model, a real board, a served
+//! one). It uses a USB gadget of the kernel, set up by configfs and FunctionFS (why:
+//! docs/decisions/the-gadget-is-served-over-functionfs.md).
 //!
 //! Files, in the order in which to read them:
 //!
@@ -46,7 +47,7 @@ use service::{Endpoints, Port, Service};
 /// The pause between two attempts to open a lost board. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(500);
 /// The serial number of a board whose identity has none. A USB/IP server (`port/usbip`) gives its first board the same
-/// one: the bus id. \[OURS]
+/// serial number, which is the board's bus id there. \[OURS]
 const SERIAL: &str = "1-1";
 /// The most bytes of a text that the kernel accepts for a USB device (`USB_MAX_STRING_LEN`).
 const TEXT_BYTES_MAX: usize = 126;

@@ -27,8 +27,8 @@ use crate::sk::{FRAME_LEN, Frame};
 use crate::tcp::Waker;
 use crate::tcp::wire::StopEnd;
 
-/// The longest single wait. A cancellation that comes just before a wait begins is noticed after this time. An endpoint
-/// that did not accept a transfer gets the next attempt after it. \[OURS]
+/// The longest single wait. A cancellation that comes just before a wait begins is noticed at the end of this wait. An
+/// endpoint that did not accept a transfer gets the next attempt after this time. \[OURS]
 const WAIT_SLICE: Duration = Duration::from_millis(50);
 
 /// The interrupt endpoints of a device controller, with the transfers that have completed.
@@ -72,7 +72,7 @@ pub(super) struct Service {
     late_before: Mutex<Lateness>,
     waker: Waker,
     is_stopping: AtomicBool,
-    /// Whether axes of a host may go on, because the board was lost before they were stopped.
+    /// Whether axes of a host may still move, because the board was lost before they were stopped.
     left_moving: AtomicBool,
     began: Instant,
     failure: Mutex<Option<io::Error>>,
@@ -116,8 +116,8 @@ impl Service {
         self.port.pull();
         self.waker.wake();
         // Waits on the link are not cancelled: they end by themselves within a time limit, and the thread of the board
-        // still has to stop the axes over this link. While this lock is held, no thread is between its check and its
-        // wait, so none misses the notification.
+        // still has to stop the axes over this link. While this lock is held, no thread is between its check of
+        // `is_stopping` and its wait on `frames`, so no thread misses the notification.
         let _bus = self.bus.lock();
         self.frames.notify_all();
     }
@@ -127,7 +127,7 @@ impl Service {
         self.link().close_board();
     }
 
-    /// Takes the error for which the server has ended by itself; `None`: it has not.
+    /// Takes the error for which the server has ended by itself; `None`: the server has not ended by itself.
     pub(super) fn take_failure(&self) -> Option<io::Error> {
         self.failure.lock().take()
     }
@@ -166,8 +166,9 @@ impl Service {
         Ok(())
     }
 
-    /// Handles an event other than a request. A transfer that has ended until now belongs to the session before the
-    /// event, which may end with it: handled later, a frame of that session would start axes that were just stopped.
+    /// Handles an event other than a request. Handles the transfers that have completed so far first, because they
+    /// belong to the session that this event may end. Otherwise a frame of that session could start axes that were just
+    /// stopped.
     pub(super) fn event(&self, event: Event) {
         let mut bus = self.bus.lock();
         self.take_ends_of(&mut bus);
@@ -363,22 +364,23 @@ impl Service {
         bus.host.take_has_written()
     }
 
-    /// If frames of a host may have moved axes, brings these axes to a standstill; `why` is the reason for the log. If that fails,
-    /// it is done when the board is back.
+    /// If frames of a host may have moved axes, brings these axes to a standstill; `why` is the reason for the log. If
+    /// that fails, the server stops the axes when the board is back.
     fn stop_axes(&self, why: &str) {
-        let may_move = self.close() || self.left_moving.swap(false, Ordering::AcqRel);
-        if may_move && !self.bring_to_standstill(why) {
+        let (has_written, was_left) = (self.close(), self.left_moving.swap(false, Ordering::AcqRel));
+        if (has_written || was_left) && !self.bring_to_standstill(why) {
             self.left_moving.store(true, Ordering::Release);
         }
     }
 
-    /// Returns whether there is nothing more to do: the axes stand, or are to be left as they are.
+    /// Brings the axes to a standstill, unless they are to be left as they are. Returns `false` if that failed and has
+    /// to be repeated when the board is back.
     fn bring_to_standstill(&self, why: &str) -> bool {
         let link = self.link();
         let watch = || link.watch();
         let shared: Arc<dyn Link> = link.clone();
         let left = LeftBoard { link: shared, watch: &watch, who: why, tell: &|line| self.tell(line) };
-        // How it has ended is in the log.
+        // `LeftBoard` has logged how the stop has ended.
         match left.bring_to_standstill(self.options.on_vanish) {
             Some(ended) => ended.end != StopEnd::Failed,
             None => self.options.on_vanish == OnVanish::Leave,
@@ -387,14 +389,14 @@ impl Service {
 
     /// Hides a lost board from its host, and makes it visible again when its link can be opened.
     fn reopen(&self, error: &LinkError) {
-        // A link can fail without its board being gone: then the axes that the host has moved can still be stopped. Those
-        // of a lost board cannot be reached, and are stopped when it is back.
+        // A link can fail without its board being gone: then the axes that the host has moved can still be stopped. The
+        // axes of a lost board cannot be reached, and are stopped when the board is back.
         if self.link().check().is_ok() {
             self.stop_axes("the board's link has failed");
         } else if self.close() {
             self.left_moving.store(true, Ordering::Release);
         }
-        // What a write on the old link has left; it would take the new one for lost.
+        // Discards the error that a write on the old link has left: otherwise the new link would count as lost.
         self.bus.lock().lost = None;
         self.port.pull();
         self.tell(&format!("the board is lost, {error}; for its host it is pulled; waiting for its return"));
@@ -420,8 +422,8 @@ impl Service {
         }
     }
 
-    /// Opens the link of the board, stops axes that have gone on meanwhile, and makes the board visible to a host. An error is
-    /// the reason for the log.
+    /// Opens the link of the board, stops axes that have kept moving meanwhile, and makes the board visible to a host.
+    /// An error is the reason for the log.
     fn come_back(&self) -> Result<(), String> {
         let link = (self.opener)().map_err(|error| error.to_string())?;
         let again = Arc::new(self.link().reopened(link));

@@ -1,5 +1,5 @@
-//! The board's link for this server. It derives the state of the network (slaves, axes, FIFO) from the frames and
-//! reports that pass, because the axes of a vanished host are stopped through it. Closing this link leaves the board
+//! A wrapper of the board's link that derives the state of the network (slaves, axes, FIFO) from the frames and reports
+//! that pass. The server needs this state to stop the axes of a vanished host. Closing the wrapper leaves the board
 //! open, since the `Ecm` that stops the axes closes its link at the end.
 
 use std::sync::Arc;
@@ -24,7 +24,7 @@ impl WatchedLink {
         Self { link, passing }
     }
 
-    /// The link of the same board, which was lost and opened again.
+    /// The wrapper for the new link of the same board, which was lost and opened again.
     pub(super) fn reopened(&self, link: Arc<dyn Link>) -> Self {
         let passing = Mutex::new(self.passing.lock().reopened(link.info().slot));
         Self { link, passing }

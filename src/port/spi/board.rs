@@ -7,8 +7,7 @@ use std::time::Duration;
 use crate::link::{Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::{FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, SlotSize};
 
-/// How long a [`SpiBoard`], which serves the board of a link as a slave on SPI, waits for the first report of that link when it
-/// starts. \[OURS]
+/// How long a [`SpiBoard`] waits for the first report of its link when it starts. \[OURS]
 const FIRST_REPORT_WAIT_MAX: Duration = Duration::from_secs(1);
 
 /// How long an exchange outside OP waits for the answer to the previous frame: some cycles of the default length, and
@@ -20,10 +19,10 @@ const ANSWER_WAIT_MAX: Duration = Duration::from_millis(50);
 pub struct SpiBoardCounters {
     /// The number of exchanges whose frame the board has accepted.
     pub frames: u64,
-    /// The number of exchanges with fewer bytes than a frame, of which the board executes nothing.
+    /// The number of exchanges with fewer bytes than a frame. The board executes nothing of them.
     pub incomplete: u64,
-    /// The number of exchanges while BUSY was high, which are answered with zeros and of which the board executes
-    /// nothing.
+    /// The number of exchanges while BUSY was high. They are answered with zeros, and the board executes nothing of
+    /// them.
     pub while_busy: u64,
     /// The number of exchanges whose frame was not written, because the link has returned an error.
     pub refused: u64,
@@ -47,7 +46,7 @@ struct ReportedFifo {
 /// is the number in the newest report, less the frames exchanged since that report. So a host that writes as many
 /// frames as the number allows never overfills the FIFO.
 ///
-/// `examples/rust/spi_board.rs` shows how another program uses one.
+/// `examples/rust/spi_board.rs` shows how another program uses an `SpiBoard`.
 pub struct SpiBoard {
     link: Arc<dyn Link>,
     size: SlotSize,
@@ -198,8 +197,8 @@ impl SpiBoard {
     }
 
     /// Removes from `uncounted` the frames that the newest report includes: those written before it, as far as they can
-    /// have reached the FIFO by then. A frame that is still on its way inside this machine while the board makes a
-    /// report is included in the next one. The board takes at most one entry per cycle out of the FIFO, so the two
+    /// have reached the FIFO by then. A frame that is still in transit inside this machine while the board makes a
+    /// report is included in the next report. The board takes at most one entry per cycle out of the FIFO, so the two
     /// newest reports show how many entries have arrived between them.
     fn count_by_report(&mut self, report: ReadMeta) {
         let master = MasterResponse::decode(&self.report.slot(self.size, 0));

@@ -27,8 +27,8 @@ use crate::threads;
 /// How many connections the system may queue until they are accepted (the backlog of `listen`). The system may lower
 /// this value. \[OURS]
 const BACKLOG: i32 = 4096;
-/// How many connections are accepted before the server looks again for Hellos on the pending ones: those accepted
-/// before that have not sent their Hello. \[OURS]
+/// How many connections are accepted in a row before the server checks again whether pending connections have sent
+/// their Hello. \[OURS]
 const ACCEPTED_IN_A_ROW_MAX: usize = 16;
 /// How long the server waits until a client has received why its connection ends. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
@@ -50,8 +50,8 @@ struct Shared {
 }
 
 impl Shared {
-    /// Logs a line that others could cause as often as they like. Lines of the same `kind` are counted instead when
-    /// there are too many.
+    /// Logs a line that clients can cause as often as they like. If there are too many lines of the same `kind`,
+    /// further ones are only counted.
     fn log_limited(&self, kind: &str, line: &str) {
         let may_log = self.log_limit.lock().may_log(kind, Instant::now());
         if may_log {
@@ -149,8 +149,8 @@ fn wait(
     next_try: Instant,
     shared: &Shared,
 ) {
-    // The listener is polled only if `takes` is true. Otherwise the time at which there is room again has to be among
-    // the deadlines, or the wait would not end then. So both are calculated with the same `now`.
+    // The listener is polled only if `takes` is true. If it is false, the wait has to end when there is room again, so
+    // that time is among the deadlines. Both are calculated with the same `now`, so that they agree.
     let takes = pool.has_room(now) && now >= next_try;
     let times = [
         pool.next_time(now, &shared.hub.options),
@@ -212,8 +212,8 @@ fn accept_pending(listener: &TcpListener, pool: &mut PendingPool, shared: &Share
     true
 }
 
-/// Makes a pending connection a client with a thread, or returns it after a refusal. `None`: the client is lost,
-/// because the system provides no thread or file handle for it.
+/// Makes a pending connection a client with a thread, or returns the connection if it was refused. `Ok(None)`: the
+/// client is lost, because the system provides no thread or file handle for it.
 fn start_client(
     pending: Box<PendingConnection>,
     hello: Introduction,

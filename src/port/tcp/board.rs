@@ -15,14 +15,16 @@ use crate::span::Seconds;
 use crate::summary::{Alarm, FrameEvent, FrameWatch, HeldBack};
 use crate::tcp::wire::{Counts, TEXT_MAX};
 
-/// How long an opened board may take to show a report, and so how wide its slots are, before clients are served without that. \[OURS]
+/// How long the server waits for a report that shows the slot size after it has opened a board. After that, clients are
+/// served without a known slot size. \[OURS]
 const SIZE_WAIT: Duration = Duration::from_millis(200);
 
 /// A board that the server has open.
 pub(super) struct Board {
     /// The link of the clients, with the limits of the server's machine file.
     pub(super) link: Arc<dyn Link>,
-    /// The link of the server itself, which brakes axes. A limit must not end a brake: the axes would hold from full speed.
+    /// The same link without these limits, over which the server itself stops axes. A limit must not interrupt the
+    /// deceleration: the axes would have to hold their position at once from full speed.
     own: Arc<dyn Link>,
     pub(super) info: LinkInfo,
     /// The slaves and the counts per unit of their axes that the board's link knows; empty if it knows none.
@@ -41,8 +43,9 @@ pub(super) struct Board {
 }
 
 impl Board {
-    /// A board that was opened; `lost`: again, after its link was lost. Waits until a report has shown the slot size, if
-    /// the link does not know it. `limited` puts the limits of the server's machine file around the link.
+    /// Creates the state of an opened board. `lost`: the state from before its link was lost; `None`: the board was not
+    /// open before. Waits until a report has shown the slot size, if the link does not know it. `limited` puts the
+    /// limits of the server's machine file around the link.
     pub(super) fn new(
         own: Arc<dyn Link>,
         limited: impl FnOnce(Arc<dyn Link>) -> Arc<dyn Link>,
@@ -90,7 +93,8 @@ impl Board {
         written
     }
 
-    /// The state of the network in the next report, of a board that no client uses yet. `None`: no report came.
+    /// Reads the next report of a board that no client uses yet. Returns the newest known state of the network; `None`: no
+    /// report came, or the state is not known.
     pub(super) fn first_state(&self) -> Option<MasterState> {
         let mut frame = Frame::new();
         let meta = self.link.read(&mut frame, Wait::For(SIZE_WAIT)).ok()?;
@@ -173,7 +177,7 @@ impl Board {
         self.dropped.store(meta.dropped, Ordering::Relaxed);
     }
 
-    /// How many reports the board's link has dropped, by the newest report.
+    /// How many reports the board's link has dropped, as of the newest report.
     pub(super) fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
     }
@@ -184,8 +188,8 @@ impl Board {
         (passing.size(), passing.next_sequence())
     }
 
-    /// Calls `found` with a line for the log for each alarm, axis that is held back and failed change of state that a report
-    /// shows. Their times count from the opening of the board, as in a recording.
+    /// Calls `found` with a log line for each event that a report shows: an alarm, an axis that is held back, or a
+    /// failed change of state. The times in these lines count from the opening of the board, as in a recording.
     pub(super) fn find_troubles(&self, frame: &Frame, at: Stamp, found: &mut dyn FnMut(String)) {
         let Some(size) = self.size() else { return };
         let mut troubles = self.troubles.lock();

@@ -37,7 +37,7 @@ pub(super) struct Client {
     is_stopping: AtomicBool,
 }
 
-/// Why a connection has to end, which another thread than the client's own has found.
+/// Why a connection has to end. A thread other than the client's own sets this.
 pub(super) struct Dismissal {
     pub(super) end: End,
     /// The text of the Bye: the reason, or the name of the client that has asked for a stop.
@@ -70,8 +70,8 @@ impl Client {
         }
     }
 
-    /// Has this client's own thread end its connection, after the answer to a request that the board has executed. A second
-    /// call has no effect.
+    /// Makes this client's own thread end the connection. If the board has executed a request, its answer is sent
+    /// before. A second call has no effect.
     pub(super) fn dismiss(&self, end: End, text: &str) {
         self.dismiss_for(Dismissal { end, text: text.to_owned(), off: false });
     }

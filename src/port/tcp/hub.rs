@@ -17,7 +17,8 @@ use crate::sk::{Frame, MasterState};
 use crate::tcp::wire::{End, Message, Refusal, Role, Welcome};
 use crate::tcp::{Channel, PROOF_LEN, Secret};
 
-/// How long after a stop of axes has failed, on a board that is there, it is tried again, and how often. \[OURS]
+/// If a stop of axes fails although the board is present, the server repeats it after this time; it makes at most
+/// [`TRIES_MAX`] attempts in all. \[OURS]
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 pub(super) const TRIES_MAX: u32 = 6;
 /// How many clients that ask for a stop are served at once, beside the other clients. \[OURS]
@@ -35,26 +36,28 @@ struct State {
     /// The reports that the server itself reads while it is the writer: it needs them to bring the axes of a vanished
     /// writer to a standstill. `None`: the server is not the writer.
     server_reports: Option<Arc<ReportQueue>>,
-    /// How often the server has brought the axes to a standstill, and how the newest time has ended.
+    /// How many attempts of the server to bring the axes to a standstill have ended, and the result of the newest
+    /// attempt.
     standstills: u64,
     newest_standstill: Option<Standstill>,
     /// How many stops that clients have asked for are not answered yet. Meanwhile no client becomes the writer, because
     /// its frames could move the axes before the answer says that they stand.
     stops: usize,
-    /// The axes that the server has to stop: again, after that has failed, and when the board is back, if it is lost or gets
-    /// lost now.
+    /// The axes that the server still has to stop: an attempt has failed and is repeated, or the board is lost and the
+    /// axes are stopped when it is back.
     left_moving: Option<LeftMoving>,
     is_stopping: bool,
     is_over: bool,
 }
 
-/// Axes that may move, and that the server could not stop: their writer has not closed its link.
+/// Axes that may move and that the server has to stop: their writer has not closed its link, or a client has asked for
+/// a stop.
 pub(super) struct LeftMoving {
-    /// The writer, or the stop that a client has asked for.
+    /// For the log: the name of the writer, or the stop that a client has asked for.
     pub(super) who: String,
     pub(super) on_vanish: OnVanish,
-    /// How often the server has tried to stop them, and when the newest try has failed. Not counted is a try that the loss of
-    /// the board has ended.
+    /// How many attempts to stop the axes have failed, and when the newest one has failed. The number restarts at 0
+    /// when a lost board is back.
     pub(super) tries: u32,
     pub(super) failed_at: Option<Instant>,
 }
@@ -74,13 +77,13 @@ impl State {
         queue
     }
 
-    /// How many clients have this role, without those whose connection ends.
+    /// How many clients have this role, without those whose connection is being ended.
     fn count(&self, role: Role) -> usize {
         self.clients.iter().filter(|client| client.role == role && client.dismissal().is_none()).count()
     }
 
-    /// Makes room for a client that asks for a stop, or for the machine file: the oldest one of its kind for which the server
-    /// does nothing goes. Returns whether there is one.
+    /// Makes room for a client that asks for a stop or for the machine file: disconnects the oldest client with the
+    /// same role for which no stop is being carried out. Returns whether there is such a client.
     fn make_room(&self, role: Role) -> bool {
         let is_idle =
             |client: &&Arc<Client>| client.role == role && client.dismissal().is_none() && !client.is_stopping();
@@ -91,9 +94,10 @@ impl State {
     }
 }
 
-/// How far a stop that a client has asked for has come. It ends when this value is dropped.
+/// The progress of a stop that a client has asked for. Dropping this value ends the stop.
 pub(super) struct StopProgress {
-    /// The number of standstills before the one that this stop waits for.
+    /// The number of finished attempts to stop the axes (`State::standstills`) when this stop began to wait for an attempt,
+    /// or began one itself. It waits until a later attempt has finished. `None`: neither has happened yet.
     since: Option<u64>,
     /// The name of the writer that was overruled; empty if there was none.
     pub(super) writer: String,
@@ -126,7 +130,7 @@ pub(super) struct Hub {
     pub(super) notes: Notes<String>,
     /// The secret for new connections: that of the options, or one that has replaced it.
     secret: Mutex<Option<Secret>>,
-    /// The number of clients, for a look that takes no lock.
+    /// The number of clients, which can be read without a lock.
     client_count: Arc<AtomicUsize>,
     state: Mutex<State>,
     changed: Condvar,
@@ -171,12 +175,12 @@ impl Hub {
         }
     }
 
-    /// The secret that a new connection has to know; `None`: none.
+    /// The secret that a new connection has to know; `None`: no secret is needed.
     pub(super) fn secret(&self) -> Option<Secret> {
         self.secret.lock().clone()
     }
 
-    /// Replaces the secret for new connections, if the server has one. Returns whether it has.
+    /// Replaces the secret for new connections, if the server has one. Returns whether the server has a secret.
     pub(super) fn set_secret(&self, new: Secret) -> bool {
         let mut secret = self.secret.lock();
         let has_one = secret.is_some();
@@ -207,8 +211,8 @@ impl Hub {
     /// writer from now on, until [`end_standstill`](Self::end_standstill), and these axes are returned.
     pub(super) fn attach_again(&self, link: Arc<dyn Link>, lost: &Board) -> (Arc<Board>, Option<LeftMoving>) {
         let board = self.opened(link, Some(lost));
-        // A program that resets its board opens it again at once, and no axis is on then. But the reset may have been lost on its
-        // way, or refused.
+        // After a reset all axes are disabled, so none has to be stopped. But the reset may have been lost or refused,
+        // so the state in the first report decides.
         let is_reset = lost.is_being_reset() && board.first_state().is_some_and(|state| state != MasterState::Op);
         let mut state = self.state.lock();
         let left = state.left_moving.take().filter(|_| !is_reset);
@@ -237,7 +241,7 @@ impl Hub {
         limits::around_served(link, file, Box::new(move |line| notes.push(line)))
     }
 
-    /// Handles the loss of the board: has all clients notified and disconnected.
+    /// Handles the loss of the board: makes the thread of each client send a Bye and end the connection.
     pub(super) fn lose(&self, board: &Arc<Board>, error: &LinkError) {
         let reason = match error {
             LinkError::Lost { reason, .. } => reason.to_string(),
@@ -276,8 +280,8 @@ impl Hub {
             Err(reason) => return Err((Refusal::NoBoard, reason.clone())),
             Ok(board) => Arc::clone(board),
         };
-        // While there is no writer, readers cannot have the last free place: it is kept for a writer. Clients that ask for
-        // a stop have places of their own, so that the others cannot keep them out.
+        // While there is no writer, readers cannot take the last free place: it is kept for a writer. Clients that ask
+        // for a stop are counted separately, so that other clients cannot keep them out.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
         let has_room = match joining.role {
             Role::Stopper => state.count(Role::Stopper) < STOPPERS_MAX || state.make_room(Role::Stopper),
@@ -321,10 +325,10 @@ impl Hub {
         Ok((client, board))
     }
 
-    /// Removes a client. `is_trusted`: its axes need not be stopped, because the client has closed its link, or no thread
-    /// could be started to serve it. Otherwise, if the client was the writer, the server itself
-    /// becomes the writer until [`end_standstill`](Self::end_standstill), and the queue of reports for the server is
-    /// returned. In all other cases the result is `None`.
+    /// Removes a client. `is_trusted`: the client's axes need not be stopped, because it has closed its link, or no
+    /// thread could be started to serve it. Otherwise, if the client was the writer, the server itself becomes the
+    /// writer until [`end_standstill`](Self::end_standstill), and the queue of reports for the server is returned. In
+    /// all other cases the result is `None`.
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
         let mut state = self.state.lock();
         state.clients.retain(|other| !Arc::ptr_eq(other, client));
@@ -339,9 +343,9 @@ impl Hub {
         Some(state.begin_standstill(&format!("after {}", client.name)))
     }
 
-    /// The server is no longer the writer, since it has brought the axes to a standstill: a client can become the
-    /// writer again. `ended`: how that has ended; `None`: the axes were left as they are, or the board is lost. `left`: the
-    /// axes that have to be stopped when the board is back.
+    /// Ends the time in which the server is the writer to bring axes to a standstill: a client can become the writer
+    /// again. `ended`: the result of the attempt; `None`: the axes were left as they are, or the board is lost. `left`:
+    /// the axes that still have to be stopped.
     pub(super) fn end_standstill(&self, ended: Option<Standstill>, left: Option<LeftMoving>) {
         let mut state = self.state.lock();
         (state.writer, state.server_reports) = (None, None);
@@ -354,9 +358,9 @@ impl Hub {
         self.changed.notify_all();
     }
 
-    /// The axes that the server could not stop although the board is there, if it is time to try that again. The server is the
-    /// writer from now on, until [`end_standstill`](Self::end_standstill). `None` too while a client is the writer: it has taken
-    /// the axes over, or asks for a stop of its own.
+    /// Returns the axes that the server could not stop although the board is present, if the next attempt is due. Then
+    /// the server is the writer until [`end_standstill`](Self::end_standstill). Also returns `None` while a client is
+    /// the writer and has taken over the axes, and while a stop that a client has asked for is carried out.
     pub(super) fn begin_retry(&self) -> Option<LeftMoving> {
         let mut state = self.state.lock();
         let is_due = |left: &mut LeftMoving| {
@@ -377,8 +381,8 @@ impl Hub {
         StopProgress { since: None, writer: String::new(), by: Arc::clone(by), hub: Arc::clone(self) }
     }
 
-    /// The next step of the stop that the client `by` has asked for. A writer is overruled, so that its own thread stops
-    /// the axes as those of a writer that has vanished. If the server stops axes already, this stop waits for that.
+    /// The next step of the stop that the client `by` has asked for. A writer is overruled: its own thread stops the
+    /// axes, as after a writer that has vanished. If the server stops axes already, this stop waits for the result.
     pub(super) fn step_stop(&self, by: &str, off: bool, progress: &mut StopProgress) -> StopStep {
         let mut state = self.state.lock();
         if let Some(ended) = &state.newest_standstill
@@ -417,7 +421,7 @@ impl Hub {
         }
     }
 
-    /// Accepts no more clients, and has those that are connected notified and disconnected.
+    /// Accepts no more clients, and makes the thread of each connected client send a Bye and end the connection.
     pub(super) fn stop(&self) {
         let mut state = self.state.lock();
         state.is_stopping = true;

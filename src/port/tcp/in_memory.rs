@@ -190,7 +190,7 @@ impl InMemoryClient<'_> {
         self.session.is_busy()
     }
 
-    /// The length of a message in bytes.
+    /// The length of a Write message in bytes; for any other message the maximum length of messages.
     pub fn length(what: ClientMessage<'_>) -> usize {
         match what {
             ClientMessage::Write(frame) => {

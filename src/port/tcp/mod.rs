@@ -20,8 +20,8 @@
 //! The server accepts one writer, and readers up to [`ServeOptions::max_clients`]. Each client has a thread, which also
 //! writes to the board. One more thread reads the board's reports and sends them to every client as far as its socket
 //! has room. Reports that a slow client does not take in time are dropped, the oldest first, and counted; no other
-//! client waits for it. On virtual time there is no such thread: the writer's calls advance the time, and readers get
-//! the reports that the writer reads.
+//! client waits for it. On virtual time this thread reads no reports: the writer's calls advance the time, and readers
+//! get the reports that the writer reads.
 //!
 //! Files, in the order in which to read them:
 //!
@@ -99,7 +99,7 @@ pub struct ServeOptions {
     /// The slaves and the counts per unit of their axes that the server tells its clients. An empty field is filled
     /// from passing frames, or else from the board's link.
     pub network: KnownNetwork,
-    /// The machine file that the server tells clients that ask for one ([`machine`](crate::link::tcp::machine)).
+    /// The machine file that the server sends to clients that ask for one ([`machine`](crate::link::tcp::machine)).
     pub machine: Option<Arc<CarriedFile>>,
     /// How long a new connection may take to send its first message, the Hello; 2 s by default.
     pub hello_limit: Duration,
@@ -158,8 +158,8 @@ impl Server {
     /// Opens the board and serves it. Whenever the board is lost, `open` is called again until it succeeds.
     ///
     /// # Errors
-    /// [`ServeError`]: the address is reachable from other machines and there is no secret, it cannot be listened on,
-    /// the board cannot be opened, or the system provides no thread.
+    /// [`ServeError`]: the address is reachable from other machines and there is no secret, the server cannot listen on
+    /// the address, the board cannot be opened, or the system provides no thread.
     pub fn start(
         mut open: impl FnMut() -> Result<Arc<dyn Link>, LinkError> + Send + 'static,
         options: ServeOptions,

@@ -30,7 +30,8 @@ pub(super) struct PendingConnection {
     /// The TLS session until its handshake is complete. `None`: the server uses no TLS, or the handshake is complete.
     handshake: Option<Box<Connection>>,
     material: Option<Material>,
-    /// The secret that the client has to know: the one of the server when the connection came. `None`: none.
+    /// The secret that the client has to know: the server's secret when the connection came. `None`: no secret is
+    /// needed.
     secret: Option<Secret>,
     /// For a refused connection: how long it may still take to receive the reason. `None`: the connection was not
     /// refused.

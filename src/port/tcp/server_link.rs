@@ -18,7 +18,7 @@ pub(super) struct ServerLink {
 }
 
 impl ServerLink {
-    /// Handles the loss of the board, if a call has failed for it.
+    /// Handles the loss of the board, if a call has failed because of it.
     fn noted<T>(&self, done: Result<T, LinkError>) -> Result<T, LinkError> {
         if let Err(error @ LinkError::Lost { .. }) = &done {
             self.hub.lose(&self.board, error);
@@ -56,7 +56,7 @@ impl Link for ServerLink {
         let limit = wait.limit().unwrap_or(WAIT_MAX).min(WAIT_MAX);
         let timeout = LinkError::Timeout { dir: Dir::Read, waited: limit, what: "no report came" };
         let Some(queue) = &self.queue else {
-            // The end of the server cancels reads. It waits until the axes stand, so the read goes on.
+            // When the server ends, it cancels reads, but waits until the axes stand. So a cancelled read is repeated.
             let read = match self.board.link.read(out, Wait::at_most(limit)) {
                 Err(LinkError::Cancelled { .. }) => self.board.link.read(out, Wait::at_most(limit)),
                 read => read,

@@ -15,7 +15,8 @@ use crate::tcp::{Inbox, PROOF_LEN};
 
 /// How often a write that waits for the board checks whether its client has cancelled it. \[OURS]
 const WRITE_SLICE: Duration = Duration::from_millis(10);
-/// How long a stop waits for the thread that brings the axes to a standstill, until it handles messages again. \[OURS]
+/// How long a stop waits for the thread that brings the axes to a standstill, before its client's messages are handled
+/// again. \[OURS]
 const STOP_SLICE: Duration = Duration::from_millis(10);
 /// How far the board's time advances in one step of a request on virtual time, ns: 100 ms. Between two steps the server
 /// can notice that the client has gone. \[OURS]
@@ -74,7 +75,7 @@ enum Work {
     Read { left_ns: Option<u64> },
     /// On virtual time: advances the time by `left_ns` more.
     Pass { left_ns: u64 },
-    /// A stop of the axes; `off`: they are switched off then.
+    /// A stop of the axes; `off`: the axes are switched off at standstill.
     Stop { off: bool, progress: StopProgress },
 }
 
@@ -188,8 +189,8 @@ impl<'a> Session<'a> {
         self.work();
     }
 
-    /// Carries out a stop that the client has asked for, although its connection has ended, so that axes are stopped and
-    /// switched off as it asked. A server that ends or has lost its board does not.
+    /// Carries out a stop that the client has asked for, although its connection has ended, so that axes are stopped
+    /// and switched off as requested. Does nothing if the server ends or has lost its board.
     pub(super) fn finish_stop(&mut self) {
         while matches!(&self.pending, Some(Pending { work: Work::Stop { .. }, .. }))
             && self.hub.has(&self.board)

@@ -16,7 +16,8 @@ use crate::port::standstill::{LeftBoard, Standstill};
 use crate::tcp::wire::StopEnd;
 
 /// Called when a client has left. If it was the writer and has not closed its link, the server brings the axes to a
-/// standstill; if the board is lost, when it is back. Only then can another client become the writer.
+/// standstill; if the board is lost, when it is back. Until this attempt has ended, no other client can become the
+/// writer.
 pub(super) fn client_left(hub: &Arc<Hub>, board: &Arc<Board>, client: &Arc<Client>, left: &Left) {
     if let Some(queue) = hub.leave(client, matches!(left, Left::Closed)) {
         let on_vanish = client.overruled().map_or(hub.options.on_vanish, |stop| on_stop(hub, stop.off));
@@ -37,21 +38,22 @@ pub(super) fn board_is_back(hub: &Arc<Hub>, board: &Arc<Board>, left: LeftMoving
     brake(hub, board, None, LeftMoving::new(left.who, left.on_vanish));
 }
 
-/// Brings axes to a standstill for which that has failed, if it is time to try it again. Called by the thread of the board: on
-/// the real clock after each report, so that a board which makes none keeps no client from becoming the writer.
+/// Repeats a stop of axes that has failed, if the next attempt is due. Called by the thread of the board; on the real
+/// clock only after a report. An attempt without reports would only keep clients from becoming the writer.
 pub(super) fn try_again(hub: &Arc<Hub>, board: &Arc<Board>) {
     if let Some(left) = hub.begin_retry() {
         brake(hub, board, None, left);
     }
 }
 
-/// What happens to the axes when a client asks for a stop: they are stopped, whatever the server was started with.
+/// What happens to the axes when a client asks for a stop: they are stopped, even if the server was started with
+/// [`OnVanish::Leave`].
 fn on_stop(hub: &Hub, off: bool) -> OnVanish {
     if off || hub.options.on_vanish == OnVanish::ServoOff { OnVanish::ServoOff } else { OnVanish::Ramp }
 }
 
-/// Brings the axes of `left` to a standstill, and ends the time in which the server is the writer. If that fails, it is tried
-/// again; if the board is or gets lost, when it is back.
+/// Brings the axes of `left` to a standstill, and ends the time in which the server is the writer. If the stop fails,
+/// it is repeated later; if the board is lost or gets lost, when it is back.
 fn brake(hub: &Arc<Hub>, board: &Arc<Board>, queue: Option<Arc<ReportQueue>>, left: LeftMoving) {
     let ended = if hub.has(board) { bring_to_standstill(hub, board, queue, &left) } else { None };
     let has_failed = match &ended {
@@ -73,7 +75,8 @@ fn bring_to_standstill(
 ) -> Option<Standstill> {
     let server_link = ServerLink { hub: Arc::clone(hub), board: Arc::clone(board), queue };
     let link: Arc<dyn Link> = Arc::new(server_link);
-    // The log has a failure once, and again if it is not tried any more.
+    // Of all failed attempts, only the first and the last are logged. The lines of the others are logged only if the
+    // attempt succeeds.
     let (lines, is_retry) = (RefCell::new(Vec::new()), (1..TRIES_MAX - 1).contains(&left.tries));
     let tell = |line: &str| if is_retry { lines.borrow_mut().push(line.to_owned()) } else { hub.tell(line) };
     let board = LeftBoard { link, watch: &|| board.watch(), who: &left.who, tell: &tell };

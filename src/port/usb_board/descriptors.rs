@@ -206,7 +206,7 @@ fn report(usage_page: u16) -> [u8; 26] {
         0x81, 0x02,               //   Input (Data, Variable, Absolute)
         0x09, 0x03,               //   Usage 3
         0x91, 0x02,               //   Output (Data, Variable, Absolute)
-        0xC0,                     // SessionEnd Collection
+        0xC0,                     // End Collection
     ]
 }
 

@@ -1,5 +1,5 @@
-//! The virtual board as the host's USB stack sees it, transfer by transfer. Plain state without I/O and waits: its
-//! owner passes frames between it and a board.
+//! The virtual board as the host's USB stack sees it, transfer by transfer. This is state without I/O and waits: its
+//! owner passes frames and reports between it and a board.
 //!
 //! A transfer that cannot be completed yet is kept pending, which is how a host sees an endpoint that answers NAK: an
 //! IN transfer until the board has a report, an OUT transfer until the board takes the frame.
@@ -101,7 +101,7 @@ impl<E: Ends> Device<E> {
         }
     }
 
-    /// The host has selected the configuration, on a controller that takes SET_CONFIGURATION itself.
+    /// The host has selected the configuration, on a controller that handles SET_CONFIGURATION itself.
     pub const fn select_configuration(&mut self) {
         self.configured = true;
     }
@@ -112,7 +112,7 @@ impl<E: Ends> Device<E> {
     }
 
     /// Whether the board hangs because of a short packet. It then takes no frame and makes no report until it is
-    /// attached again, which stands for switching it off and on \[OURS]; endpoint 0 continues to work \[OURS].
+    /// attached again, which simulates switching it off and on \[OURS]; endpoint 0 continues to work \[OURS].
     pub const fn hangs(&self) -> bool {
         self.hangs
     }
@@ -245,14 +245,14 @@ impl<E: Ends> Device<E> {
             write.moved += FRAME_LEN;
         }
         self.settle_writes();
-        // If the transfer is complete, its answer precedes that of the unlink; otherwise its remaining packets are
-        // unlinked.
+        // If the transfer is complete, its result comes before the answer to the unlink request; otherwise its
+        // remaining packets are unlinked.
         self.unlink_now();
     }
 
-    /// The link has refused the frame of [`Self::begin_write`], as it would each time. Completes the host's OUT transfer
-    /// with a stall; its other packets are dropped. The endpoint is not halted: the host's next frame is a new attempt.
-    /// \[OURS]
+    /// The link has refused the frame of [`Self::begin_write`], and would refuse it again. Completes the host's OUT
+    /// transfer with a stall; the other packets of the transfer are dropped. The endpoint is not halted: the host's
+    /// next frame is a new attempt. \[OURS]
     pub fn refused(&mut self) {
         self.writing = false;
         let ends = &mut self.ends;

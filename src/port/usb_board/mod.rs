@@ -1,5 +1,5 @@
-//! The virtual board as a USB device, without I/O: the same device for each way to a host, over USB/IP (`usbip`) and on a
-//! device controller of this machine (`gadget`).
+//! The virtual board as a USB device, without I/O: the same device model for both connections to a host, over USB/IP
+//! (`usbip`) and on a device controller of this machine (`gadget`).
 //!
 //! Files:
 //!

@@ -67,9 +67,9 @@ pub enum Request {
     GetConfiguration,
     /// SET_CONFIGURATION, with bConfigurationValue; 0: none.
     SetConfiguration(u8),
-    /// GET_INTERFACE: the alternate setting.
+    /// GET_INTERFACE: the host asks for the alternate setting.
     GetInterface,
-    /// SET_INTERFACE, with the alternate setting.
+    /// SET_INTERFACE: the host selects this alternate setting.
     SetInterface(u16),
     /// GET_REPORT: the host reads a report by a control transfer.
     GetReport {
@@ -78,16 +78,16 @@ pub enum Request {
         /// The report id that the host asks for. Only 0 exists, since the board's reports are not numbered (SK-9).
         id: u8,
     },
-    /// SET_REPORT; the data stage carries the report.
+    /// SET_REPORT: the host sends a report in the data stage of a control transfer.
     SetReport {
         /// The report type, see [`report`].
         kind: u8,
-        /// The report id that the host asks for. Only 0 exists, since the board's reports are not numbered (SK-9).
+        /// The report id that the host gives. Only 0 exists, since the board's reports are not numbered (SK-9).
         id: u8,
     },
-    /// GET_IDLE: the idle rate.
+    /// GET_IDLE: the host asks for the idle rate that SET_IDLE has set.
     GetIdle,
-    /// SET_IDLE, in steps of 4 ms.
+    /// SET_IDLE: the host sets the idle rate, the longest time between two reports, in steps of 4 ms.
     SetIdle(u8),
     /// Any other request, or one to an interface that does not exist.
     Unknown,

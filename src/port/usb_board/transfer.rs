@@ -44,7 +44,7 @@ pub trait Ends {
     /// `data`, for an OUT transfer `data` is empty.
     fn ended(&mut self, sequence: u32, status: Status, moved: u32, data: &[u8]);
 
-    /// The answer to a request to unlink a transfer: [`Status::Unlinked`] if the transfer was unlinked, which has no
-    /// result then, or [`Status::Done`] if it had completed before.
+    /// The answer to a request to unlink a transfer: [`Status::Unlinked`] if the transfer was unlinked (then it has no
+    /// result), or [`Status::Done`] if it had completed before.
     fn unlinked(&mut self, sequence: u32, status: Status);
 }

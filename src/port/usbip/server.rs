@@ -141,12 +141,12 @@ pub(super) struct Shared {
 
 impl Server {
     /// Opens the links of the boards and listens. `tell` is called with each event in a thread of its own, for which no
-    /// other thread waits. If it is too slow, events are dropped, and an event reports their number
+    /// other thread waits. If `tell` is too slow, events are dropped, and an event reports their number
     /// ([`Event::Dropped`]).
     ///
     /// # Errors
-    /// [`ServeError`]: a setting is invalid, the address cannot be listened on, the link of a board cannot be opened, a
-    /// board cannot be attached to this machine, or the system provides no thread.
+    /// [`ServeError`]: a setting is invalid, the server cannot listen on the address, the link of a board cannot be
+    /// opened, a board cannot be attached to this machine, or the system provides no thread.
     pub fn start(options: Options, boards: Vec<BoardSpec>, tell: Listener) -> Result<Self, ServeError> {
         if boards.len() > DEVICES_ON_BUS_MAX {
             return Err(ServeError::TooMany { found: boards.len() });
@@ -345,7 +345,7 @@ impl Shared {
         }
     }
 
-    /// Reads a client's request. Answers it, unless it is a request to attach a board, which the session answers.
+    /// Reads a client's request. Answers it, unless it is a request to attach a board that exists: `give` answers that.
     fn request(&self, mut stream: &TcpStream) -> Result<Wanted, RequestError> {
         let request_timeout = Some(self.options.request_timeout);
         stream.set_read_timeout(request_timeout)?;

@@ -1,8 +1,9 @@
 //! A host that has attached a board: its connection, and the threads that pass frames between it and the link.
 //!
-//! The thread of the connection receives the host's transfers. For a transfer that wants a report it fetches one that
-//! the link already has. One more thread waits for reports while the host wants one, and another passes frames to the
-//! board. Whichever thread sends them, answers are sent in the order in which the device makes them.
+//! The thread of the connection receives the host's transfers. If a transfer asks for a report and the link already has
+//! one, this thread reads the report itself. A second thread waits for reports while the host wants one, and a third
+//! writes frames to the board. Whichever of these threads sends them, answers are sent in the order in which the device
+//! makes them.
 
 use std::io::{self, BufReader, Read, Write};
 use std::sync::Arc;
@@ -70,8 +71,8 @@ pub struct Session {
     reads: Condvar,
     /// Wakes the thread that passes frames to the board.
     writes: Condvar,
-    /// The answers that are being sent. The thread that sends holds this lock, and may lock `device` while it does, but
-    /// never the other way round.
+    /// The answers that are being sent. A thread that holds this lock may lock `device`. A thread that holds `device`
+    /// must not wait for this lock, because two threads could then wait for each other.
     sending: Mutex<Vec<u8>>,
     over: AtomicBool,
     end: Mutex<Option<SessionEnd>>,
@@ -136,7 +137,8 @@ impl Session {
         self.end.lock().get_or_insert(why);
         self.over.store(true, Ordering::Release);
         self.stream.shutdown();
-        // While this lock is held, no thread is between its check and its wait, so none misses the notification.
+        // While this lock is held, no thread is between its check of `over` and its wait, so no thread misses the
+        // notification.
         {
             let _device = self.device.lock();
             self.reads.notify_all();
@@ -280,7 +282,8 @@ impl Session {
     }
 
     /// Passes the host's frames to the board, one after the other. While the board does not take a frame, the host's
-    /// transfer is not completed. A frame that the link refuses is stalled: the host learns that its write has failed.
+    /// transfer is not completed. If the link refuses a frame, its transfer ends with a stall, so the host learns that
+    /// its write has failed.
     fn move_frames(&self) {
         let mut refused_frames = RefusedFrames::default();
         self.move_frames_until_over(&mut refused_frames);

@@ -1,4 +1,4 @@
-//! The messages of USB/IP, protocol version 1.1.1: the one file with their bytes. Numbers are big endian.
+//! The messages of USB/IP, protocol version 1.1.1. Only this file defines their bytes. Numbers are big endian.
 //!
 //! Source: Documentation/usb/usbip_protocol.rst of Linux.
 

@@ -78,7 +78,7 @@ impl Connection {
         self.stream.poll_fd(if self.unsent.is_empty() { PollFlags::IN } else { PollFlags::OUT })
     }
 
-    /// When the present wait for the host is over; `None`: the connection does not wait for the host.
+    /// The time limit of the present wait for the host; `None`: the connection does not wait for the host.
     pub fn deadline(&self) -> Option<Instant> {
         self.owes_since.map(|since| since + self.limit)
     }
@@ -192,8 +192,8 @@ impl Connection {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(count) => {
                     self.unsent.start += count;
-                    // A host that has not sent a request yet owes it even after the greeting was sent, so the time goes
-                    // on.
+                    // Before the first request of the host, its time limit continues to run even after the greeting was
+                    // sent. Later, sending ends the present wait.
                     self.owes_since = self.owes_since.filter(|_| !self.has_asked);
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}

@@ -5,8 +5,8 @@
 //! device; any other host is refused with the text that the chip is in use. The server does not interpret the bytes
 //! that pass.
 //!
-//! A host that ends its connection without a Close has vanished: the server then finds the chip's packets by itself and
-//! takes the network out of OP ([`OnVanish`]).
+//! A host that ends its connection without a Close has vanished. The server then finds the packet boundaries and the
+//! data size of the chip by itself, and takes the network out of OP ([`OnVanish`]).
 //!
 //! Files, in the order in which to read them:
 //!
@@ -120,7 +120,7 @@ impl Server {
     /// again, that host is refused with the reason.
     ///
     /// # Errors
-    /// [`ServeError`]: other machines could reach the address, the address cannot be listened on, the chip cannot be
+    /// [`ServeError`]: other machines could reach the address, the server cannot listen on it, the chip cannot be
     /// opened, or the system provides no thread.
     pub fn start(
         mut open: impl FnMut() -> Result<Opened, ChipError> + Send + 'static,

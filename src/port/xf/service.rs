@@ -125,8 +125,8 @@ impl Service {
         }
     }
 
-    /// Handles the host's messages. Returns the reason if the host has left. `None`: it has not, and at present there
-    /// is no further message, or the others have their turn first.
+    /// Handles the host's messages. Returns the reason if the host has left; `None`: it has not left, and no further
+    /// message is complete, or new connections are handled first ([`MESSAGES_IN_A_ROW_MAX`]).
     fn serve_host(&mut self) -> Option<Left> {
         let host = self.host.as_mut()?;
         for _ in 0..MESSAGES_IN_A_ROW_MAX {
@@ -251,7 +251,8 @@ impl Service {
         Ok(())
     }
 
-    /// Logs a line of a kind that hosts can cause as often as they like; too many of them are counted instead.
+    /// Logs a line that hosts can cause as often as they like. If there are too many lines of the same `kind`, further
+    /// ones are only counted.
     fn tell_limited(&mut self, kind: &str, line: &str) {
         if self.log_limit.may_log(kind, Instant::now()) {
             self.notes.push(line.to_owned());
@@ -310,8 +311,8 @@ impl Served {
         done.map_err(|error| (Status::Chip, error.to_string()))
     }
 
-    /// Accesses the chip while no host uses it. A model of a chip runs the cycles of the past time when it is accessed;
-    /// without this it might have to run those of a whole day at once.
+    /// Accesses the chip while no host uses it. A model of a chip runs the cycles of the past time when it is accessed.
+    /// Without this call, the first access of the next host might have to run the cycles of a whole day at once.
     fn pass_time(&mut self) {
         if let Some(link) = &mut self.link
             && !self.virtual_time

@@ -25,7 +25,7 @@ use crate::recording::error::RecordError;
 use crate::recording::lacks::Lost;
 use crate::recording::meta::{APPLICATION, CarriedFile, RecordMeta};
 
-/// Longest block that is read into memory. \[OURS] Real ones are a thousand times shorter.
+/// Longest block that is read into memory. \[OURS] Real blocks are a thousand times shorter.
 const LONGEST_BLOCK: usize = 16 * 1024 * 1024;
 
 const NS_PER_S: u128 = 1_000_000_000;
@@ -234,8 +234,7 @@ fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> R
             for option in &statistics.options {
                 match option {
                     InterfaceStatisticsOption::IsbIfDrop(n) => missing = *n,
-                    // The comment has the form `570 frames are missing: why`, so the reason stands after the first
-                    // colon.
+                    // The comment has the form `570 frames are missing: why`, so the reason follows the first colon.
                     InterfaceStatisticsOption::Comment(words) => {
                         why = words.split_once(": ").map(|(_, why)| why.to_owned());
                     }

@@ -10,7 +10,7 @@ use super::transfer::{Stage, TransferKind, UsbEvent};
 use crate::recording::address::Address;
 
 /// The length of the header with which the packets of all transfers begin, bytes. Packets of some kinds of transfer
-/// have further fields behind it.
+/// have further fields after it.
 const HEADER_LEN: usize = size_of::<RawHeader>();
 /// The bit of `info` that means "from the device's driver to the caller": the packet is the end of a transfer.
 const IS_ANSWER: u8 = 1;

@@ -55,8 +55,8 @@ impl Axis {
         direction > 0.0 && inputs.has(Input::PositiveLimit) || direction < 0.0 && inputs.has(Input::NegativeLimit)
     }
 
-    /// The distance that the demand of CSP moves in `ns`, counts, when a limit switch blocks the `wanted` counts: the
-    /// demand brakes to a standstill on the quick-stop ramp and never moves further than wanted.
+    /// CSP at an active limit switch: brakes the demand to a standstill on the quick-stop ramp. Returns the distance
+    /// that the demand moves in `ns`, counts: at most the `wanted` distance to the target.
     fn brake_at_switch(&mut self, wanted: f64, ns: Ns) -> f64 {
         if !self.held_by_switch {
             self.held_by_switch = true;
@@ -90,8 +90,8 @@ impl Axis {
         self.demand.fraction = moved - (moved as i64) as f64;
     }
 
-    /// CSV: advances the plant by `ns`, a part of the cycle. At the present rate the demand reaches the target velocity in
-    /// `left` ns, at the end of the cycle.
+    /// CSV: advances the plant by `ns`, a part of the cycle. The velocity demand changes evenly, so that it reaches the
+    /// target velocity after `left` ns, at the end of the cycle.
     pub(super) fn follow_velocity(&mut self, ns: Ns, left: Ns) {
         let target = f64::from(self.targets.velocity) + f64::from(self.offsets.velocity);
         if self.limits_stop_motion && self.is_at_switch(target) {

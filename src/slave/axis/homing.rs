@@ -52,8 +52,8 @@ impl Axis {
         self.plant.jam(jammed);
     }
 
-    /// Takes over the target position from process data. The first one after homing is discarded: the master computed
-    /// it before it could see the position that homing has set, and the axis would jump.
+    /// Takes over the target position from process data. The first target position after homing is discarded: the
+    /// master computed it before it could see the position that homing has set, and the axis would jump.
     pub const fn take_target_position(&mut self, position: i32) {
         if self.skip_next_target {
             self.skip_next_target = false;
@@ -95,8 +95,8 @@ impl Axis {
         }
     }
 
-    /// Prepares for homing when the power stage begins to follow: the demand starts at the exact position of the shaft,
-    /// fractions of a count included, so that the shaft does not move.
+    /// Called in homing mode when the power stage begins to follow the demand: adds the shaft's fraction of a count to
+    /// the demand. The demand is then exactly the position of the shaft, and the shaft does not move.
     pub(super) const fn hold_for_homing(&mut self) {
         self.demand.fraction = self.plant.fraction();
     }
@@ -132,7 +132,7 @@ impl Axis {
         self.standstill_ns = if self.is_still() { STANDSTILL_NS } else { 0 };
     }
 
-    /// Updates the time of standstill after `ns`.
+    /// Adds `ns` to the time of standstill, or resets this time if the shaft or the demand moves.
     pub(super) fn track_standstill(&mut self, ns: Ns) {
         self.standstill_ns = if self.is_still() { self.standstill_ns.saturating_add(ns) } else { 0 };
     }

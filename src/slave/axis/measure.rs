@@ -18,7 +18,7 @@ pub struct Measured {
 }
 
 impl Axis {
-    /// The values at the end of the last step.
+    /// The values measured at the end of the last step, or when the position was set since.
     pub const fn measured(&self) -> &Measured {
         &self.measured
     }

@@ -28,9 +28,9 @@ impl Axis {
         self.measure();
     }
 
-    /// The first half of [`Axis::step`]. In CSP with one slice per step, the motor only has to follow a position. Then
-    /// this returns the motor: the caller runs it together with the motors of other axes, which is faster, and calls
-    /// [`Axis::end_step`]. In all other cases the whole step is done here, and the result is `None`.
+    /// The first half of [`Axis::step`]. If the axis follows its target in CSP and the step is one slice, this function
+    /// returns the motor. The caller runs this motor together with the motors of other axes, which is faster, and then
+    /// calls [`Axis::end_step`]. In all other cases this function does the whole step and returns `None`.
     pub fn begin_step(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         self.motor_handed_out = false;
         let one_slice = dt_ns > 0 && dt_ns < SLICE_NS + SLICE_NS / 2;

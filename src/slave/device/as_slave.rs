@@ -28,11 +28,11 @@ pub fn fall<M: Model>(device: &mut M, to: AlState, status: AlStatus) {
     }
 }
 
-/// Advances the AL state machine by `dt_ns`. The watchdog may end OP.
+/// Advances the AL state machine by `dt_ns`. If the watchdog for outputs expires, the device leaves OP.
 fn step_al<M: Model>(device: &mut M, dt_ns: Ns) {
     let Base { al, plan, .. } = device.base_mut();
     if plan.lengths().0 == 0 {
-        // A device without mapped outputs gets none, so its watchdog must not expire.
+        // A device without mapped outputs never receives outputs, so its watchdog must not expire.
         al.note_outputs();
     }
     if al.step(dt_ns) {
@@ -75,7 +75,7 @@ const fn is_absent(code: AbortCode) -> bool {
     matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)
 }
 
-/// Fails in Init, as an SDO timeout: the mailbox of a slave works from PreOP on, so a master would get no answer.
+/// Returns the abort code for an SDO timeout in Init: the mailbox works from PreOP on, so a master would get no answer.
 fn check_mailbox<M: Model>(device: &M) -> Result<(), AbortCode> {
     if device.base().al_state() == AlState::Init { Err(AbortCode::TIMEOUT) } else { Ok(()) }
 }

@@ -48,7 +48,7 @@ const fn sync_type<M: Model, const N: usize>() -> Object<M> {
         .setter(|device: &mut M, code| device.base_mut().sync_types.write(N, code as u16))
 }
 
-/// Objects 0x1C32 and 0x1C33 of a device without distributed clocks. It runs in free run \[OURS].
+/// Objects 0x1C32 and 0x1C33 of a device without distributed clocks. Their types are always free run \[OURS].
 pub const fn free_run<M: Model>() -> [Object<M>; 24] {
     both(Object::u16(0x1C32, 1, "Synchronization type"), Object::u16(0x1C33, 1, "Synchronization type"), WITHOUT_DC)
 }

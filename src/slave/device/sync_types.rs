@@ -1,8 +1,8 @@
 //! Synchronization types of a device with distributed clocks: objects 0x1C32:1 and 0x1C33:1 (ETG.1020 21).
 //!
 //! \[OURS] Like public slave stacks, a device uses the setting of its slave controller, SYNC0 or none, until a master
-//! writes a type. A device whose type is SYNC0 refuses OP without SYNC0, because nothing would trigger its cycles. Other
-//! types behave alike, because the simulated network has one clock.
+//! writes a type. If the master has written the type SYNC0, the device refuses OP without SYNC0, because nothing would
+//! trigger its cycles. All other types behave alike, because the simulated network has one clock.
 
 use crate::ethercat::AlStatus;
 use crate::ethercat::coe::AbortCode;

@@ -1,6 +1,6 @@
 //! Complete access: all sub-indices of an object in one transfer (ETG.1000.6 5.6.2, ETG.1020 12.2).
 //!
-//! If an object has more than sub-index 0, sub-index 0 occupies 16 bits of the transfer, of which the upper 8 are 0.
+//! If an object has more sub-indices than 0, sub-index 0 occupies 16 bits of the transfer; the upper 8 bits are 0.
 //! \[OURS] As in most slaves, a write-only value is read as zeros, and the data for a read-only value are ignored.
 
 use super::object::DataType;

@@ -147,7 +147,7 @@ pub struct Object<D: 'static> {
     pub(super) only_if: Option<fn(&D) -> bool>,
     /// Whether the device keeps the value without power.
     pub(super) backup: bool,
-    /// The function by which process data write the object; `None`: they write it as an SDO does.
+    /// The function by which process data write the object; `None`: process data write the object as an SDO does.
     pub(super) output: Option<fn(&mut D, i64)>,
     pub(super) cell: Cell<D>,
 }
@@ -210,7 +210,7 @@ impl<D> Object<D> {
         }
     }
 
-    /// Makes the row stand for `count` consecutive sub-indices.
+    /// Makes the row describe `count` consecutive sub-indices instead of one.
     pub const fn array(mut self, count: u8) -> Self {
         self.count = count;
         self
@@ -222,8 +222,8 @@ impl<D> Object<D> {
         self
     }
 
-    /// Marks the value in SDO information as kept without power (backup). The mark itself keeps nothing: the device
-    /// stores such values.
+    /// Marks the value in SDO information as kept without power (backup). This only sets the mark: the device itself
+    /// has to store the value.
     pub const fn backup(mut self) -> Self {
         self.backup = true;
         self
@@ -304,7 +304,8 @@ impl<D> Object<D> {
         self
     }
 
-    /// Sets a function that is called after a download has changed the stored value.
+    /// Sets a function that is called after an SDO download has stored a value, and after process data have stored a
+    /// different value.
     pub const fn changed(mut self, changed: fn(&mut D)) -> Self {
         self.cell = match self.cell {
             Cell::Stored { accept, .. } => Cell::Stored { accept, changed: Some(changed) },

@@ -5,12 +5,13 @@ use crate::slave::state_machine::DeviceFault;
 
 /// The number of earlier alarms in the history U1-10 to U1-14.
 const HISTORY: usize = 5;
-/// \[OURS] The error code of an alarm, 0x603F, is this value plus the main number of the alarm: the manual reserves the
-/// codes from 0xFF00 for the manufacturer and says that 0x603F shows only the main number.
+/// \[OURS] The error code of an alarm, 0x603F, is this value plus the main number of the alarm, which is its number
+/// without the last digit. The manual reserves the codes from 0xFF00 for the manufacturer and says that 0x603F shows
+/// only the main number.
 const MAKER_CODES: u16 = 0xFF00;
 
-/// An alarm of the drive. The value of a variant is the number of the alarm, or the number of LED flashes of an alarm
-/// without one.
+/// An alarm of the drive. The value of a variant is the number of the alarm; for an alarm without a number, it is the
+/// number of LED flashes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u16)]
 pub enum Dp3clAlarm {
@@ -34,7 +35,7 @@ pub enum Dp3clAlarm {
     MailboxSyncManager = 811,
     /// E-814: the watchdog time is less than two cycles.
     WatchdogTime = 814,
-    /// E-815: register 0x0981 has an unsupported value: SYNC0 is not on, and not everything is off.
+    /// E-815: bits 0 to 2 of register 0x0981 have an unsupported value: neither SYNC0 alone nor everything off.
     DcActivation = 815,
     /// E-816: the synchronization types 0x1C32:1 and 0x1C33:1 are not supported, or they do not fit each other or register
     /// 0x0981.
@@ -42,7 +43,7 @@ pub enum Dp3clAlarm {
     /// E-817: sync manager 2 has invalid settings, or its length is not that of the mapped outputs.
     OutputSyncManager = 817,
     /// Also E-817: sync manager 3 has invalid settings, or its length is not that of the mapped inputs. Bit 15 only
-    /// tells the two apart; `number` leaves it out.
+    /// distinguishes the two variants; [`Dp3clAlarm::number`] removes it.
     InputSyncManager = 0x8000 | 817,
     /// E-850: the assigned TxPDOs are longer than 24 bytes, or cannot be mapped.
     InputsTooLong = 850,
@@ -147,7 +148,7 @@ impl Dp3clAlarm {
         }
     }
 
-    /// The alarm that has this AL status code; `None`: no alarm has it, or it is 0.
+    /// The alarm that has this AL status code; `None`: no alarm has this code, or the code is 0.
     pub fn of_al_status(status: AlStatus) -> Option<Self> {
         Self::ALL.into_iter().find(|alarm| status.0 != 0 && alarm.al_status() == status)
     }
@@ -168,8 +169,8 @@ impl Dp3clAlarm {
         if self.al_status().0 != 0 { 1 << 4 } else { 1 << 7 }
     }
 
-    /// Whether the alarm lasts until the drive is switched off and on. \[OURS] A fault reset by the controlword does not
-    /// clear it either.
+    /// Whether the alarm lasts until the drive is switched off and on. \[OURS] A fault reset by the controlword does
+    /// not clear such an alarm.
     pub const fn needs_restart(self) -> bool {
         matches!(self, Self::OverCurrent | Self::OverVoltage | Self::OpenMotor)
     }
@@ -179,8 +180,8 @@ impl Dp3clAlarm {
         DeviceFault { code: self.error_code(), resettable: !self.needs_restart() }
     }
 
-    /// The first alarm with this error code. It is the only one for the codes of alarms that the LED flashes. `None`:
-    /// no alarm has it.
+    /// The first alarm with this error code. An error code of an alarm that the LED flashes belongs to this alarm only.
+    /// `None`: no alarm has this code.
     pub(super) fn of_error_code(code: u16) -> Option<Self> {
         Self::ALL.into_iter().find(|alarm| alarm.error_code() == code)
     }
@@ -251,7 +252,7 @@ impl Alarms {
         self.count
     }
 
-    /// U1-10 to U1-14: the number of an earlier alarm. `place` counts from 0, the alarm before the last one.
+    /// U1-10 to U1-14: the number of an earlier alarm; `place` 0 is the alarm before the last one.
     pub(super) fn earlier(&self, place: usize) -> u16 {
         self.numbers.get(place + 1).copied().unwrap_or(0)
     }

@@ -11,7 +11,7 @@ use crate::slave::switches::{Input, Travel};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dp3clVariants {
     /// The start address of sync manager 1 must be in the range that the manual gives, 0x1200 to 0x12FF. \[OURS] Off by
-    /// default, because the manufacturer's ESI file puts it at 0x1080.
+    /// default, because the manufacturer's ESI file puts sync manager 1 at 0x1080.
     pub strict_sync_managers: bool,
     /// PDOs have 10 sub-indices, as in the manufacturer's ESI file, instead of 24 as in the manual \[OURS].
     pub ten_entries: bool,
@@ -21,7 +21,8 @@ pub struct Dp3clVariants {
     /// 0x60FF, 0x606B, 0x606D and 0x606F are in command units/s, as CiA 402 says. \[OURS] Off by default: they are in 0.1
     /// rpm.
     pub speeds_in_units: bool,
-    /// The motor has no index pulse. Homing methods that need one run until a limit switch or a halt ends them \[OURS].
+    /// The motor has no index pulse. A homing method that needs an index pulse runs until a limit switch or a halt ends
+    /// it \[OURS].
     pub without_index: bool,
 }
 

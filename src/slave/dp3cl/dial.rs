@@ -13,8 +13,8 @@ const PEAK_705_MA: [u16; 7] = [2500, 3400, 4200, 5000, 5600, 6400, 7000];
 const PEAK_808_MA: [u16; 7] = [2700, 3600, 4600, 5500, 6400, 7300, 8400];
 
 impl Dial {
-    /// The peak current that SW1 to SW3 select, mA; `None`: the current comes from parameter P4-00. That is always so
-    /// in station mode (SW8 on), in which SW1 to SW7 are the station number.
+    /// The peak current that SW1 to SW3 select, mA; `None`: the current comes from parameter P4-00. In station mode
+    /// (SW8 on) it is always `None`, because SW1 to SW7 are the station number.
     pub const fn peak_ma(self, rating: Rating) -> Option<u16> {
         let code = (self.0 & 0b111) as usize;
         if code == 0 || self.sets_station() {

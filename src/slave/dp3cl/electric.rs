@@ -75,8 +75,8 @@ impl Dp3cl {
         }
     }
 
-    /// The value of P0-02, the time of the command filter, as read at power-on, without the dial switch, which can override it in
-    /// a real drive. The manual gives no unit.
+    /// The value of P0-02, the time of the command filter, as read at power-on. In a real drive the dial switch can
+    /// override it; this value ignores the dial switch. The manual gives no unit.
     pub const fn filter_time(&self) -> u16 {
         self.memory.filter_time()
     }

@@ -143,7 +143,7 @@ impl Pins {
         self.lines.pass(0);
     }
 
-    /// Advances the pattern to which the terminals are forced by `dt_ns`, if it changes with time.
+    /// Advances a forced pattern that changes with time by `dt_ns`.
     pub(super) const fn pass(&mut self, dt_ns: u64) {
         self.lines.pass(dt_ns);
     }

@@ -16,8 +16,8 @@
 //! Homing, the CiA 402 state machine, the switches and the common part of all devices are shared with the other slaves.
 //!
 //! **Open loop** \[OURS]. The position actual value 0x6064 is the demand of the previous cycle. A jammed shaft would be
-//! invisible in a real drive, which has no encoder; in this model it shows in 0x6064 as long as the fault lasts. So does an
-//! end stop: the shaft stops there, and follows the demand again once the demand comes back.
+//! invisible in a real drive, which has no encoder; in this model it shows in 0x6064 as long as the fault lasts. An end
+//! stop shows in 0x6064 too: the shaft stops there, and follows the demand again once the demand comes back.
 
 mod alarms;
 mod config;
@@ -123,7 +123,7 @@ pub struct Dp3cl {
     /// Whether the input that clears alarms was on in the last cycle, to detect its rising edge.
     clears: bool,
     /// Whether process data were exchanged since the last step (`exchanged`), and between the last two steps
-    /// (`traffic`). The LEDs of the links show it.
+    /// (`traffic`). The LEDs of the links show this traffic.
     exchanged: bool,
     traffic: bool,
     /// Whether ports IN and OUT of the slave controller have a link.
@@ -225,7 +225,7 @@ impl Dp3cl {
         self.config.dial = dial;
     }
 
-    /// The statusword: the bits of the state machine and those of the mode of operation.
+    /// The statusword: the bits of the state machine and the bits of the mode of operation.
     pub fn statusword(&self) -> Statusword {
         Statusword(self.axis.machine().status_bits() | self.motion.bits())
     }
@@ -272,8 +272,8 @@ impl Dp3cl {
         self.axis.set_switches(switches);
     }
 
-    /// Takes over the target position from process data or an SDO. The first one in CSP after homing is ignored, see
-    /// `axis/homing.rs`.
+    /// Takes over the target position from process data or an SDO. The first target position in CSP after homing is
+    /// ignored, see `axis/homing.rs`.
     fn take_target_position(&mut self, position: i32) {
         self.motion.target_position = position;
         if self.motion.active == Dp3clMode::CyclicPosition && !self.axis.skips_target() {

@@ -127,8 +127,8 @@ impl Model for Dp3cl {
     }
 
     fn fault_meaning(&self, _axis: usize, code: u16) -> &'static str {
-        // Several alarms have the same error code, and only the present alarm shows which of them it is. Without it,
-        // the general meaning of the code is returned.
+        // Several alarms have the same error code. If the present alarm has this code, its meaning is returned,
+        // otherwise the general meaning of the code.
         let alarm = self.alarms.present().filter(|alarm| alarm.error_code() == code);
         alarm.map_or(error_name(code), Dp3clAlarm::meaning)
     }

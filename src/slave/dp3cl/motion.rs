@@ -2,8 +2,8 @@
 //! follows it.
 //!
 //! The axis model performs homing by itself. In every other mode it follows the position that this file gives it: in
-//! CSP that of the process data, in the profile modes that of [`Profile`]. Positions here are command units of the
-//! shaft; the polarity, 0x607E, is applied when objects are read and written.
+//! CSP the target position of the process data, in the profile modes the position of [`Profile`]. Positions here are
+//! command units of the shaft; the polarity, 0x607E, is applied when objects are read and written.
 
 use super::alarms::Dp3clAlarm;
 use super::objects::{self, Limits};
@@ -49,7 +49,8 @@ pub(super) struct Motion {
     set_points: SetPoints,
     /// Whether a limit switch or a software limit restricts the motion: statusword bit 11, internal limit active.
     limited: bool,
-    /// Whether the demand of CSP brakes on a ramp in this slice, so that its velocity is that of the ramp.
+    /// Whether the demand brakes on the quick-stop ramp in this slice. If so, the velocity in `profile` is already
+    /// right and is not calculated from the motion of the axis.
     brakes: bool,
     was_enabled: bool,
     outside: Stopwatch,
@@ -106,7 +107,7 @@ impl Dp3cl {
         self.supervise(dt_ns);
     }
 
-    /// Whether the modes of operation control the axis: it has power and does not brake on its own.
+    /// Whether the modes of operation control the axis: the axis has power and does not brake on its own.
     pub(super) fn is_in_control(&self) -> bool {
         self.axis.follows() && self.axis.machine().power() == Power::Follow
     }
@@ -136,7 +137,8 @@ impl Dp3cl {
         self.check_mode();
     }
 
-    /// Cancels all motion while the power stage does not follow: the demand is the present position of the axis.
+    /// Discards targets and set-points, and sets the demand to the present demand of the axis. Called while the modes
+    /// do not control the axis, and before a change of mode.
     fn stand_by(&mut self) {
         let position = self.axis.demand();
         let word = self.axis.machine().controlword().0;
@@ -152,8 +154,8 @@ impl Dp3cl {
         self.motion.active == Dp3clMode::Homing || self.motion.profile.stands()
     }
 
-    /// \[OURS] Brakes on the quick-stop ramp before a change of mode. The mode can be changed in any state of the drive. An
-    /// unsupported mode changes nothing (E-881).
+    /// \[OURS] Brakes on the quick-stop ramp before a change of mode. The mode can be changed in any state of the
+    /// drive. An unsupported value of 0x6060 leaves the active mode unchanged (E-881).
     fn brake_for_change(&mut self, ns: Ns) {
         let ramp = self.ramp(objects::QUICK_STOP);
         self.motion.profile.brake(ramp, ns);
@@ -195,7 +197,7 @@ impl Dp3cl {
         }
         let offset = self.base().values.get(objects::POSITION_OFFSET);
         let target = self.shaft_position(self.motion.target_position.wrapping_add(offset));
-        // `target` has only 32 bits. It stands for the position nearest to the demand with these low 32 bits.
+        // `target` has only 32 bits. It means the position with these low 32 bits that is nearest to the demand.
         let wanted = demand.wrapping_add(target.wrapping_sub(demand as i32).into());
         let allowed = self.within_limits(wanted);
         let way = allowed.wrapping_sub(demand);
@@ -208,8 +210,8 @@ impl Dp3cl {
         profile.brake(ramp, ns);
         let beyond = profile.position().wrapping_sub(allowed);
         if beyond.signum() == way.signum() {
-            // If the demand passed the target while it braked, it stays at the target, at the velocity of the ramp.
-            // Otherwise the next slice would move it back to the target in one step.
+            // If the braking demand has passed the target, it is set to the target and keeps the velocity of the ramp.
+            // Otherwise the next slice would move the demand back to the target in one step.
             *profile = Profile::moving_at(allowed, profile.velocity());
         }
         self.motion.brakes = true;

@@ -2,7 +2,7 @@
 //! units, speeds in command units/s unless the row says otherwise.
 //!
 //! \[OURS] The dictionary contains the objects of the manual and those that only the manufacturer's ESI file has. For
-//! 0x6000 to 0x6FFF the manual gives no power-on values; the defaults of the rows stand in for them.
+//! 0x6000 to 0x6FFF the manual gives no power-on values; the defaults of the rows are used instead.
 
 use super::monitors::MONITOR_ROWS;
 use super::parameters::{COMMANDS, ENCODER_COUNTS, PARAMETER_ROWS, SUBDIVISION};
@@ -13,7 +13,6 @@ use crate::slave::axis::{NO_FOLLOWING_WINDOW, Settings, rounded};
 use crate::slave::device::{Identity, Model, both, identity};
 use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};
 use crate::slave::homing::HomingSettings;
-use crate::slave::homing::method::Method;
 use crate::slave::process_data::{IMAGE_BYTES_MAX, MappingLimits, Pdo, rx_pdo, tx_pdo};
 use crate::slave::state_machine::OptionCodes;
 
@@ -48,7 +47,7 @@ const SUPPORTED_MODES: i64 = 0xA5;
 /// The synchronization type SYNC0 for 0x1C32:1 and 0x1C33:1.
 pub(super) const DC_SYNC0: u16 = 2;
 /// The supported synchronization types, 0x1C32:4 and 0x1C33:4: the value 0x8007 of the manufacturer's ESI file. Bits 0
-/// to 2 are free run, sync manager event and SYNC0; bit 15 is copied as it is.
+/// to 2 are free run, sync manager event and SYNC0; bit 15 is only copied from that file.
 const SYNC_TYPES: i64 = 0x8007;
 
 pub(super) const OUTPUT_SYNC_TYPE: Slot<u16> = slot(OBJECTS, 0x1C32, 1);
@@ -351,8 +350,10 @@ const HOMING_AND_OFFSETS: &[Row] = &[
         .rx()
         .default(35)
         .accept(
-            |_, _, method| {
-                if Method::from_code(method as i8).is_some() { Ok(()) } else { Err(AbortCode::VALUE_RANGE) }
+            // DP3CL-3.4: the methods of this drive, whatever others the model of homing has.
+            |_, _, method| match method as i8 {
+                1..=14 | 17..=30 | 33..=35 | 37 => Ok(()),
+                _ => Err(AbortCode::VALUE_RANGE),
             },
         )
         .changed(changed),
@@ -369,7 +370,8 @@ const HOMING_AND_OFFSETS: &[Row] = &[
     Row::i16(0x60C0, 0, "Interpolation sub mode").rw(),
     Row::u8(0x60C1, 0, "Interpolation data record").default(1),
     Row::u32(0x60C1, 1, "Interpolation data record 1").rw(),
-    // [OURS] The cycle time is that of SYNC0. These values are only stored, and a different cycle time raises no alarm.
+    // [OURS] The drive uses the cycle time of SYNC0. These values are only stored, and a different value raises no
+    // alarm.
     Row::u8(0x60C2, 0, "Interpolation time period").default(2),
     Row::u8(0x60C2, 1, "Period").rw().range(1, 20).default(1),
     Row::i8(0x60C2, 2, "Index").rw().range(-3, -3).default(-3),

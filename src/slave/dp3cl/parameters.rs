@@ -132,8 +132,8 @@ fn accept_peak_current(drive: &Dp3cl, _at: ObjectAddress, value: i64) -> Result<
     if value > drive.config.rating.peak_max_100ma().into() { Err(AbortCode::VALUE_HIGH) } else { Ok(()) }
 }
 
-/// Connects the input functions to the terminals that P2-05 to P2-08 select. Called after each write of one of them, so that it
-/// acts at once.
+/// Connects the input functions to the terminals that P2-05 to P2-08 select. Called after each write of one of these
+/// parameters, so that the new value acts at once.
 fn rewire(drive: &mut Dp3cl) {
     drive.rewire();
 }

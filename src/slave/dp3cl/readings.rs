@@ -23,8 +23,8 @@ impl Dp3cl {
         if self.base.values.get(objects::POLARITY) & 1 << 6 != 0 { -1.0 } else { 1.0 }
     }
 
-    /// Converts a position as in an object (0x607A, for example) to a position of the shaft. Only the sign can differ, by the
-    /// polarity 0x607E; the unit is the same.
+    /// Converts a position in an object (0x607A, for example) to a position of the shaft. The unit is the same; the
+    /// polarity 0x607E can change the sign.
     pub(super) fn shaft_position(&self, position: i32) -> i32 {
         if self.position_sign() < 0 { position.wrapping_neg() } else { position }
     }
@@ -55,8 +55,8 @@ impl Dp3cl {
         (i128::from(position) * i128::from(parameters::ENCODER_COUNTS)).div_euclid(turn) as i64
     }
 
-    /// The velocity that objects show, command units/s: that of the demand while a mode of operation controls the axis,
-    /// otherwise that of the motor, for example while the drive brakes on the ramp of a quick stop.
+    /// The velocity that objects show, command units/s: the velocity of the demand while a mode of operation controls
+    /// the axis, otherwise the velocity of the motor, for example while the drive brakes on the ramp of a quick stop.
     pub(super) fn velocity_value(&self) -> f64 {
         let velocity = if self.is_in_control() { self.motion.velocity() } else { self.axis.plant().velocity() };
         velocity * self.velocity_sign()

@@ -119,8 +119,9 @@ pub(super) fn to_safeop(settings: &SafeOpSettings) -> Result<bool, Dp3clAlarm> {
     }
 }
 
-/// Checks sync manager 2 or 3. Without process data it must be off. \[OURS] Its area must not overlap that of any other
-/// sync manager, including the mailboxes.
+/// Checks sync manager 2 or 3. A sync manager that is off or has a length of 0 passes, because its length was compared
+/// with the mapped process data before. \[OURS] The area of an active one must not overlap the area of any other sync
+/// manager, including the mailboxes.
 fn check_process_data(
     sm: &SyncManagerSettings,
     others: [&SyncManagerSettings; 3],
@@ -137,8 +138,8 @@ fn check_process_data(
     if good { Ok(()) } else { Err(alarm) }
 }
 
-/// The value that bits 0 to 2 of register 0x0981 would have, and the SYNC0 cycle time, ns. For a network without slave
-/// controllers, where only the cycle time is known; `None`: SYNC0 is off.
+/// For a network without slave controllers, which gives only the SYNC0 cycle time, ns (`None`: SYNC0 is off). Returns
+/// the value that bits 0 to 2 of register 0x0981 would have, and the cycle time.
 pub(super) const fn activation_of(cycle_ns: Option<Ns>) -> (u8, Ns) {
     match cycle_ns {
         Some(cycle_ns) => (SYNC0_ON, cycle_ns),

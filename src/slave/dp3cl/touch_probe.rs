@@ -43,8 +43,8 @@ pub(super) enum Signal {
 }
 
 impl Probe {
-    /// Writes the probe's half of 0x60B8. \[OURS] Clearing bit 0 also clears the status and keeps the positions; a rising
-    /// bit 0 starts the probe anew.
+    /// Writes the probe's half of 0x60B8. \[OURS] Clearing bit 0 also clears the status and keeps the positions; a
+    /// rising edge of bit 0 restarts the probe.
     const fn set_function(&mut self, function: u16) {
         if function & ENABLE == 0 {
             self.status = 0;
@@ -87,8 +87,8 @@ pub(super) struct LastStep {
     pub(super) to: i64,
     /// The duration of the step, ns.
     pub(super) ns: Ns,
-    /// The new levels of SI1 and SI2 that have changed without motion of the shaft, because an input is forced or stuck;
-    /// `None` for an unchanged level.
+    /// For SI1 and SI2, the new level if it has changed without motion of the shaft, because an input is forced or
+    /// stuck; `None` for an unchanged level.
     pub(super) forced: [Option<bool>; PROBES],
 }
 
@@ -157,8 +157,8 @@ impl Dp3cl {
         }
     }
 
-    /// Latches the position if a forced terminal has changed since the last cycle, while the shaft is at standstill.
-    /// Returns the new levels of the terminals that have changed.
+    /// Latches the position if SI1 or SI2 has changed since the last cycle without motion of the shaft, because an
+    /// input is forced or stuck. Returns the new levels of the terminals that have changed.
     pub(super) fn probe_forced(&mut self) -> [Option<bool>; PROBES] {
         let at = self.shaft_position_now();
         let mut changed = [None; PROBES];
@@ -175,9 +175,9 @@ impl Dp3cl {
         changed
     }
 
-    /// Passes each change at the terminals SI1 and SI2 during the last step to `tell`, once, so that the slave controller can
-    /// capture its time. \[OURS] SI1 is latch input 0 of the slave controller, SI2 is latch input 1. The shaft moves evenly
-    /// during a step, and a forced terminal changes at the beginning of the step.
+    /// Calls `tell` once for each change at the terminals SI1 and SI2 during the last step, so that the slave
+    /// controller can capture the time of the change. \[OURS] SI1 is latch input 0 of the slave controller, SI2 is
+    /// latch input 1. The shaft moves evenly during a step, and a forced terminal changes at the beginning of the step.
     pub(super) fn tell_terminal_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
         let LastStep { from, to, ns, forced } = std::mem::take(&mut self.last_step);
         for (input, forced) in forced.into_iter().enumerate() {

@@ -150,7 +150,7 @@ pub(super) const fn pdos_of(kind: DriveKind) -> &'static [Pdo<Drive>] {
     }
 }
 
-/// The objects that a drive has in addition to those of every CiA 402 axis.
+/// The objects that a drive has in addition to the objects of every CiA 402 axis.
 const DRIVE: &[Row] = &[
     // [OURS] A simulated drive reports version 1.0 of its hardware and its software.
     Row::text(0x1009, 0, "Hardware version", |_| "1.0"),
@@ -237,8 +237,8 @@ const DRIVE: &[Row] = &[
     Row::u32(0x6502, 0, "Supported drive modes").live(supported_modes),
 ];
 
-/// \[OURS] Maximum current of the motor (0.1 % of rated), rated current (mA) and DC link voltage (mV): those of a drive with
-/// the default motor (1.27 N m rated torque) on 230 V AC.
+/// \[OURS] Maximum current of the motor (0.1 % of rated), rated current (mA) and DC link voltage (mV): the values of a
+/// drive with the default motor (1.27 N m rated torque) on 230 V AC.
 const MAX_CURRENT: i64 = 3000;
 const RATED_CURRENT_MA: i64 = 2800;
 const DC_LINK_MV: i64 = 325_000;

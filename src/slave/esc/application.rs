@@ -38,7 +38,7 @@ impl ProcessManagers {
     }
 }
 
-/// The last sync manager number, 15, stands for a direction without process data. That sync manager is normally disabled, so
+/// The last sync manager number, 15, means a direction without process data. That sync manager is normally disabled, so
 /// its length reads as 0 and no `Option` is needed.
 const NO_MANAGER: u8 = MANAGERS_MAX as u8 - 1;
 
@@ -146,7 +146,8 @@ impl Application {
     pub(super) fn lose_outputs(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
         let was_in_op = self.state() == AlState::Op;
         device.expire_watchdog();
-        // Some devices treat an expired watchdog as an error in SafeOP too. For the others it has no effect there.
+        // Some devices treat an expired watchdog as an error in SafeOP too. In all other devices, it has no effect in
+        // SafeOP.
         if !was_in_op && device.al_status() != AlStatus::WATCHDOG {
             return;
         }
@@ -155,8 +156,8 @@ impl Application {
         controller.managers.deactivate(self.managers.outputs, true, &mut controller.memory);
     }
 
-    /// Handles the deactivation of SYNC0 by the master: in OP the slave falls to SafeOP or lower, with an error. In SafeOP and
-    /// below it shows an error only if the device reports one.
+    /// Handles the deactivation of SYNC0 by the master: in OP the slave falls to SafeOP or lower, with an error. In
+    /// SafeOP and below, the slave shows an error only if the device reports one.
     pub(super) fn lose_sync(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
         device.report_sync(SyncEvent::LockLost);
         if self.state() < AlState::Op {
@@ -169,8 +170,8 @@ impl Application {
         self.fall(device.state().min(AlState::SafeOp), code, controller, device);
     }
 
-    /// If the device has left its state on its own, shows the device's state and AL status code, with the error flag. Not with
-    /// device emulation, where AL status only copies AL control.
+    /// If the device has left its state on its own, shows the device's state and AL status code, with the error flag.
+    /// Does nothing with device emulation, where AL status only copies AL control.
     pub(super) fn follow(&mut self, controller: &mut Controller, device: &dyn Slave) {
         if device.state() != self.state() && !controller.is_device_emulated() {
             self.fail(device.state(), device.al_status(), controller);
@@ -211,8 +212,8 @@ impl Application {
         Change::None
     }
 
-    /// Fails with the device's AL status code if no SYNC0 pulse has come within the time limit. \[OURS] If the first pulse is
-    /// still scheduled, the time limit starts at that pulse.
+    /// Fails with the device's AL status code if no SYNC0 pulse has come within the time limit. \[OURS] If the first
+    /// pulse is scheduled for later, the time limit starts at that pulse.
     fn check_lock(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) {
         if self.state() < AlState::SafeOp || !self.is_synchronized || self.sync_came {
             return;
@@ -269,8 +270,8 @@ impl Application {
         let RequestedState::State(to) = control.state() else {
             let refused = device.request_state(control.state()).err();
             let code = refused.unwrap_or(AlStatus::UNKNOWN_STATE);
-            // Bootstrap can be entered from Init only, whether the slave supports it or not: in other states the code is that
-            // of an invalid change.
+            // Bootstrap can be entered from Init only, whether the slave supports it or not: in other states the AL
+            // status code is "invalid change".
             let is_wrong_step = code == AlStatus::BOOT_UNSUPPORTED && from != AlState::Init && device.state() == from;
             let code = if is_wrong_step { AlStatus::INVALID_CHANGE } else { code };
             self.fail(device.state(), code, controller);

@@ -27,14 +27,16 @@ fn drift_of(n: usize, count: usize, most: u32) -> i32 {
     drift.clamp(i32::MIN.into(), i32::MAX.into()) as i32
 }
 
-/// A line of slaves with faults: before each frame, and when time advances, it applies the faults that its [`Cable`] asks for,
-/// such as a cut or a silent slave.
+/// A line of slaves with faults: before each frame, and when time advances, it applies the faults that were set in its
+/// [`Cable`], such as a cut or a silent slave.
 pub struct CabledChain {
     chain: Chain,
     cable: Cable,
-    /// The number of slaves in front of the cut of the [`Cable`], as last applied to `chain`, to notice a change.
+    /// The number of slaves in front of the cut, as last applied to `chain`. It is compared with the [`Cable`] to
+    /// detect a change.
     reach: u8,
-    /// The slaves that do not answer, one bit each, as last applied to `chain`, to notice a change.
+    /// The slaves that do not answer, one bit each, as last applied to `chain`. They are compared with the [`Cable`] to
+    /// detect a change.
     silent: [u64; 4],
     /// Whether the first network card is connected to the first slave. There may still be a cut of the [`Cable`] between them.
     has_first: bool,
@@ -55,8 +57,9 @@ impl CabledChain {
         Self::with_drift(devices, cable, 0)
     }
 
-    /// As [`Self::new`], with drifting crystals: that of the first slave is `drift_ppb` parts per billion too fast, that of
-    /// the last one is too slow by as much, and the others are evenly distributed in between.
+    /// As [`Self::new`], with drifting crystals: the crystal of the first slave is `drift_ppb` parts per billion too
+    /// fast, the crystal of the last slave is too slow by the same amount, and the others are evenly distributed in
+    /// between.
     ///
     /// # Errors
     /// As [`Self::new`].

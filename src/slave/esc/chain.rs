@@ -1,8 +1,8 @@
 //! Slaves on a cable: a frame passes all of them and returns.
 //!
-//! The cable is a tree. A frame leaves a slave through port 3, then 1, then 2, and returns through port 0; closed ports are
-//! skipped. A second card at the last slave makes the network a ring. Time is that of one clock for the whole network; the
-//! clock of each slave is a drifting copy of it.
+//! The cable is a tree. A frame leaves a slave through port 3, then 1, then 2, and returns through port 0; closed ports
+//! are skipped. A second card at the last slave makes the network a ring. All times are of one simulated clock for the
+//! whole network; the clock of each slave is a drifting copy of that clock.
 
 use super::passing::Passing;
 use super::place::Place;
@@ -121,7 +121,7 @@ impl Chain {
         self.places[n].slave.delay_sdo(ns);
     }
 
-    /// Sets the time that a frame takes from the previous slave to this one, ns.
+    /// Sets the time that a frame takes from the previous slave to slave `n`, ns.
     ///
     /// # Panics
     /// If there is no slave with that number.
@@ -139,7 +139,7 @@ impl Chain {
         self.update_links();
     }
 
-    /// Switches a slave off, or on at `now`; then the slave restarts.
+    /// Switches a slave off, or switches it on at `now`, which restarts it.
     ///
     /// # Panics
     /// If there is no slave with that number.
@@ -193,8 +193,8 @@ impl Chain {
         }
     }
 
-    /// Sends a frame at `now` in front of the first slave. `frame` then contains the frame as it comes back. Frames have to
-    /// be sent in the order of their times.
+    /// Sends a frame at `now` in front of the first slave. On return, `frame` contains the frame as it comes back to
+    /// the master. Frames have to be sent in the order of their times.
     ///
     /// \[OURS] A frame whose datagrams are longer than the frame only increments error counters of the slaves.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
@@ -210,8 +210,9 @@ impl Chain {
     pub fn process_from(&mut self, end: CableEnd, frame: &mut [u8], now: Ns) -> (FrameFate, CableEnd) {
         let place = usize::from(end == CableEnd::Last);
         if self.routes[place].exit.is_none() {
-            // By the route of the previous frame this one gets lost at an open port without a link. Temporary loop settings
-            // that have opened this port may be over at `now`: advance the slaves first, so that the port closes.
+            // On the route of the previous frame, this frame would be lost at an open port without a link. If temporary
+            // loop settings have opened the port, they may have ended by `now`. So the slaves are advanced first, which
+            // closes the port.
             self.advance(now);
         }
         let mut route = std::mem::take(&mut self.routes[place]);

@@ -132,7 +132,7 @@ impl Clock {
 mod tests {
     use super::*;
 
-    /// The clock does not advance faster than [`Clock::soonest`] says, whatever its drift and its corrections.
+    /// The clock does not advance faster than [`Clock::soonest`] predicts, whatever its drift and its corrections.
     #[test]
     fn no_correction_makes_a_clock_faster_than_it_says() {
         let mut dice = oorandom::Rand64::new(13);

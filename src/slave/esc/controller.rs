@@ -67,20 +67,21 @@ pub struct Controller {
     pub(super) returns: [Option<Ns>; PORTS - 1],
     /// Whether each port has a link.
     links: [bool; PORTS],
-    /// For the loop setting "auto close": whether each port may open. A lost link clears this, a write to DL control sets
-    /// it again.
+    /// For the loop setting "auto close": whether each port may open. A lost link clears this; a write to DL control
+    /// sets it again if the port has a link.
     opened: [bool; PORTS],
     /// Whether each port is open, so that frames leave by it.
     open: [bool; PORTS],
-    /// The permanent loop settings (bits 8 to 15 of DL control), and the time when temporary ones end; `None` if there are
-    /// none.
+    /// The permanent loop settings (bits 8 to 15 of DL control), and the time when temporary ones end; `None` if no
+    /// temporary settings are active.
     permanent_loops: u8,
     temporary_until: Option<Ns>,
-    /// Whether the device has not read AL control since the master has written it. Until then it takes no further write.
+    /// Whether the device has not read AL control since the master has written it. Until then the controller refuses
+    /// further writes to AL control.
     is_al_control_unread: bool,
     /// The number of bytes of the reset sequence, `RES` to register 0x0040, received so far.
     reset_progress: usize,
-    /// A reusable buffer for combining the data of a datagram with those of the memory.
+    /// A reusable buffer for combining the data of a datagram with data of the memory.
     pub(super) scratch: Vec<u8>,
 }
 
@@ -185,7 +186,7 @@ impl Controller {
         self.settings.features.contains(registers::Features::CLOCK)
     }
 
-    /// A time as registers of 8 bytes show it: a clock of 32 bits has no upper half.
+    /// The value of a time in a register of 8 bytes: with a clock of 32 bits, the upper half is 0.
     fn shown_time(&self, time: u64) -> u64 {
         if self.has_long_clock() { time } else { u64::from(time as u32) }
     }
@@ -210,8 +211,8 @@ impl Controller {
         self.protection.blocks_all()
     }
 
-    /// Begins a frame that arrives at time `arrival`. Writing that the previous frame has enabled in spite of write protection
-    /// is disabled again.
+    /// Begins a frame that arrives at time `arrival`. If the previous frame has enabled writing despite write
+    /// protection, the protection is active again.
     #[inline]
     pub(super) fn begin_frame(&mut self, arrival: Ns) {
         self.arrival_before = std::mem::replace(&mut self.arrival, arrival);
@@ -233,7 +234,7 @@ impl Controller {
         self.memory.count(registers::RX_ERRORS + 2 * port as u16);
     }
 
-    /// Counts a frame that came in at a port with the mark of another slave that had detected the error.
+    /// Counts a damaged frame that came in at a port and that an earlier slave has already counted and marked.
     pub fn note_forwarded_error(&mut self, port: usize) {
         self.memory.count(registers::FORWARDED_ERRORS + port as u16);
     }
@@ -262,7 +263,8 @@ impl Controller {
         }
     }
 
-    /// The ECAT event bits that mailboxes and buffers set for the master: a buffer that the slave has written or read.
+    /// The ECAT event bits of the sync managers: a bit is set if the slave has written a buffer for the master, or has
+    /// read a buffer that the master has written.
     fn manager_events(&self) -> u16 {
         let mut events = EcatEvents::NONE;
         for n in 0..self.managers.count().min(8) {
@@ -312,8 +314,8 @@ impl Controller {
         self.eeprom.due().is_some() || self.temporary_until.is_some()
     }
 
-    /// Computes a time before which no SYNC pulse comes, whatever clock corrections frames bring, as long as they do not
-    /// [set registers anew](Self::is_set_anew).
+    /// Computes a time before which no SYNC pulse comes, whatever clock corrections frames bring. It is valid until a
+    /// frame writes [registers that change the time of the next pulse](Self::is_set_anew).
     pub(super) fn look_for_pulse(&mut self) {
         self.without_pulse = self.until_pulse().map_or(Ns::MAX, |left| self.clock.soonest(left));
     }
@@ -441,9 +443,10 @@ impl Controller {
         self.memory.u32(registers::SYNC0_CYCLE)
     }
 
-    /// Sets the level of a latch input, 0 to [`LATCHES`](registers::LATCHES) - 1, from the simulated time `at` on, which should
-    /// be near the arrival of the newest frame: the captured system time may be off by 1 % of the time between them. Without
-    /// effect for an unchanged level, for an input that does not exist, and without distributed clocks.
+    /// Sets the level of a latch input, 0 to [`LATCHES`](registers::LATCHES) - 1, from the simulated time `at` on,
+    /// which should be near the arrival of the newest frame: the captured system time may be off by 1 % of the time
+    /// between them. The call has no effect for an unchanged level, for an input that does not exist, and without
+    /// distributed clocks.
     pub fn set_latch_input(&mut self, input: usize, is_on: bool, at: Ns) {
         if self.has_clock() && input < registers::LATCHES {
             latch_unit::set_level(input, is_on, at, &self.clock, &mut self.memory);

@@ -160,8 +160,8 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
     Ok(eeprom)
 }
 
-/// The CoE features that the EEPROM announces. Masters that find complete access among them read PDO assignment and mapping by
-/// it, so it is announced only if the device can read 0x1C00 in that way.
+/// The CoE features that the EEPROM announces. If complete access is announced, some masters read PDO assignment and
+/// mapping with it. So it is announced only if 0x1C00 of the device can be read with complete access.
 fn coe_details(device: &mut dyn Slave) -> CoeDetails {
     let has_information = device.object_from(0).is_some();
     let sync_manager_types = ObjectAddress::new(0x1C00, 0);

@@ -10,7 +10,7 @@ use crate::ethercat::sii::{CHECKED_LEN, Sii, SiiInfo, checksum};
 const WRITABLE: SiiControl = SiiControl(SiiControl::WRITE_ENABLE.0 | 0b111 << 8);
 /// The error bits that report the result of a command; the next command clears them.
 const COMMAND_ERRORS: SiiControl = SiiControl(SiiControl::COMMAND_ERROR.0 | SiiControl::WRITE_ENABLE_ERROR.0);
-/// The error bits that report the result of loading the configuration words; commands keep them.
+/// The error bits that report the result of loading the configuration words; commands do not clear them.
 const LOADING_ERRORS: SiiControl = SiiControl(SiiControl::CHECKSUM_ERROR.0 | SiiControl::NOT_LOADED.0);
 
 /// The byte offset of the station alias, word 4.
@@ -66,7 +66,8 @@ impl Eeprom {
         if self.content.len() > 2048 { reads | SiiControl::TWO_ADDRESS_BYTES } else { reads }
     }
 
-    /// Whether the master may write to the interface now: the EEPROM is assigned to it, and no command is running.
+    /// Whether the master may write to the interface now: the EEPROM is assigned to the master, and no command is
+    /// running.
     pub(super) fn is_free(&self, memory: &Memory) -> bool {
         memory.u8(registers::SII_PDI_ACCESS) & 1 == 0 && self.running.is_none()
     }

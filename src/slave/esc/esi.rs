@@ -19,7 +19,7 @@ const VENDOR: &str = "ecmsk";
 /// to Init.
 ///
 /// # Errors
-/// [`DescriptionError`] as of [`eeprom_of`].
+/// [`DescriptionError`] under the same conditions as [`eeprom_of`].
 pub fn esi_of(device: &mut dyn Slave, settings: &EscSettings) -> Result<String, DescriptionError> {
     let eeprom = eeprom_of(device, settings)?;
     device.enter(AlState::PreOp).map_err(DescriptionError::State)?;

@@ -17,8 +17,8 @@ struct Whole {
     /// The logical address of the first byte, and the number of bytes.
     logical: u32,
     len: u16,
-    /// The sync manager whose area starts where the FMMU maps to and has the same length, as a mask with one bit; 0 if there is
-    /// none, or if the FMMU maps single bits.
+    /// A mask with the bit of the sync manager whose area has the physical start address and the length of the FMMU. 0
+    /// if there is no such sync manager, or if the FMMU maps single bits.
     area: u16,
 }
 
@@ -173,8 +173,9 @@ impl Controller {
         }
     }
 
-    /// Writes the bits of an FMMU that does not map whole bytes. Slave controllers keep the unmapped bits of the same bytes
-    /// only in the digital output registers; \[OURS] here they keep their values in the whole memory.
+    /// Writes the bits of an FMMU that does not map whole bytes. Slave controllers keep the unmapped bits of the same
+    /// bytes only in the digital output registers; \[OURS] here the unmapped bits keep their values in the whole
+    /// memory.
     fn write_bits(&mut self, fmmu: &Fmmu, part: &Part, data: &[u8]) -> bool {
         let Some((first, last)) = bounds(fmmu, part) else { return false };
         let address = usize::from(fmmu.physical) + first / 8;

@@ -25,7 +25,7 @@ pub(super) struct Information {
 }
 
 impl Information {
-    /// Drops what is left of the present response, because a new request has come or the mailbox restarts.
+    /// Drops the rest of the present response, because a new request has come or the mailbox restarts.
     pub(super) fn reset(&mut self) {
         self.answer.clear();
         self.answer.reserve(ANSWER_ROOM);

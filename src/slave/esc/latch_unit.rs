@@ -31,8 +31,8 @@ pub(super) fn set_levels(levels: u8, memory: &mut Memory) {
     }
 }
 
-/// Sets the level of an input from the simulated time `at` on. In continuous mode the time of every edge is captured; in
-/// single-event mode only that of the first edge, until its time is read.
+/// Sets the level of an input from the simulated time `at` on. In continuous mode the time of every edge is captured;
+/// in single-event mode only the time of the first edge, until that time is read.
 pub(super) fn set_level(input: usize, is_on: bool, at: Ns, clock: &Clock, memory: &mut Memory) {
     let before = status(input, memory);
     if before.contains(LatchStatus::PIN) == is_on {

@@ -118,7 +118,8 @@ impl Mailbox {
         self.sdo_delay_ns = ns;
     }
 
-    /// Queues an emergency for an error that has occurred or was cleared. If [`EMERGENCIES_MAX`] are pending, it is lost.
+    /// Queues an emergency for an error that has occurred or was cleared. If [`EMERGENCIES_MAX`] are pending, the new
+    /// one is lost.
     pub(super) fn raise(&mut self, emergency: Emergency) {
         if let Some(place) = self.emergencies.get_mut(self.emergencies_waiting) {
             *place = emergency;
@@ -126,8 +127,8 @@ impl Mailbox {
         }
     }
 
-    /// Whether [`Self::serve`] has something to do: since its last call the network has accessed a sync manager of the mailbox
-    /// (`done`), or a message is waiting for its place in sync manager 1.
+    /// Whether [`Self::serve`] has something to do: since its last call the network has accessed a sync manager of the
+    /// mailbox (`done`), or a message is waiting to be put into sync manager 1.
     pub(super) const fn is_touched(&self, done: ManagerEvents) -> bool {
         const BOTH: u16 = 1 << REQUESTS | 1 << ANSWERS;
         (done.written | done.read | done.activated) & BOTH != 0

@@ -1,5 +1,5 @@
-//! The sync managers of a slave controller: mailbox mode with its handshake, and buffered mode with three buffers, of which
-//! the reader gets the newest.
+//! The sync managers of a slave controller: mailbox mode with its handshake, and buffered mode with three buffers, in
+//! which the reader gets the newest buffer.
 //!
 //! Accessing the first byte opens a buffer, and accessing the last byte closes it. \[OURS] A buffer opens and closes when the
 //! slave processes the datagram, not at the end of the frame.
@@ -129,8 +129,8 @@ impl Managers {
         self.managers.iter().position(has_it).map_or(0, |n| 1 << n)
     }
 
-    /// The status of a sync manager before its first access: no event, and in buffered mode the code 3, no buffer written, as
-    /// the last written buffer.
+    /// The status of a sync manager before its first access: no event. In buffered mode, the field for the last written
+    /// buffer is 3, which means that no buffer was written.
     fn idle(control: SmControl) -> SmStatus {
         match control.mode() {
             BufferMode::Buffered => SmStatus::NONE.with_last_buffer(3),
@@ -328,14 +328,14 @@ impl Managers {
     }
 }
 
-/// Writes bytes into the memory, as far as it reaches. Returns whether any byte was written.
+/// Writes bytes into the memory, up to the end of the memory. Returns whether any byte was written.
 fn put(memory: &mut Memory, address: usize, data: &[u8]) -> bool {
     let len = data.len().min(memory.end().saturating_sub(address));
     memory.slice_mut(address, len).copy_from_slice(&data[..len]);
     len > 0
 }
 
-/// Reads bytes from the memory, as far as it reaches. Returns whether any byte was read.
+/// Reads bytes from the memory, up to the end of the memory. Returns whether any byte was read.
 fn take(memory: &Memory, address: usize, data: &mut [u8]) -> bool {
     let len = data.len().min(memory.end().saturating_sub(address));
     data[..len].copy_from_slice(memory.slice(address, len));

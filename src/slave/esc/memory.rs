@@ -12,7 +12,7 @@ pub(super) enum ByteAccess {
     Absent,
     Read,
     Write,
-    /// A write clears the byte, whatever the data.
+    /// The byte belongs to a group of counters. A write clears the whole group, whatever the data.
     Clear,
 }
 
@@ -66,7 +66,7 @@ impl Memory {
         self.bytes.fill(0);
     }
 
-    /// The address behind the last byte of the RAM.
+    /// The first address after the RAM.
     pub(super) fn end(&self) -> usize {
         self.bytes.len()
     }
@@ -88,7 +88,7 @@ impl Memory {
         }
     }
 
-    /// `len` bytes from an address on; empty if there is no memory.
+    /// The `len` bytes from an address on; empty if the memory does not contain all of them.
     pub(super) fn slice(&self, address: usize, len: usize) -> &[u8] {
         self.bytes.get(address..address.saturating_add(len)).unwrap_or_default()
     }
@@ -145,8 +145,8 @@ impl Memory {
     }
 }
 
-/// Copies bytes like `copy_from_slice`, but 8 to 16 bytes, a usual length of process data, by two moves without a call. A call
-/// would take longer than the copying.
+/// Copies bytes like `copy_from_slice`. But 8 to 16 bytes, a usual length of process data, are copied by two moves
+/// without a function call, because the call would take longer than the copying.
 ///
 /// # Panics
 /// If the lengths differ.

@@ -2,7 +2,7 @@
 
 use crate::ethercat::{DATAGRAM_HEADER_LEN, DATAGRAM_OVERHEAD, DatagramHeader, Datagrams, FRAME_HEADER_LEN};
 
-/// The maximum number of datagrams in a frame, by the length field of the EtherCAT header.
+/// The maximum number of datagrams in a frame, which the length field of the EtherCAT header limits.
 const DATAGRAMS_MAX: usize = DatagramHeader::LEN_MAX as usize / DATAGRAM_OVERHEAD;
 
 /// A datagram of the present frame.

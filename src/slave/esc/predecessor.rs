@@ -139,8 +139,8 @@ impl Predecessor {
         }
     }
 
-    /// Writes random values to a register, or to a group of adjacent registers of the same kind. Registers for which most
-    /// random values would have no effect, such as FMMUs and the station address, get values that have one.
+    /// Writes random values to a register, or to a group of adjacent registers of the same kind. Registers for which
+    /// most random values would have no effect, such as FMMUs and the station address, get values that have an effect.
     fn leave_register(&mut self, slave: &mut EscSlave, address: u16, len: u16, now: Ns) {
         let bytes = match address {
             STATION_ADDRESS => self.station().to_le_bytes().to_vec(),
@@ -157,8 +157,8 @@ impl Predecessor {
                 let ahead = self.below(1_000_000_000);
                 slave.controller().system_time_ns().wrapping_add(ahead).to_le_bytes().to_vec()
             }
-            // `leave` writes these before or after all other registers, and the EEPROM's registers are written with its
-            // commands.
+            // `leave` writes some of these registers itself, before or after all others. `leave_eeprom` writes the
+            // EEPROM address together with the command.
             AL_CONTROL | SII_CONFIGURATION | registers::SII_ADDRESS | registers::SII_DATA | CYCLIC_UNIT_CONTROL => {
                 return;
             }
@@ -168,15 +168,16 @@ impl Predecessor {
         slave.write_unseen(address, &bytes, now);
     }
 
-    /// A random station address: in half of the cases 0x1001 to 0x1008, which the next master may assign to another slave if
-    /// its addresses begin at 0x1001, as those of SOEM do.
+    /// A random station address: in half of the cases 0x1001 to 0x1008, which the next master may assign to another
+    /// slave if its addresses begin at 0x1001, like the addresses of SOEM.
     fn station(&mut self) -> u16 {
         let near = 0x1001 + self.below(8) as u16;
         let any = self.dice.rand_u64() as u16;
         self.pick(&[near, near, 0, any])
     }
 
-    /// Random loop settings of the ports, permanent or for one second, and a random station alias that may be enabled.
+    /// Leaves random loop settings of the ports, permanent or for one second, and a random station alias that may be
+    /// enabled.
     fn leave_ports(&mut self, slave: &mut EscSlave, now: Ns) {
         let alias = self.station();
         slave.controller_mut().fill(STATION_ALIAS, &alias.to_le_bytes());
@@ -219,7 +220,7 @@ impl Predecessor {
         }
     }
 
-    /// Random sync managers: areas, control bytes and repeat bits that the EEPROM does not describe.
+    /// Leaves random sync managers, with areas, control bytes and repeat bits that the EEPROM does not describe.
     fn leave_managers(&mut self, slave: &mut EscSlave, now: Ns) {
         let first = self.pick(&[0, 2, 4]);
         for n in first..slave.controller().settings().sync_managers.min(16) {

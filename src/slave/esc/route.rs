@@ -5,7 +5,7 @@ use crate::ethercat::registers::PORTS;
 use crate::ethercat::{CableEnd, Ns};
 use crate::slave::plant::SIDE_BY_SIDE;
 
-/// The order in which a frame leaves a slave by its ports.
+/// The order of the ports by which a frame leaves a slave; it returns by each port before it leaves by the next one.
 const ORDER: [usize; PORTS - 1] = [3, 1, 2];
 
 /// A slave on the route of a frame.
@@ -53,7 +53,7 @@ pub(super) struct Slaves<'p> {
 }
 
 impl Route {
-    /// Computes the route of a frame from one end. Also tells each slave on the route its round-trip times per port.
+    /// Computes the route of a frame from one end. Also sets the round-trip times per port in each slave on the route.
     pub(super) fn find(&mut self, slaves: Slaves<'_>, from: CableEnd, has_link: impl Fn(&[Place], usize) -> bool) {
         self.visits.clear();
         self.visits.reserve(slaves.places.len());

@@ -15,7 +15,7 @@ const VALUE_ROOM: usize = 512;
 enum Transfer {
     #[default]
     None,
-    /// The master reads a value in segments, of which `sent` bytes were sent.
+    /// The master reads a value in segments; the first `sent` bytes of the value were sent.
     Upload { object: ObjectAddress, sent: usize, toggle: bool },
     /// The master writes a value of `size` bytes in segments.
     Download { object: ObjectAddress, scope: SdoScope, size: usize, toggle: bool },

@@ -32,14 +32,15 @@ pub struct EscSettings {
     pub mailbox_bytes_min: u16,
     /// The type of each port, register 0x0007: 0 and 1 none, 2 EBUS, 3 MII.
     pub ports: [u8; 4],
-    /// The watchdog divider, register 0x0400, of a controller that was built with a fixed one, which the master cannot write.
-    /// `None`: the master can write the register.
+    /// The fixed value of the watchdog divider, register 0x0400, which the master cannot write. `None`: the master can
+    /// write the register.
     pub fixed_watchdog_divider: Option<u16>,
     /// Whether a read of the EEPROM returns 8 bytes instead of 4.
     pub reads_8_bytes: bool,
     /// The duration of an EEPROM command, ns.
     pub eeprom_ns: Ns,
-    /// The time after a write during which the EEPROM does not acknowledge, ns.
+    /// The duration of the internal write cycle after a write command, ns. During this time, every EEPROM command
+    /// fails.
     pub eeprom_silence_ns: Ns,
     /// The local time (the free-running clock, without the offset of the system time) at power-on, ns.
     pub local_time_ns: u64,
@@ -47,8 +48,8 @@ pub struct EscSettings {
     pub drift_ppb: i32,
     /// The device identification, which a master requests by AL control; 0: none, and such a request is ignored.
     pub device_id: u16,
-    /// The duration of a change of the AL state, ns: how long the device takes to read AL control. Until then the controller
-    /// refuses further writes to it, except with device emulation.
+    /// The duration of a change of the AL state, ns: how long the device takes to read AL control. Until then the
+    /// controller refuses further writes to AL control, except with device emulation.
     pub state_change_ns: Ns,
     /// Whether the device reports its errors by emergencies. Some masters mistake an emergency for an SDO response.
     pub emergencies: bool,

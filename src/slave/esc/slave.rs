@@ -21,8 +21,8 @@ pub use cycle::ERROR_CYCLE_NS;
 /// \[OURS] The cycle time of a device in free run, whose cycles neither outputs nor SYNC0 trigger, ns. Each cycle takes the
 /// newest outputs and provides inputs.
 pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
-/// \[OURS] The time that a device waits for the next outputs, or the next SYNC0, ns. After it, the device runs its next cycle
-/// without a trigger (free run).
+/// \[OURS] The time that a device waits for the next outputs, or the next SYNC0, ns. After this time, the device runs
+/// its next cycle without a trigger (free run).
 pub const DRIVEN_NS: Ns = 20_000_000;
 /// \[OURS] The maximum number of SYNC0 and SYNC1 pulses that one call of [`EscSlave::advance`] processes, to bound its
 /// computing time. Further pulses are dropped: they set their status bits, but the device runs no cycle for them.
@@ -63,7 +63,7 @@ pub struct EscSlave {
     outputs_came: Option<Ns>,
     /// The buffer for the inputs, with the length of sync manager 3.
     inputs: Vec<u8>,
-    /// The station alias of the device at its last power-on, to notice a new one at the next power-on.
+    /// The station alias of the device at its last power-on, to detect a change at the next power-on.
     station_alias: u16,
     application: Application,
     controller: Controller,
@@ -103,7 +103,7 @@ impl EscSlave {
     /// gets a controller without them.
     ///
     /// # Errors
-    /// [`DescriptionError`] as of [`eeprom_of`].
+    /// [`DescriptionError`] under the same conditions as [`eeprom_of`].
     pub fn describe(mut device: Box<dyn Slave>, settings: EscSettings, now: Ns) -> Result<Self, DescriptionError> {
         let clocks = Features::CLOCK | Features::CLOCK_64_BITS;
         let features = if device.has_dc() { settings.features } else { settings.features.without(clocks) };
@@ -116,8 +116,8 @@ impl EscSlave {
     pub fn power_on(&mut self, now: Ns) {
         self.device.restart();
         let alias = self.device.station_alias();
-        // A device with a new alias writes it to the EEPROM. Otherwise the alias there is kept, because a master may have
-        // written it.
+        // A device with a new alias writes it to the EEPROM. Otherwise the alias in the EEPROM is kept, because a
+        // master may have written it.
         if std::mem::replace(&mut self.station_alias, alias) != alias {
             self.controller.store_alias(alias);
         }
@@ -186,8 +186,8 @@ impl EscSlave {
         self.application.state()
     }
 
-    /// Queues an emergency, which is sent as soon as the master has emptied the mailbox. If `EMERGENCIES_MAX` (8) are pending,
-    /// it is lost.
+    /// Queues an emergency, which is sent as soon as the master has emptied the mailbox. If `EMERGENCIES_MAX` (8) are
+    /// pending, the new one is lost.
     pub fn send_emergency(&mut self, emergency: Emergency) {
         self.mailbox.raise(emergency);
         self.react(self.controller.arrival);
@@ -221,7 +221,7 @@ impl EscSlave {
         }
     }
 
-    /// Advances the slave to `now`, and processes the events that occur on the way: the slow path of [`Self::advance`].
+    /// Advances the slave to `now`, and processes the events that occur until then: the slow path of [`Self::advance`].
     #[inline(never)]
     fn advance_with_care(&mut self, now: Ns) {
         let mut pulses = 0;
@@ -361,7 +361,8 @@ impl EscSlave {
         !self.application.is_synchronized
     }
 
-    /// Handles an expired process data watchdog: it matters only in SafeOP and OP, to a slave with outputs.
+    /// Handles an expired process data watchdog: it has an effect only in SafeOP and OP, and only on a slave with
+    /// outputs.
     fn watchdog_expired(&mut self) {
         if self.state() >= AlState::SafeOp && !self.outputs.is_empty() {
             self.application.lose_outputs(&mut self.controller, &mut *self.device);

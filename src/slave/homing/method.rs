@@ -69,11 +69,11 @@ impl Edge {
     }
 }
 
-/// The search plan of a homing method, as it is if the search starts to the right while the switch is inactive. For a method
-/// that starts to the left, [`Method::mirrored`] exchanges left and right.
+/// The search plan of a homing method that starts to the right if the switch is inactive. For a method that starts to
+/// the left, [`Method::mirrored`] exchanges left and right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SearchPlan {
-    /// Home is at the edge of a switch, or at the first index pulse behind the edge.
+    /// Home is at the edge of a switch, or at the first index pulse after the edge.
     Edge {
         /// The edge that determines home.
         edge: Edge,
@@ -89,11 +89,11 @@ pub enum SearchPlan {
 /// A homing method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Method {
-    /// The search plan, as it is without mirroring.
+    /// The search plan before mirroring.
     pub plan: SearchPlan,
     /// Whether left and right are exchanged in the plan.
     pub mirrored: bool,
-    /// Whether home is at the first index pulse behind the edge instead of at the edge itself.
+    /// Whether home is at the first index pulse after the edge instead of at the edge itself.
     pub index: bool,
 }
 

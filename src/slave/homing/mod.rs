@@ -4,11 +4,11 @@
 //! interruption, and statusword bits 10, 12 and 13. Nothing moves here: the axis reads the velocity that a run requests,
 //! moves its shaft, and reports how far the shaft has moved (`axis/homing.rs`).
 //!
-//! **Where home is.** Home is the count at which the edge was detected, or that of the index pulse behind it. The axis
-//! brakes beyond that count and runs back to it, with speed 0x6099:2 and acceleration 0x609A. When it has stopped there,
-//! homing is attained: from then on the position actual value at that count is 0x607C, and the statusword shows "homing
-//! attained" (OBS). An axis that [stays beyond home](HomingSettings::stays_beyond_home) has its new position actual value
-//! as soon as home is found, and stops where it has braked.
+//! **Where home is.** Home is the count at which the edge was detected, or the count of the first index pulse after the
+//! edge. The axis brakes beyond that count and runs back to it, with speed 0x6099:2 and acceleration 0x609A. When it
+//! has stopped there, homing is attained: from then on the position actual value at that count is 0x607C, and the
+//! statusword shows "homing attained" (OBS). An axis that [stays beyond home](HomingSettings::stays_beyond_home) has
+//! its new position actual value as soon as home is found, and stops where it has braked.
 //!
 //! **Decisions** \[OURS].
 //! - Statusword bits 10, 12 and 13 follow the table in CiA 402-2 whenever the mode is 6, in every state of the drive.
@@ -160,8 +160,8 @@ impl Homing {
         }
     }
 
-    /// The count to which the shaft has to run back, and its maximum speed, counts/s. `None` unless home was found and the
-    /// shaft is not there yet, and during a halt.
+    /// The count to which the shaft has to run back, and its maximum speed, counts/s. `None` if home was not found, if
+    /// homing is already completed, or during a halt.
     pub fn destination(&self) -> Option<(i64, f64)> {
         match self.phase {
             Phase::Returning(at) if !self.halted => Some((at, self.settings.zero_speed.into())),
@@ -211,7 +211,7 @@ impl Homing {
         }
     }
 
-    /// Statusword bits 10, 12 and 13 (CiA 402-2, homing mode). `stands` says whether the shaft is at standstill.
+    /// Statusword bits 10, 12 and 13 (CiA 402-2, homing mode). `stands`: whether the shaft is at standstill.
     pub fn status_bits(&self, stands: bool) -> u16 {
         let (bits, ended) = match self.phase {
             Phase::Idle => (0, true),

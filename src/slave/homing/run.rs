@@ -42,8 +42,8 @@ impl Run {
     /// Starts a run; `None` if home is the present position.
     ///
     /// # Errors
-    /// An unsupported method, a moving shaft, an input that is not wired, a speed or acceleration of 0, or an active limit
-    /// switch that the search cannot leave. The shaft does not move then.
+    /// An unsupported method, a moving shaft, an input that is not wired, a speed or acceleration of 0, or an active
+    /// limit switch that the search cannot leave. In these cases the shaft does not move.
     pub fn start(settings: &HomingSettings, shaft: Shaft, switches: &Switches) -> Result<Option<Self>, HomingError> {
         let code = settings.method;
         let method = Method::from_code(code).ok_or(HomingError::UnsupportedMethod(code))?;
@@ -74,8 +74,8 @@ impl Run {
         if inputs.has_both_limits() {
             return Err(HomingError::BothLimits);
         }
-        // [OURS] If the positive limit switch is active at the start, and the plan of the method reverses the search at this
-        // switch, the run starts in the negative direction: in the other one the travel ends.
+        // [OURS] If the positive limit switch is active at the start, and the plan of the method reverses the search at
+        // this switch, the run starts in the negative direction, because the travel ends in the positive one.
         if run.heading == Direction::Positive && inputs.has(Direction::Positive.limit()) && run.limit_reverses {
             run.reverse_at_limit();
         }
@@ -111,7 +111,8 @@ impl Run {
     /// Returns the count of home if home was found.
     ///
     /// # Errors
-    /// The run ends without home, because of a limit switch that the method does not use, both limit switches, or the distance.
+    /// The run ends without home, because a limit switch is active that the method does not use, because both limit
+    /// switches are active, or because the search distance is exceeded.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let is_new = as_planned(self.method, switches.read(from)) != self.inputs;
         let is_met = is_new || matches!(self.sought, Sought::Index) || switches.change_between(from, to);
@@ -125,8 +126,8 @@ impl Run {
         Ok(None)
     }
 
-    /// Evaluates the switches and the index pulse on the way from `from` to `to`: at `from`, and at each later count at which a
-    /// switch changes or the index pulse is. Returns the count of home if home was found.
+    /// Evaluates the switches and the index pulse at `from`, and then at each count up to `to` at which a switch
+    /// changes or the index pulse comes. Returns the count of home if home was found.
     fn scan_path(&mut self, from: i64, to: i64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let mirrored = self.method.mirrored;
         // An input may change while the shaft is at standstill, for example by a fault. An edge needs a direction: the
@@ -168,7 +169,8 @@ impl Run {
                     (true, true) if self.heading != moving => {}
                     (true, true) if self.method.index => self.sought = Sought::Index,
                     (true, true) => return Ok(true),
-                    // The shaft has crossed the edge against the direction that counts: reverse, to cross it in that direction.
+                    // The shaft has crossed the edge in the wrong direction: reverse, to cross it in the direction of
+                    // the plan.
                     (false, false) => self.reverse(edge.moving),
                     _ => {}
                 }

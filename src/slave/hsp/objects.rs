@@ -106,7 +106,7 @@ fn has<const N: usize>(hsp: &Hsp) -> bool {
     hsp.axes.len() > N
 }
 
-/// The objects of channel `N` (from 0) that a pulse module has in addition to those of every CiA 402 axis.
+/// The objects of channel `N` (from 0) that a pulse module has in addition to the objects of every CiA 402 axis.
 const fn channel<const N: usize>() -> [Row; 6] {
     only_if(
         has::<N>,

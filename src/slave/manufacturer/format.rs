@@ -116,8 +116,8 @@ fn number(data: ManufacturerType, value: &str) -> Result<ManufacturerValue, Stri
             data.word()
         )
     })?;
-    // The value of a `text` or `any` object as a number, `0x4241` for "AB": the bytes in SDO order, the lowest first. Its
-    // length is that up to the highest byte that is not 0.
+    // The value of a `text` or `any` object as a number, `0x4241` for "AB": the bytes in SDO order, the lowest first.
+    // The value ends with the highest byte that is not 0.
     let significant = significant_bytes(bits);
     let bytes = match (data, data.bytes()) {
         (_, Some(bytes)) => bytes.into(),
@@ -213,7 +213,7 @@ fn write_quoted(f: &mut fmt::Formatter<'_>, bytes: &[u8]) -> fmt::Result {
     f.write_char('"')
 }
 
-/// Splits a line behind its first word, at white space. Returns the word and the rest.
+/// Splits a line after its first word, at white space. Returns the word and the rest.
 fn word(text: &str) -> (&str, &str) {
     let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     (word, rest.trim_start())

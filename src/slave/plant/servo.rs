@@ -19,9 +19,9 @@ use crate::ethercat::Ns;
 /// \[OURS] The maximum length of a sub-step, ns: the cascade runs at 4 kHz at least, as in a small servo drive.
 pub const SUBSTEP_MAX_NS: Ns = 250_000;
 
-/// \[OURS] The drive adds a torque in the direction of the demanded speed that compensates dry friction. Below this demanded
-/// speed, counts/s, it is proportional to the speed: the full torque at any speed would push a shaft that has stopped at its
-/// target.
+/// \[OURS] The drive adds a torque in the direction of the demanded speed that compensates dry friction. Below this
+/// demanded speed, counts/s, the added torque is proportional to the speed: the full torque would push a shaft that has
+/// stopped at its target.
 const FRICTION_FADE: f64 = 10.0;
 
 /// \[OURS] The speed below which a shaft counts as at standstill, counts/s.
@@ -49,7 +49,7 @@ pub struct Motor {
     pub viscous_friction: u16,
     /// Gain of the position loop, 1/s; up to 1000.
     pub position_gain: u16,
-    /// Gain of the velocity loop, 1/s; up to 2000, and several times that of the position loop.
+    /// Gain of the velocity loop, 1/s; up to 2000, and several times the gain of the position loop.
     pub velocity_gain: u16,
 }
 
@@ -341,8 +341,9 @@ impl Servo {
             wanted = feed_forward + self.position_gain * (demand - self.fraction);
             asked = self.change_for(span, clamp_to(wanted, self.velocity_limit));
             if by == 0.0 && self.velocity == 0.0 && clamp_to(asked, span.friction) == asked {
-                // The setpoint and the shaft are at standstill, and the demanded torque is below dry friction: friction holds
-                // the shaft. Nothing changes in the following sub-steps, so it holds the shaft there too.
+                // The setpoint and the shaft are at standstill, and the demanded torque is below dry friction: friction
+                // holds the shaft. Nothing changes in the following sub-steps, so friction holds the shaft in all of
+                // them.
                 break;
             }
             self.substep(span, clamp_to(asked, span.torque));
@@ -377,7 +378,8 @@ impl Servo {
         self.finish_span((span.torque, span.torque_per_change), asked, too_fast);
     }
 
-    /// The velocity loop: the change of speed in a sub-step that it demands, including the compensation of friction.
+    /// The change of speed that the velocity loop demands in a sub-step, counts/s, including the compensation of
+    /// friction.
     fn change_for(&self, span: &Span, wanted: f64) -> f64 {
         let dry = clamp_to(span.friction_wanted * wanted, span.friction);
         (span.gain_wanted * wanted - span.gain * self.velocity) + dry

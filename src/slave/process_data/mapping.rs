@@ -16,8 +16,8 @@ use crate::slave::dictionary::{
 
 /// The maximum number of entries of a PDO of most kinds of device \[OURS], see [`MappingLimits`].
 pub const ENTRIES_MAX: usize = 16;
-/// The capacity of a list of entries or of assigned PDOs, items: the largest value of [`MappingLimits::entries`], that of the
-/// DP3CL.
+/// The capacity of a list of entries or of assigned PDOs, items. It is the largest [`MappingLimits::entries`] of all
+/// kinds of device: the DP3CL has 24.
 const ITEMS_ROOM: usize = 24;
 /// The maximum number of assigned PDOs per direction of most kinds of device \[OURS], see [`MappingLimits`].
 pub const PDOS_MAX: usize = 8;
@@ -136,7 +136,7 @@ impl MappingList {
         if self.is_assignment() { 2 } else { 4 }
     }
 
-    /// The active items of the list: as many as its count (sub-index 0) says.
+    /// The active items of the list. Their number is the count, sub-index 0.
     fn items(&self) -> &[u32] {
         &self.items[..usize::from(self.count).min(ITEMS_ROOM)]
     }
@@ -266,10 +266,11 @@ impl Mapping {
     ///
     /// # Errors
     /// [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`] or [`AbortCode::LENGTH`] for a
-    /// transfer of the wrong length; [`AbortCode::DEVICE_STATE`] outside PreOP; [`AbortCode::SUB_INDEX_READ_ONLY`] for an
-    /// item while the count is not 0; [`AbortCode::VALUE_HIGH`] for a count that is too high; [`AbortCode::NOT_MAPPABLE`]
-    /// and the codes of `may_map` for items; [`AbortCode::PDO_LENGTH`] for a PDO longer than [`IMAGE_BYTES_MAX`];
-    /// [`AbortCode::PARAMETER_INCOMPATIBLE`] for a PDO that is assigned twice.
+    /// transfer of the wrong length; [`AbortCode::DEVICE_STATE`] outside PreOP; [`AbortCode::SUB_INDEX_READ_ONLY`] for
+    /// an item while the count is not 0; [`AbortCode::VALUE_HIGH`] for a count that is too high;
+    /// [`AbortCode::NOT_MAPPABLE`] and the codes of `may_map` for items; [`AbortCode::PDO_LENGTH`] for a PDO longer
+    /// than [`MappingLimits::image_bytes`] (at most [`IMAGE_BYTES_MAX`]), if [`MappingLimits::long_pdos_refused`] is
+    /// set; [`AbortCode::PARAMETER_INCOMPATIBLE`] for a PDO that is assigned twice.
     pub(in crate::slave) fn written(
         &self,
         at: ObjectAddress,
@@ -319,7 +320,7 @@ impl Mapping {
         Ok(list)
     }
 
-    /// Stores a list in place of the one with the same index.
+    /// Replaces the list that has the same index as `list`.
     pub(in crate::slave) fn put(&mut self, list: MappingList) {
         if let Some(place) = self.lists.iter_mut().find(|old| old.index == list.index) {
             *place = list;

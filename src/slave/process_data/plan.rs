@@ -33,7 +33,7 @@ enum Step<D> {
     /// A manufacturer-specific object. It has no row in the dictionary's table, so `row` and `cell` hold the upper and the
     /// lower 16 bits of its index in [`ManufacturerObjects`](crate::slave::ManufacturerObjects) instead.
     Manufacturer(EntryCopy),
-    /// A whole PDO that begins at this byte of the image. Its entries are those of a power-on PDO or of one in
+    /// A whole PDO that begins at this byte of the image. Its entries are the same as in a power-on PDO or in a PDO of
     /// [`Model::often_mapped`], for which one function copies the whole PDO.
     Inputs(usize, fn(&D, &mut [u8])),
     Outputs(usize, fn(&mut D, &[u8])),
@@ -91,7 +91,7 @@ impl<D> Default for Plan<D> {
     }
 }
 
-/// What a mapping entry stands for.
+/// What a mapping entry maps into the image.
 enum Entry {
     Padding,
     Object(Place),
@@ -99,7 +99,7 @@ enum Entry {
     Manufacturer(usize),
 }
 
-/// Finds what a mapping entry in a PDO of this direction stands for.
+/// Finds what a mapping entry in a PDO of this direction maps.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`] or [`AbortCode::NO_SUB_INDEX`] if the object does not exist; [`AbortCode::NOT_MAPPABLE`] if it
@@ -216,8 +216,9 @@ impl<D: Model> Plan<D> {
     }
 }
 
-/// A single step for a whole PDO, if the PDO has the entries of a power-on PDO or of one in [`Model::often_mapped`].
-/// The PDO has to begin at a byte boundary, because the function of the step copies whole bytes. Otherwise `None`.
+/// A single step for a whole PDO, if the PDO has the same entries as a power-on PDO or as a PDO in
+/// [`Model::often_mapped`]. The PDO has to begin at a byte boundary, because the function of the step copies whole
+/// bytes. Otherwise `None`.
 fn whole_pdo<D: Model>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
     let of_power_on = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries);
     let pdo = of_power_on.or_else(|| D::often_mapped().iter().find(|pdo| pdo.entries == entries))?;

@@ -10,7 +10,8 @@ use super::{ControlError, Happened, place};
 /// How long a board may take to parse an event. \[OURS]
 const PARSE_LIMIT: Duration = Duration::from_secs(10);
 
-/// An event that waits for the next cycle of a board. Dropping it before it has happened takes the event back.
+/// An event that waits for the next cycle of a board. Dropping this value before the event has happened cancels the
+/// event.
 ///
 /// ```no_run
 /// use std::time::Duration;
@@ -24,16 +25,16 @@ const PARSE_LIMIT: Duration = Duration::from_secs(10);
 pub struct Injection {
     path: PathBuf,
     connection: BufReader<UnixStream>,
-    /// What has come of the next line so far.
+    /// The part of the next line that was received so far.
     line: String,
 }
 
 impl Injection {
-    /// Sends an event, such as `alarm 2 0x7500`, to the board with that name, or path, of its control socket. When the call
-    /// returns, the event has been parsed and waits for the board's next cycle.
+    /// Sends an event, such as `alarm 2 0x7500`, to a board. `name` is the name or the path of the board's control
+    /// socket. When the call returns, the event has been parsed and waits for the board's next cycle.
     ///
     /// # Errors
-    /// [`ControlError`]; the board is as it was.
+    /// [`ControlError`]; the event has no effect then.
     pub fn begin(name: &str, event: &str) -> Result<Self, ControlError> {
         let path = place(name)?;
         let connection = UnixStream::connect(&path).map_err(|error| match error.kind() {
@@ -42,7 +43,7 @@ impl Injection {
             }
             _ => failed(&path, error.to_string()),
         })?;
-        // The board's side takes a line; what stands behind an end of line would be lost.
+        // The server reads only one line, so text after an end of line would be lost.
         let line = event.replace(['\n', '\r'], " ");
         let mut injection = Self { path, connection: BufReader::new(connection), line: String::new() };
         let sent = injection.connection.get_mut().write_all(format!("{line}\n").as_bytes());
@@ -58,7 +59,8 @@ impl Injection {
     /// waiting, and the call may be repeated.
     ///
     /// # Errors
-    /// [`ControlError::Failed`]: the board has ended, or cannot carry it out. [`ControlError::Unanswered`].
+    /// [`ControlError::Failed`]: the board was closed, or too many events with `for` are active.
+    /// [`ControlError::Unanswered`]: no cycle has begun within `limit`. [`ControlError::Io`]: the connection failed.
     pub fn wait(&mut self, limit: Duration) -> Result<Happened, ControlError> {
         let Some(answer) = self.next(limit)? else { return Err(ControlError::Unanswered(limit)) };
         let numbers = answer.strip_prefix("done ").and_then(|numbers| numbers.split_once(' '));
@@ -67,11 +69,11 @@ impl Injection {
         happened.ok_or_else(|| self.refused(&answer))
     }
 
-    /// The next line of the board; `None`: none came within `limit`.
+    /// Reads the next line from the board; `None` if it is not complete within `limit`.
     fn next(&mut self, limit: Duration) -> Result<Option<String>, ControlError> {
         let deadline = Instant::now() + limit;
         loop {
-            // A timeout of zero would be none.
+            // `set_read_timeout` refuses a timeout of 0.
             let left = deadline.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
             let read = self
                 .connection

@@ -1,14 +1,16 @@
-//! The control socket of a simulated board (`control=`): a Unix socket that takes events while the board runs, in the words
-//! of [`script`](super::script), and says in which cycle each happened. `ecmsk fault` is its client.
+//! The control socket of a simulated board (`control=`): a Unix socket that receives events while the board runs, in
+//! the syntax of [`script`](super::script), and reports the cycle in which each event happened. `ecmsk fault` is its
+//! client.
 //!
-//! A client sends one line, the event. The answers are lines, too: `taken` when the event waits for the next cycle, then
-//! `done CYCLE NANOSECONDS`; or `wrong TEXT` or `failed TEXT`, after which nothing happens. An event whose client goes before
-//! it has happened is taken back. On a virtual clock an event waits until the program lets a cycle pass.
+//! A client sends one line with the event. The server answers with the line `taken` when the event waits for the next
+//! cycle, then with `done CYCLE NANOSECONDS`. If it answers `wrong TEXT` or `failed TEXT`, the event does not happen.
+//! If the client disconnects before the event has happened, the event is cancelled. On a virtual clock, an event waits
+//! until the program lets a cycle pass.
 //!
 //! \[OURS] Each time the link is opened, everything that events did before is undone, as with a script.
 //!
-//! - `place.rs`: where sockets are, by name
-//! - `server.rs`: the socket's thread, in the process of the board; the cycle itself is in `script/injected.rs`
+//! - `place.rs`: the path of a socket, by name
+//! - `server.rs`: the thread of the socket, in the process of the board; the cycle's part is in `script/injected.rs`
 //! - `client.rs`: [`Injection`]
 
 #[cfg(unix)]
@@ -30,17 +32,18 @@ pub(crate) use server::Control;
 /// When an injected event happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Happened {
-    /// The cycle at whose beginning it happened: 0 is the first one after the opening of the link.
+    /// The number of the cycle at whose beginning the event happened; 0 is the first cycle after the link was opened.
     pub cycle: u64,
-    /// The beginning of that cycle, nanoseconds of board time after the opening of the link.
+    /// The beginning of that cycle, ns of board time since the link was opened.
     pub at_ns: u64,
 }
 
-/// Why an event was not injected. After any of these errors it has not happened, unless [`Self::Unanswered`] says otherwise.
+/// Why an event was not injected. After any of these errors the event has not happened; only after [`Self::Unanswered`]
+/// it can still happen.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ControlError {
-    /// The name of a board is none.
+    /// The name of the control socket is invalid.
     #[error("`{0}` is no name of a board; allowed: 1 to 64 letters, digits, `-`, `_` and `.`, or the path of a socket")]
     Name(String),
     /// The folder of the sockets cannot be used.
@@ -59,7 +62,8 @@ pub enum ControlError {
     /// The board did not carry the event out.
     #[error("{text}")]
     Failed { text: String },
-    /// No cycle of the board has begun within the time limit; the event is taken back.
+    /// No cycle of the board has begun within the time limit. The event keeps waiting until its [`Injection`] is
+    /// dropped.
     #[error(
         "no cycle of the board began within {} s, so that nothing happened; on a virtual clock time passes only while the \
          program reads and writes",

@@ -1,4 +1,4 @@
-//! Where control sockets are: a folder of the user's own, with a file for each name.
+//! The location of control sockets: a folder that only the user can write to, with one socket for each name.
 
 use std::fs;
 use std::io;
@@ -9,16 +9,17 @@ use std::path::{Path, PathBuf};
 use super::ControlError;
 use crate::address::config::variable;
 
-/// The end of the names of control sockets.
+/// The file name extension of control sockets.
 const EXTENSION: &str = "control";
 const NAME_MAX: usize = 64;
 
-/// The path of the control socket `name`. A name with a `/` is a path itself; else the socket is in `$XDG_RUNTIME_DIR/ecmsk`,
-/// or without that variable in the folder `ecmsk-UID` of temporary files \[OURS]. A missing folder is made, for its owner
-/// alone.
+/// The path of the control socket `name`. A name with a `/` is a path itself. Otherwise the socket is in
+/// `$XDG_RUNTIME_DIR/ecmsk`, or without that variable in the folder `ecmsk-UID` within the folder for temporary files
+/// \[OURS]. A missing folder is created, with access for its owner only.
 ///
 /// # Errors
-/// [`ControlError::Name`], and [`ControlError::Folder`] if the folder cannot be made or others may write to it.
+/// [`ControlError::Name`] for an invalid name; [`ControlError::Folder`] if the folder cannot be created or others may
+/// write to it.
 pub fn place(name: &str) -> Result<PathBuf, ControlError> {
     if name.contains('/') {
         return Ok(name.into());
@@ -33,7 +34,7 @@ pub fn place(name: &str) -> Result<PathBuf, ControlError> {
     Ok(folder.join(format!("{name}.{EXTENSION}")))
 }
 
-/// The names of the boards that listen, sorted.
+/// The names of the control sockets at which a board listens, sorted.
 pub(super) fn running() -> Vec<String> {
     let entries = fs::read_dir(folder()).into_iter().flatten().flatten();
     let listens =
@@ -51,13 +52,14 @@ fn folder() -> PathBuf {
     }
 }
 
-/// The folder of temporary files. A process with more rights than its user does not take it from the environment.
+/// The folder of temporary files. In a privileged (setuid) process the environment is ignored, and the folder is
+/// `/tmp`.
 fn temporary() -> PathBuf {
     variable("TMPDIR").map(PathBuf::from).filter(|folder| folder.is_absolute()).unwrap_or_else(|| "/tmp".into())
 }
 
-/// Makes sure that the folder exists, is this user's, and that nobody else may write to it: in a folder of another user that
-/// user could answer in the place of a board.
+/// Makes sure that the folder exists, belongs to this user, and is not writable for others. Otherwise another user
+/// could create a socket there and answer instead of a board.
 fn owned(folder: &Path) -> io::Result<()> {
     const WRITABLE_BY_OTHERS: u32 = 0o022;
     match fs::DirBuilder::new().mode(0o700).create(folder) {

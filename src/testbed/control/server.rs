@@ -1,4 +1,5 @@
-//! The thread of a control socket. It waits for clients, parses their events, and puts them into the slot of the cycle.
+//! The thread of a control socket. It waits for clients, parses their events, and puts them into the [`Slot`] from
+//! which a cycle takes them.
 
 use std::io::{self, Read, Write};
 use std::os::fd::AsFd;
@@ -17,30 +18,31 @@ use crate::local_socket::LocalSocket;
 use crate::testbed::script::injected::{Abilities, Injected, Outcome, Slot};
 use crate::threads;
 
-/// How long a client may take for its line. \[OURS]
+/// The time limit for receiving the line of a client. \[OURS]
 const REQUEST_LIMIT: Duration = Duration::from_secs(2);
 /// The longest line of a client, bytes. \[OURS]
 const REQUEST_BYTES_MAX: usize = 4096;
 /// The time before the next client is accepted after an error, such as too many open files. \[OURS]
 const AFTER_ERROR: Duration = Duration::from_millis(100);
-/// How often the thread looks whether a cycle has taken the event. \[OURS]
+/// The interval at which the thread checks whether a cycle has handled the event. \[OURS]
 const LOOK_INTERVAL: Duration = Duration::from_millis(1);
-/// How long the end of the thread may take; it waits for nothing else than its end.
+/// The time limit for the end of the thread, whose waits all end when the `waker` is closed.
 const END_LIMIT: Duration = Duration::from_secs(1);
 
 /// A listening control socket. Dropping it ends the thread and removes the socket.
 pub(crate) struct Control {
     thread: Option<JoinHandle<()>>,
-    /// Closing it wakes the thread, which then ends.
+    /// Closing this socket wakes the thread, which then ends.
     waker: Option<UnixStream>,
 }
 
 impl Control {
-    /// Listens at the socket of that name, or path, for a board with these slaves. `link` is the name of the link in messages.
+    /// Listens at the control socket `name` (a name or a path) of a board with these slaves. `link` is the name of the
+    /// link in messages.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`]: the name is invalid, or the socket cannot be made. [`LinkError::Io`]: the system provides no
-    /// thread.
+    /// [`LinkError::NoBoard`]: the name is invalid, or the socket cannot be created. [`LinkError::Io`]: the thread
+    /// cannot be started.
     pub(crate) fn start(
         link: &str,
         name: &str,
@@ -84,10 +86,10 @@ struct Thread {
     slot: Arc<Slot>,
 }
 
-/// What has ended a wait.
+/// Why [`Thread::wait`] has returned.
 #[derive(PartialEq, Eq)]
 enum Waited {
-    /// There is something to read, or the client has gone.
+    /// There is something to read, or the client has disconnected.
     Ready,
     TimedOut,
     /// The thread is to end.
@@ -98,9 +100,10 @@ impl Thread {
     fn run(self) {
         while self.wait(self.socket.listener(), None) != Waited::Ended {
             match self.socket.listener().accept() {
-                // A client that has gone, or sends no line, needs no answer.
+                // An error is ignored: a client that has disconnected needs no answer.
                 Ok((client, _)) => drop(self.serve(client)),
-                // Without a free descriptor the client stays in the queue, and the socket readable.
+                // If no file descriptor is free, the client stays in the queue and the socket stays readable. The pause
+                // avoids a busy loop.
                 Err(_) => {
                     self.wait(&self.ended, Some(AFTER_ERROR));
                 }
@@ -108,7 +111,7 @@ impl Thread {
         }
     }
 
-    /// Waits until `other` has something to read, at most for `limit`.
+    /// Waits until `other` has something to read or the thread is to end, at most for `limit`; `None`: without a limit.
     fn wait(&self, other: impl AsFd, limit: Option<Duration>) -> Waited {
         let limit = limit.map(|limit| Timespec {
             tv_sec: i64::try_from(limit.as_secs()).unwrap_or(i64::MAX),
@@ -118,7 +121,7 @@ impl Thread {
         match poll(&mut fds, limit.as_ref()) {
             _ if !fds[1].revents().is_empty() => Waited::Ended,
             Ok(0) => Waited::TimedOut,
-            // After an error, such as a signal, the caller looks and waits again.
+            // After an error, such as an interruption by a signal, the caller tries to read and waits again.
             _ => Waited::Ready,
         }
     }
@@ -129,7 +132,8 @@ impl Thread {
         match Injected::parse(&text, &self.slaves, self.abilities) {
             Err(why) => client.write_all(format!("wrong {why}\n").as_bytes()),
             Ok(event) => {
-                // Asked first: a client that has read the line may let the next cycle pass.
+                // The event is put into the slot before `taken` is sent, because a client that has read `taken` may
+                // start the next cycle.
                 self.slot.ask(event);
                 let sent = client.write_all(b"taken\n");
                 let answer = self.outcome(&mut client);
@@ -138,7 +142,7 @@ impl Thread {
         }
     }
 
-    /// The line of a client; `None`: it sent none.
+    /// Reads the line of a client; `None` if the client sends no complete line in time, or a line that is too long.
     fn request(&self, client: &mut UnixStream) -> io::Result<Option<String>> {
         let deadline = Instant::now() + REQUEST_LIMIT;
         let mut line = Vec::new();
@@ -163,8 +167,8 @@ impl Thread {
         }
     }
 
-    /// Waits until a cycle has taken the event, and returns the answer; `None`: the client has gone before. The slot is free
-    /// afterwards.
+    /// Waits until a cycle has handled the event or the thread is to end, and returns the answer. `None`: the client
+    /// has disconnected before. The slot is free afterwards.
     fn outcome(&self, client: &mut UnixStream) -> Option<String> {
         loop {
             if let Some(outcome) = self.slot.outcome() {
@@ -189,7 +193,7 @@ impl Thread {
     }
 }
 
-/// Whether the client has closed its connection. Bytes that it sends behind its line are dropped.
+/// Whether the client has closed its connection. Bytes that the client sends after its line are discarded.
 fn has_gone(client: &mut UnixStream) -> bool {
     match client.read(&mut [0; 64]) {
         Ok(count) => count == 0,

@@ -1,5 +1,6 @@
-//! Events that come while a simulated board runs, each in the syntax of a script's line without its time. The thread of
-//! the control socket puts an event into a [`Slot`]; the next cycle of the board carries it out ([`InjectedScript`]).
+//! Events that are injected while a simulated board runs, each in the syntax of a script line without its time. The
+//! thread of the control socket puts an event into a [`Slot`]; the next cycle of the board carries it out
+//! ([`InjectedScript`]).
 
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,14 +15,14 @@ use crate::engine::{self, BoardHandle, Event};
 use crate::fieldbus::Ns;
 use crate::slave::cable::Cable;
 
-/// How many injected events with `for` may be in force at a time. Their ends are kept in memory that is there before the
-/// first cycle. \[OURS]
+/// The maximum number of injected events with `for` that are active at a time. Memory for their ends is reserved before
+/// the first cycle, so that no cycle allocates. \[OURS]
 const LASTING_MAX: usize = 64;
 
-/// What a simulated machine has, and so which verbs it carries out.
+/// The properties of a simulated machine that determine which verbs it supports.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Abilities {
-    /// Its slaves are reached by EtherCAT frames, which `noise` damages.
+    /// Whether the slaves are reached by EtherCAT frames. The verb `noise`, which damages frames, needs them.
     pub(crate) has_frames: bool,
 }
 
@@ -37,7 +38,7 @@ impl Injected {
     /// Parses an event such as `alarm 2 0x7500`, `cut 2 for 1s` or `end cut` for a network of these slaves.
     ///
     /// # Errors
-    /// What is wrong, with the column, and what is allowed.
+    /// A message with the mistake and what is allowed instead, in most cases also with the column.
     pub(crate) fn parse(text: &str, slaves: &[SlaveSpec], abilities: Abilities) -> Result<Self, String> {
         let wrong = |(column, message): (usize, String)| format!("column {column}: {}", visible(&message));
         if let Some(word) = Words::of(text).peek().filter(|word| matches!(word.text, "at" | "from")) {
@@ -61,22 +62,22 @@ impl Injected {
     }
 }
 
-/// What has become of an injected event.
+/// The result of an injected event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// It was carried out.
+    /// The event was carried out.
     Done {
-        /// The number of the cycle, from 0, the first one after the opening of the link.
+        /// The number of the cycle; 0 is the first cycle after the link was opened.
         cycle: u64,
-        /// The beginning of that cycle, ns of board time after the opening of the link.
+        /// The beginning of that cycle, ns of board time since the link was opened.
         at: Ns,
     },
-    /// It was not carried out: [`LASTING_MAX`] events with `for` are in force.
+    /// The event was not carried out, because [`LASTING_MAX`] events with `for` are active.
     TooMany,
 }
 
-/// Hands one event at a time from a thread to the cycle. Its state says whose turn it is, so that neither ever waits for the
-/// other's lock: the cycle takes the next event in its next cycle, whatever the thread does.
+/// Passes one event at a time from the thread of the control socket to the cycle. The state determines which of the two
+/// may use the locks, so neither ever waits for a lock of the other.
 #[derive(Debug, Default)]
 pub(crate) struct Slot {
     state: AtomicU8,
@@ -84,23 +85,26 @@ pub(crate) struct Slot {
     outcome: Mutex<Option<Outcome>>,
 }
 
-/// States of a [`Slot`]: nothing is asked; an event waits for a cycle; a cycle carries it out; its outcome can be read.
+/// The states of a [`Slot`]: there is no event; an event waits for a cycle; a cycle carries the event out; the outcome
+/// of the event can be read.
 const IDLE: u8 = 0;
 const ASKED: u8 = 1;
 const TAKEN: u8 = 2;
 const ANSWERED: u8 = 3;
 
 impl Slot {
-    /// The most events with `for` that may be in force, for messages.
+    /// The maximum number of active events with `for`, for error messages.
     pub(crate) const LASTING_MAX: usize = LASTING_MAX;
 
-    /// Puts an event in for the next cycle. The slot has to be free: new, or after [`Self::outcome`] or [`Self::take_back`].
+    /// Puts an event into the slot for the next cycle. The slot has to be free: new, or after [`Self::outcome`] or
+    /// [`Self::take_back`].
     pub(crate) fn ask(&self, event: Injected) {
         *lock(&self.event) = Some(event);
         self.state.store(ASKED, Ordering::Release);
     }
 
-    /// What has become of the event; `None`: no cycle has begun yet. The slot is free afterwards.
+    /// Takes the outcome of the event out of the slot, which is free afterwards. `None`: no cycle has handled the event
+    /// yet.
     pub(crate) fn outcome(&self) -> Option<Outcome> {
         if self.state.load(Ordering::Acquire) != ANSWERED {
             return None;
@@ -110,7 +114,7 @@ impl Slot {
         outcome
     }
 
-    /// Takes the event back if no cycle has taken it; returns whether that is so.
+    /// Cancels the event if no cycle has taken it yet. Returns whether the event was cancelled.
     pub(crate) fn take_back(&self) -> bool {
         self.state.compare_exchange(ASKED, IDLE, Ordering::AcqRel, Ordering::Acquire).is_ok()
     }
@@ -119,7 +123,7 @@ impl Slot {
         self.state.load(Ordering::Acquire) == ASKED
     }
 
-    /// Called by the cycle: gives a waiting event to `take`, and keeps the outcome.
+    /// Called by the cycle: passes a waiting event to `take`, and stores the outcome.
     fn answer(&self, take: impl FnOnce(Injected) -> Outcome) {
         if !self.is_asked() {
             return;
@@ -127,7 +131,7 @@ impl Slot {
         if self.state.compare_exchange(ASKED, TAKEN, Ordering::AcqRel, Ordering::Acquire).is_err() {
             return;
         }
-        // Only the cycle uses these locks while the state is TAKEN, so that it never waits for one.
+        // Only the cycle uses these locks while the state is TAKEN, so the cycle never waits for them.
         let outcome = lock(&self.event).take().map(take);
         *lock(&self.outcome) = outcome;
         self.state.store(ANSWERED, Ordering::Release);
@@ -138,17 +142,19 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The script of a board with a control socket: the events of `script=`, if there is one, and those that come by a [`Slot`].
+/// The script of a board with a control socket: the events of `script=`, if there is one, and the events that come
+/// through a [`Slot`].
 pub(crate) struct InjectedScript {
     script: Option<RunningScript>,
     slot: Arc<Slot>,
     network: Cable,
     board: BoardHandle,
-    /// The opening of the link, board time.
+    /// The board time at which the link was opened, ns.
     opened: Ns,
-    /// The cycles that have begun since then.
+    /// The number of cycles that have begun since the link was opened.
     cycles: u64,
-    /// Events in force that end by themselves, with the board time of their ends. Never grows beyond its capacity.
+    /// The active events with `for`: for each one the board time of its end, ns, and the step that ends it. The vector
+    /// never grows beyond its capacity.
     lasting: Vec<(Ns, Step)>,
 }
 
@@ -190,7 +196,8 @@ impl engine::Script for InjectedScript {
         });
     }
 
-    /// An event that nobody has asked for yet does not count: a board that is silent for good says so.
+    /// Only events that have already been injected count. So a board that stays silent reports this, although the
+    /// control socket could still end the silence.
     fn is_over(&self) -> bool {
         self.script.as_ref().is_none_or(engine::Script::is_over) && self.lasting.is_empty() && !self.slot.is_asked()
     }

@@ -21,7 +21,7 @@ pub(super) struct Reader<'a, 'b> {
     pub(super) slaves: &'b [SlaveSpec],
     /// The syntax of the verb, for error messages.
     pub(super) form: String,
-    /// Whether the verb stands after `end`. Its only operand is then the slave.
+    /// Whether the verb follows `end`. Its only operand is then the slave.
     pub(super) ends: bool,
 }
 
@@ -58,9 +58,9 @@ impl Reader<'_, '_> {
         self.part(SlaveModel::channels, "channel", "digital inputs")
     }
 
-    /// Reads the number of a slave, from 1, with that of one of its axes or channels, such as `2.1`, and returns the latter
-    /// from 0. `parts` returns how many axes or channels a model has; `name` and `has` are for error messages: "axis", and what
-    /// a slave needs to have one.
+    /// Reads the number of a slave and of one of its axes or channels, such as `2.1`. Returns the slave, from 1, and
+    /// the index of the axis or channel, from 0. `parts` returns how many axes or channels a model has; For error
+    /// messages, `name` is "axis" or "channel", and `has` is what a slave needs to have one.
     fn part(&mut self, parts: fn(SlaveModel) -> usize, name: &str, has: &str) -> Result<(u8, usize), LineError> {
         let word = self.words.need("SLAVE", &self.form)?;
         let (slave, part) = word.text.split_once('.').unwrap_or((word.text, "1"));

@@ -7,14 +7,14 @@ use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
 use crate::slave::cable::{Cable, Noise};
 use crate::slave::{AlStatus, Fault};
 
-/// What a line of a script makes happen to the board or a slave. Slaves are numbered from 1.
+/// The effect of a line of a script on the board or on a slave. Slaves are numbered from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ScriptAction {
     /// A fault inside a slave, such as an alarm or a stuck limit switch.
     Fault { slave: u8, fault: Fault },
     /// Where the cable is cut: the number of slaves before the cut; `None`: the cable is whole.
     Cut(Option<u8>),
-    /// The section of the cable that damages frames, and how it does; `None`: no section damages frames.
+    /// The section of the cable that damages frames, and how often; `None`: no section damages frames.
     Noise(Option<Noise>),
     /// Whether the slave ignores every datagram while frames still pass through it.
     Mute { slave: u8, mute: bool },
@@ -63,7 +63,7 @@ impl ScriptAction {
         matches!(self, Self::Noise(_))
     }
 
-    /// The slave that the action affects, from 1; for a cut of the cable the first slave behind it. `None` if the
+    /// The slave that the action affects, from 1; for a cut of the cable, the first slave after the cut. `None` if the
     /// action affects the whole cable or the board.
     const fn slave(self) -> Option<u8> {
         match self {
@@ -145,8 +145,8 @@ pub(super) struct Step {
 }
 
 impl Step {
-    /// Carries out the step at `now`. `line` is the number of its line for the event that goes to `done`; `None`: it is
-    /// of no file.
+    /// Carries out the step at `now`. `line` is the line number in the event that is passed to `done`; `None` for a
+    /// step that does not come from a script file.
     pub(super) fn carry_out(
         &self,
         line: Option<u32>,

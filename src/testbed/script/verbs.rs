@@ -1,5 +1,6 @@
-//! The verbs of a script. The table `VERBS` defines them for the parser and for the text of `ecmsk link help`. A new verb is a
-//! new element of it, and its action is in `run.rs`. A verb for a fault inside a slave makes a [`Fault`].
+//! The verbs of a script. The table `VERBS` defines them for the parser and for the text of `ecmsk link help`. A new
+//! verb is a new element of this table, and its action is in `run.rs`. A verb for a fault inside a slave makes a
+//! [`Fault`].
 
 use std::num::NonZeroU16;
 
@@ -21,18 +22,18 @@ struct Verb {
     read: fn(&mut Reader) -> Result<ScriptAction, LineError>,
 }
 
-/// How long what a line of a script causes lasts, such as a jam or an alarm.
+/// How long the effect of a line of a script lasts, for example a jam or an alarm.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Lasts {
-    /// The effect does not last, or another verb ends it.
+    /// `end` does not accept the verb: its effect is immediate, or the same verb changes it again.
     Never,
-    /// It lasts until `end` with the verb.
+    /// The effect lasts until `end` with the verb.
     UntilEnd,
-    /// It lasts until `end`, and a line with the verb may have `for`.
+    /// The effect lasts until `end`, or for the time that the line gives with `for`.
     ForTime,
 }
 
-/// The origins of times, by the word behind `from`.
+/// The origins of times, by the word after `from`.
 const ORIGINS: [(&str, ScriptOrigin); 3] =
     [("start", ScriptOrigin::Start), ("frame", ScriptOrigin::Frame), ("op", ScriptOrigin::Op)];
 
@@ -260,7 +261,7 @@ pub(super) fn parse_line(
     Ok(())
 }
 
-/// Reads the origin behind the word `from`.
+/// Reads the origin after the word `from`.
 fn origin(words: &mut Words) -> Result<ScriptOrigin, LineError> {
     let form = format!("from {}", ORIGINS.map(|(name, _)| name).join("|"));
     let word = words.need("start|frame|op", &form)?;

@@ -58,8 +58,8 @@ impl AnalogUnit {
         self.delay_ns = Ns::from(units) * 1_000 / 96;
     }
 
-    /// Sets the value for DAC conversions, and converts it at once if new data or the present level of DAC_ST trigger the DAC.
-    /// Returns false if the DAC is closed.
+    /// Sets the value for DAC conversions, and converts it at once if the DAC's trigger is new data or the present
+    /// level of DAC_ST. Returns false if the DAC is closed.
     pub fn set_data(&mut self, now: Ns, value: Analog) -> bool {
         self.data = value.get() as u16;
         if self.dac == Some(DacTrigger::SetData) {
@@ -69,8 +69,8 @@ impl AnalogUnit {
         self.dac.is_some()
     }
 
-    /// Starts a DAC conversion; returns false if the DAC is closed. `[OURS]` If a pin or new data trigger the DAC, nothing is
-    /// started, and the result is true.
+    /// Starts a DAC conversion; returns false if the DAC is closed. `[OURS]` If the DAC's trigger is a pin or new data,
+    /// nothing is started, and the result is true.
     pub fn start_dac(&mut self, now: Ns) -> bool {
         if self.dac == Some(DacTrigger::StartConv) {
             self.convert(now);

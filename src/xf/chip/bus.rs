@@ -30,8 +30,8 @@ pub(super) struct SetLengths {
     pub of_managers: [Option<u16>; 2],
     /// The lengths of outputs and inputs that DIRECT_ASSIGN has set; `None` for a direction that it has not set.
     pub assigned: [Option<u16>; 2],
-    /// Whether DIRECT_ASSIGN has switched its lengths on. Otherwise the slave has those of CONFIG_SM, and without these those
-    /// of its mapping objects.
+    /// Whether DIRECT_ASSIGN has switched its lengths on. Otherwise the lengths of CONFIG_SM apply or, if it has set
+    /// none, the lengths of the slave's mapping objects.
     pub is_assigned: bool,
 }
 
@@ -44,8 +44,8 @@ pub(super) struct KnownNetwork {
     pub known: [SlaveMemory; SLAVES_MAX],
     pub places: [ImageRanges; SLAVES_MAX],
     pub lengths: [SetLengths; SLAVES_MAX],
-    /// The slaves whose mailboxes the host wants polled. The chip takes them over into `polls` after the next layout of process
-    /// data.
+    /// The slaves whose mailboxes the host has selected for polling by MBX_STAT. ECAT_RECONFIG_OP and CONFIG_MAP copy
+    /// this set to `polls`.
     pub wants_polled: SlaveBits,
     /// The slaves whose mailboxes are polled now.
     pub polls: SlaveBits,
@@ -63,8 +63,8 @@ pub(super) struct KnownNetwork {
     /// Number of working counter errors in a row, up to 255.
     pub wkc_errors_in_a_row: u8,
     pub wkc_limit: WkcErrorLimit,
-    /// The time from which on the clocks count as synchronised and the status bit DC_STABLE is set; `None` if no slave has a
-    /// clock, or if they are not initialised.
+    /// The time from which on the clocks count as synchronised and the status bit DC_STABLE is set; `None` if no slave
+    /// has a clock, or if the clocks are not initialised.
     pub dc_stable_at: Option<Ns>,
     pub cycle_ns: Ns,
 }
@@ -113,14 +113,15 @@ impl KnownNetwork {
         self.places().iter().any(|place| place.commanded >= state)
     }
 
-    /// The working counter that a cycle should have. Slaves add to it for their outputs from the state `outputs_from` on.
+    /// The working counter that a cycle should have. A slave's outputs count only if the chip has brought the slave to
+    /// the state `outputs_from` or a higher one.
     pub fn expected_working_counter(&self, outputs_from: AlState) -> u16 {
         self.places().iter().map(|place| place.counts(place.commanded, outputs_from)).sum()
     }
 
-    /// Reads a slave's state and AL status code into the chip's memory. `[OURS]` The error bit is set while the slave is below
-    /// the state to which the chip has brought it, or has refused a change. Slave models have no AL status code: such a slave
-    /// below that state is taken to have left OP by its watchdog, code 0x1B.
+    /// Reads a slave's state and AL status code into the chip's memory. `[OURS]` The error bit is set while the slave
+    /// is below the state to which the chip has brought it, or has refused a change. Slave models have no AL status
+    /// code: if such a slave is below that state, the chip assumes a watchdog failure, code 0x1B.
     pub fn update(&mut self, network: &impl SlaveNetwork, slave: u8) {
         let (known, place) = (&mut self.known[usize::from(slave)], self.places[usize::from(slave)]);
         let Some(state) = network.state(slave) else {

@@ -24,9 +24,9 @@ use crate::xf::request::{FoeRequest, ReceiveMailbox, Request};
 use crate::xf::response::{Answer, Returned};
 use crate::xf::{CommandCode, Malformed};
 
-/// Commands that need registers, EEPROMs or raw mailboxes. A network of slave models has none of these; there the chip answers
-/// such commands with the command error. It does the same for operations 1 and 2 of FOE_FUNC_REQ, which transfer files of
-/// slaves, but not for the other ones, which access the chip's own flash memory.
+/// Commands that need registers, EEPROMs or raw mailboxes. A network of slave models has none of these; there the chip
+/// answers such commands with the command error. It does the same for operations 1 and 2 of FOE_FUNC_REQ, which
+/// transfer files of slaves, but not for operations 3 and 4, which access the chip's own flash memory.
 ///
 /// On such a network ECAT_INIT_OP stores the SYNC1 time and the shift of SYNC0 without using them, and ignores the choice of
 /// the reference clock. Its option for "special slaves", which the manuals do not explain, has no effect on any network.
@@ -155,7 +155,7 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Whether the chip's firmware and its network support the command, and the function of it that the request selects.
+    /// Whether the chip's firmware and its network support the command and the function that the request selects.
     fn has(&self, request: &Request<'_>) -> bool {
         let needs_registers = match request {
             Request::FoeRequest(FoeRequest::Upload(_) | FoeRequest::Download(_)) => true,

@@ -14,7 +14,8 @@ impl<N: SlaveNetwork> Chip<N> {
     /// Lets time pass until `now`, ns since the chip's power-on: EtherCAT cycles with the SYNC0 time of ECAT_INIT_OP, and the
     /// ends of commands. A time in the past has no effect.
     ///
-    /// The call takes as long as all these cycles need: a second with a cycle time of 1 ms is a thousand cycles.
+    /// The call simulates each of these cycles, so a long step needs much computing time: a second with a cycle time of
+    /// 1 ms is a thousand cycles.
     pub fn run_until(&mut self, now: Ns) {
         while self.next_event() <= now {
             self.now = self.next_event().max(self.now);

@@ -2,8 +2,9 @@
 
 use crate::xf::request::{EncoderMode, PeripheralInterrupts};
 
-/// The count at which the modes `X2Compare` and `X4Compare` raise their interrupt and the count wraps. `[OURS]` The manuals
-/// have no command that sets this limit, so it is the largest count, which wraps anyway.
+/// The count at which the modes `X2Compare` and `X4Compare` raise their interrupt and the count wraps. `[OURS]` The
+/// manuals have no command that sets this limit, so the limit is the largest u32, after which the count wraps in every
+/// mode.
 const COMPARE_LIMIT: u32 = u32::MAX;
 
 pub(super) struct Encoder {
@@ -36,7 +37,7 @@ impl Encoder {
         self.mode.map(|_| self.count)
     }
 
-    /// Turns the shaft by that many quarters of a period of the signals A and B.
+    /// Turns the shaft by `quarters` quarters of a period of the signals A and B.
     pub fn turn(&mut self, quarters: i32) {
         let Some(mode) = self.mode.filter(|_| self.is_running) else { return };
         let per_count = match mode {

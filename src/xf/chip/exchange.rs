@@ -1,5 +1,5 @@
-//! One packet each way: which answer is sent, what a command packet does besides its command, and what the next answer
-//! contains.
+//! One exchange of packets: which answer is sent, what a command packet does besides its command, and what the next
+//! answer contains.
 
 use super::Chip;
 use super::commands::CommandOutcome;
@@ -82,8 +82,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.now >= self.ready_at
     }
 
-    /// The length of the packet to send. It is that of the prepared answer, whose size may differ after SPI_RECONFIG_OP, or the
-    /// present packet length for "not ready".
+    /// The length of the packet to send: the prepared answer, or a "not ready" packet of the present packet length.
     pub(super) const fn outgoing_len(&self, is_ready: bool) -> usize {
         if is_ready { self.prepared.len } else { self.size.packet_len() }
     }
@@ -101,8 +100,8 @@ impl<N: SlaveNetwork> Chip<N> {
 
     /// Processes a command packet and prepares the answer to it.
     pub(super) fn take(&mut self, command: &[u8]) {
-        // The FIFO levels are read before the command runs, and the answer is sent in the next exchange. So the levels that a
-        // host reads do not yet include the command of the exchange before (OBS).
+        // The FIFO levels are read before the command runs, and the answer is sent in the next exchange. So the levels
+        // in an answer do not yet include the effect of the command that it answers (OBS).
         let counts = self.fifos.counts();
         let mut data = [0; DataSize::MAX.bytes()];
         let size = self.size;

@@ -18,7 +18,8 @@ struct Pin {
     wired: Option<bool>,
     /// The level that the chip reads, after debouncing.
     level: bool,
-    /// Since when the level at a debounced input differs from the one that the chip reads.
+    /// The time since which the level at the pin differs from `level`, the level that the chip reads; `None` if they
+    /// are equal.
     differs_since: Option<Ns>,
 }
 

@@ -1,4 +1,4 @@
-//! The CiA 402 helper: in each cycle the chip writes the bits 0 to 3 of the controlwords of axes into the outputs, so that each
+//! The CiA 402 helper: in each cycle the chip writes bits 0 to 3 of the axes' controlwords into the outputs. So each
 //! drive goes to the state that the host has chosen.
 
 use crate::ethercat::cia402::{Controlword, DriveState, Statusword};
@@ -7,8 +7,8 @@ use crate::xf::request::{HelperConfigSet, HelperControl, HelperControlSet};
 
 /// Number of axes that the chip supports.
 const MOTORS: usize = 128;
-/// `[OURS]` For how many cycles the fault reset bit is set. It is then clear for as many cycles, so that the next reset has a
-/// rising edge.
+/// `[OURS]` Number of cycles for which the fault reset bit is set. The bit is then clear for one cycle more, so that
+/// the next reset has a rising edge.
 const RESET_CYCLES: u8 = 8;
 /// Bits 0 to 3 of the controlword, which drive the state machine.
 const STATE_MACHINE_BITS: u16 = 0x0F;
@@ -56,9 +56,10 @@ impl Helper {
     /// 402_CTL_SET; returns false if the axis is not configured. `[OURS]` The axis gets the slave of the request; the number of
     /// motors in the request is ignored.
     ///
-    /// With `defaults` an axis that is not configured is configured, with controlword and statusword at the beginning of
-    /// the slave's PDOs (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit"). A mode that is mapped behind
-    /// them is the host's: no command tells the helper where one is.
+    /// With `defaults` an axis that is not configured is configured, with controlword and statusword at the beginning
+    /// of the slave's PDOs (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit"). The host itself has
+    /// to write a mode of operation that is mapped after the controlword, since no command gives the helper its
+    /// position.
     pub fn set_control(&mut self, request: &HelperControlSet, defaults: bool) -> bool {
         let (motor, control, slave) = (request.motor, request.control, request.slave);
         if defaults && self.axes[usize::from(motor.get())].is_none() {
@@ -116,8 +117,8 @@ impl Axis {
         *word = controlword.to_le_bytes();
     }
 
-    /// Whether the fault reset bit is set in this cycle. A reset acts at a rising edge, so the bit is set and cleared
-    /// in turn.
+    /// Whether the fault reset bit is set in this cycle. A reset acts at a rising edge, so in Fault the bit is set for
+    /// [`RESET_CYCLES`] cycles and then clear before the next reset.
     ///
     /// `[OURS]` RESET_ONCE clears itself after its reset was sent.
     fn gives_reset(&mut self, state: Option<DriveState>) -> bool {

@@ -3,7 +3,8 @@
 use crate::xf::Interrupts;
 use crate::xf::request::{InterruptEnable, PeripheralInterrupts, Polarity};
 
-/// The interrupt flags (word 0x10 of an answer's header) except those of the encoder, and which of them are enabled.
+/// The interrupt flags (word 0x10 of an answer's header) except those of the encoder, and the settings that enable
+/// interrupts.
 pub(super) struct InterruptUnit {
     flags: Interrupts,
     pub enable: InterruptEnable,
@@ -31,12 +32,14 @@ impl InterruptUnit {
         self.flags = self.flags.without(flags);
     }
 
-    /// Word 0x10 of an answer. `[OURS]` Bit 29 is set if any flag of the encoder is set.
+    /// The interrupt flags, word 0x10 of an answer's header. Bit 29 is set if at least one interrupt flag of the encoder
+    /// is set. `[OURS]`
     pub fn word(&self, encoder: PeripheralInterrupts) -> Interrupts {
         if encoder == PeripheralInterrupts::NONE { self.flags } else { self.flags | Interrupts::ENCODER }
     }
 
-    /// Whether INT1 is active: any interrupt flag, of a GPIO or of the encoder too, is set and enabled (XF EN, figure 8).
+    /// Whether INT1 is active: at least one enabled interrupt flag of the chip, a GPIO or the encoder is set (XF EN,
+    /// figure 8).
     pub const fn is_active(&self, gpio: u32, encoder: PeripheralInterrupts) -> bool {
         let pins_8_to_11 = (gpio >> 8) as u8 & 0x0F;
         let peripherals = (encoder.0 | pins_8_to_11) & self.enable.peripherals.0;

@@ -341,12 +341,13 @@ impl<N: SlaveNetwork> Chip<N> {
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum RequestProgress {
     Result(JobResult),
-    /// The time of the requests or the end of the job's duration is not reached, or the network has not answered yet.
+    /// The time for the requests (`begin_at`) or for the end of the part (`due`) has not come, or the network has not
+    /// answered yet.
     Waits,
 }
 
 impl PartStart {
-    /// The requests to the network cannot be made, so the job fails at its end.
+    /// The requests to the network cannot be made, so the job fails when its duration has passed.
     const FAILED: Self = Self::Result(JobResult::Failed);
 }
 

@@ -138,7 +138,7 @@ pub struct Chip<N> {
     sdo: SdoResult,
     results: Results,
     requests: Requests,
-    /// The PDOs that PDO_CONFIG_REQ has read, for PDO_CONFIG_GET; `None` before the first one.
+    /// The PDOs that PDO_CONFIG_REQ has read, for PDO_CONFIG_GET; `None` before the first PDO_CONFIG_REQ.
     pdo_config: Option<PdoConfig>,
 
     interrupts: InterruptUnit,
@@ -203,8 +203,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.restart();
     }
 
-    /// Restarts the chip after power-on, the reset line or WARM_RESET. Everything is reset except the flash memory and the
-    /// levels with which the outside drives the pins.
+    /// Restarts the chip after power-on, the reset line or WARM_RESET. Everything is reset except the flash memory and
+    /// the levels with which external signals drive the pins.
     fn restart(&mut self) {
         self.size = self.profile.size;
         self.check = CheckType::Fixed;
@@ -284,7 +284,7 @@ impl<N: SlaveNetwork> Chip<N> {
         is_active == self.interrupts.enable.polarity.contains(Polarity::INT1_HIGH)
     }
 
-    /// Drives GPIO 0..=19 from outside; `None` drives it no longer. A channel that does not exist is ignored.
+    /// Drives GPIO 0..=19 from outside; `None` removes the external signal. A channel that does not exist is ignored.
     pub fn wire_gpio(&mut self, now: Ns, channel: u8, level: Option<bool>) {
         self.run_until(now);
         self.gpio.wire(self.now, channel, level);

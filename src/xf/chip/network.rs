@@ -7,7 +7,7 @@
 //! | `list.rs` | lists without allocation |
 //! | `immediate.rs`, `slaves.rs` | networks that answer at once; slave models as such a network |
 //! | `controllers.rs`, `wire.rs` | a master and slave controllers, with real frames between them |
-//! | `simulated.rs` | either of the two, as a link names it |
+//! | `simulated.rs` | an enum of these two networks |
 
 pub mod controllers;
 pub mod immediate;
@@ -123,8 +123,8 @@ pub struct ProcessExchange<'a> {
 /// Operations are started with [`Self::start`]. If the network has frames they take time, and [`Self::poll`] returns the
 /// answer.
 pub trait SlaveNetwork: Send {
-    /// Whether operations take time. If so the chip starts them when it receives the command; otherwise it executes them at
-    /// once when the duration of the command has passed.
+    /// Whether operations take time. If so the chip starts them when it receives the command; otherwise it starts them
+    /// when the duration of the command has passed, and gets the answers at once.
     fn takes_time(&self) -> bool;
 
     /// Whether the slaves have registers, EEPROMs, files and mailboxes besides their objects. If not, the chip answers
@@ -157,7 +157,7 @@ pub trait SlaveNetwork: Send {
     /// support them; it then stays in PreOP.
     fn set_up(&mut self, slave: u8, setup: &SlaveSetup) -> bool;
 
-    /// Selects the reference clock: that of the first slave with a clock (true), or the chip's own (false).
+    /// Selects the reference clock: the clock of the first slave that has one (true), or the chip's own clock (false).
     fn set_reference(&mut self, _is_first_slave: bool) {}
 
     /// The time by which a script or test makes SDO transfers with this slave longer, for networks without frames; with frames
@@ -181,7 +181,7 @@ pub trait SlaveNetwork: Send {
         None
     }
 
-    /// Gives up the operation that was started; it gets no answer.
+    /// Gives up the started operation: [`Self::poll`] returns no answer to it.
     fn give_up(&mut self) {}
 
     /// The time at which [`Self::work`] has to be called next for the started operation; `None` if it need not be called.

@@ -5,11 +5,12 @@ use super::network::SlaveNetwork;
 use crate::ethercat::Ns;
 use crate::xf::MAX_PACKET;
 
-/// A chip behind a stream of bytes.
+/// A chip that is accessed as a stream of bytes.
 ///
-/// The chip only counts bytes: each 32 + n of them, where n is the size of the data segment, are a packet, wherever the host
-/// assumes its beginning. A host that is out of step sends invalid packets, each of which is a framing error. The host finds
-/// the beginning of packets again where an end word is followed by a start word in the bytes that it receives.
+/// The chip only counts bytes: every 32 + n bytes are a packet (n is the size of the data segment), whatever position
+/// the host takes for the beginning of a packet. A host that is out of step sends invalid packets, each of which is a
+/// framing error. The host finds the beginning of packets again where an end word is followed by a start word in the
+/// bytes that it receives.
 pub struct ChipPort<N> {
     chip: Chip<N>,
     /// Number of bytes of the present packet that were transferred.

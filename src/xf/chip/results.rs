@@ -45,7 +45,7 @@ pub(super) struct Results {
     pub emergencies: EmergencyList,
 }
 
-/// The newest emergencies of slaves.
+/// The newest emergencies of slaves, kept for COE_EMERGENCY.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct EmergencyList {
     /// The emergencies, the newest one first.
@@ -65,8 +65,8 @@ impl EmergencyList {
         self.newest[0] = Some(Emergency { number: 0, slave, running_number, code, register, data });
     }
 
-    /// The `count` newest emergencies, the newest one first; `None` if `count` is more than [`EMERGENCIES_MAX`]. `[OURS]` The
-    /// number of each is its position in the list, from 0, and reading removes none.
+    /// The `count` newest emergencies, the newest one first; `None` if `count` is more than [`EMERGENCIES_MAX`].
+    /// `[OURS]` The number of each emergency is its position in the list, from 0. Reading does not remove emergencies.
     pub fn list(&self, count: usize) -> Option<Emergencies> {
         let mut places = self.newest;
         for (number, place) in (0..).zip(&mut places) {

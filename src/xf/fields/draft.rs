@@ -16,14 +16,16 @@ pub struct Draft<'b> {
 impl<'b> Draft<'b> {
     /// A request whose fields have their defaults. `data` becomes its data segment; the old content is overwritten.
     ///
-    /// If the segment is too short for the layout of the function, [`Self::put`] fails.
+    /// If the segment is too short for the layout of the function, [`Self::put`] fails for fields beyond the segment,
+    /// and [`Self::request`] fails.
     pub fn new(function: &'static FunctionFields, data: &'b mut [u8]) -> Self {
         data.fill(0);
         let arguments = Arguments { parameter: function.function.unwrap_or(0), ..Arguments::NONE };
         let mut draft = Self { function, written: FieldWriter { arguments, data } };
         for field in function.request {
             if let (true, Some(default @ 1..)) = (field.is_number(), field.default) {
-                // A default fits into its field. If the segment is too short for the field, `put` reports it.
+                // A default always fits into its field. So the only possible error is a segment that is too short,
+                // which `request` reports later.
                 let _ = field.put(default, &mut draft.written);
             }
         }

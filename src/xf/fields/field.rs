@@ -45,7 +45,7 @@ pub enum FieldKind {
     Abort,
     /// A number if the value has 1, 2 or 4 bytes, otherwise a text; the length of the valid data decides.
     NumberOrText,
-    /// Bytes: [`Field::bytes`] of them or, if that is 0, all up to the end of the valid data.
+    /// As many bytes as [`Field::bytes`] says or, if that is 0, all bytes up to the end of the valid data.
     Bytes,
     /// A text up to the end of the valid data.
     Text,
@@ -79,7 +79,7 @@ pub struct Field {
     /// The value of the field in a request that does not set it; `None` if a request has to set it.
     pub default: Option<u32>,
     /// The name of the field, if any, whose length in bytes this field holds. Setting that other field in a
-    /// [`Draft`](super::Draft) also sets this one.
+    /// [`Draft`](super::Draft) also sets this field.
     pub counts: Option<&'static str>,
 }
 
@@ -98,7 +98,7 @@ impl Field {
         !matches!(self.kind, FieldKind::Bytes | FieldKind::Text | FieldKind::Objects { .. } | FieldKind::SlaveSet)
     }
 
-    /// As many set bits as the field is wide, from bit 0 on.
+    /// A mask of [`Self::width`] bits, from bit 0 on.
     const fn mask(&self) -> u32 {
         if self.width >= 32 { u32::MAX } else { (1 << self.width) - 1 }
     }
@@ -135,7 +135,7 @@ impl Field {
         Value::Number(if self.kind == FieldKind::Signed { (number as i32).into() } else { number.into() })
     }
 
-    /// Writes a number, leaving the other bits unchanged.
+    /// Writes a number into the field's bits. Other bits of the same bytes keep their values.
     ///
     /// # Errors
     /// The data segment is too short.

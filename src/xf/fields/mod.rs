@@ -106,8 +106,8 @@ impl FunctionFields {
         self.answers.iter().find(|form| form.len.is_none_or(|len| len == returned.len))
     }
 
-    /// Whether a name means this function: the name of its type, or that of the manuals with or without `ECM_`,
-    /// `ECM_CMD_` and `ECAT_`. Case, `_` and `-` are ignored.
+    /// Whether a name is the name of this function in the manuals, with or without `ECM_`, `ECM_CMD_` and `ECAT_`.
+    /// Case, `_` and `-` are ignored.
     fn is_named(&self, name: &str) -> bool {
         let full = self.name();
         let command = full.strip_prefix("ECM_").unwrap_or(full);
@@ -117,8 +117,8 @@ impl FunctionFields {
     }
 }
 
-/// The functions that a name means: none, one, or several to which the manuals give the same name. The name of a type
-/// means only that type.
+/// The functions that a name means: none, one, or several to which the manuals give the same name. If it is the name of
+/// a type in [`request`](super::request), only the function of that type is returned.
 pub fn function(name: &str) -> impl Iterator<Item = &'static FunctionFields> {
     let typed = FUNCTIONS.iter().find(|row| is_same(row.type_name, name));
     let named = move |row: &&FunctionFields| typed.is_none() && row.is_named(name);

@@ -90,8 +90,8 @@ impl Budget {
     /// Checks that the exchanges of a cycle with this data segment size fit into the cycle.
     ///
     /// # Errors
-    /// [`BudgetError`] with the calculation, if the exchanges do not fit into the cycle or the process data not into a
-    /// packet.
+    /// [`BudgetError`] with the calculation, if the exchanges do not fit into the cycle or the process data do not fit
+    /// into a packet.
     pub const fn check(&self, size: DataSize) -> Result<(), BudgetError> {
         let Self { process_bytes, clock_hz, idle_ns, cycle_ns, exchanges } = *self;
         if clock_hz == 0 || exchanges == 0 {

@@ -6,8 +6,8 @@ use crate::ethercat::Ns;
 use crate::xf::{Call, CommandCode};
 
 impl Host {
-    /// Queues a command. There is one queue for immediate commands and one for non-immediate commands, of which one
-    /// runs at a time while immediate ones continue.
+    /// Queues a command. There is one queue for immediate commands and one for non-immediate commands. Only one
+    /// non-immediate command runs at a time; immediate commands are sent meanwhile.
     ///
     /// # Errors
     /// The queue is full, the command is too long or reserved for the driver, its data are not valid for the chip, or
@@ -33,8 +33,8 @@ impl Host {
     /// first one fails, its error is the result.
     ///
     /// # Errors
-    /// As with [`Self::submit`]; or the second command is not one that only reads and may be repeated without harm if
-    /// its answer is lost.
+    /// As with [`Self::submit`]; or the second command does not only read, so that it could not be repeated without
+    /// harm if its answer is lost.
     pub fn submit_pair<'d, 'e, C: Call<'d>, R: Call<'e>>(
         &mut self,
         now: Ns,
@@ -58,8 +58,8 @@ impl Host {
     /// is the submitted command, or the second one of a pair.
     ///
     /// The result is an error if the command failed, if it was not sent, or if its answer does not fit `call`. It is
-    /// [`HostError::UnknownTicket`] if the result was already taken, and [`HostError::OtherCommand`] if the ticket is
-    /// not that of `call`.
+    /// [`HostError::UnknownTicket`] if the result was already taken, and [`HostError::OtherCommand`] if the ticket
+    /// belongs to another command than `call`.
     pub fn take<'h, 'd, C: Call<'d>>(
         &'h mut self,
         ticket: Ticket,

@@ -133,8 +133,8 @@ impl Host {
         }
     }
 
-    /// Checks whether the non-immediate command has ended. It has if a packet was sent after the command had been accepted,
-    /// and the busy flag in the answer to that packet is clear.
+    /// Checks whether the non-immediate command has ended. It has ended if a packet was sent after the command had been
+    /// accepted, and the busy flag in the answer to that packet is clear.
     pub(super) fn look_for_end(&mut self, now: Ns, flight: &Flight, header: &AnswerHeader) {
         let Some((slot, since)) = running_since(&self.slots) else { return };
         if flight.first <= self.accepted || header.status.contains(Status::BUSY) {
@@ -244,12 +244,12 @@ impl Host {
 
     /// Completes the overtaken process data, whose own answer is missing although the answer to the next ones
     /// (`flight`) has come. If an error bit of [`NOT_TAKEN`] is set, their outcome is unknown. Otherwise the number of
-    /// packets decides that the chip has rejected since the next process data were sent.
+    /// packets that the chip has rejected since the next process data were sent decides.
     ///
-    /// If it has rejected none, the overtaken process data were written. Copies of `flight` may have been rejected too,
-    /// except two: the one that ran, and the newest one, which the chip's count does not include yet. If more packets
-    /// were rejected than there are other copies, the overtaken process data were rejected. If not, their outcome is
-    /// unknown.
+    /// If the chip has rejected no packet, the overtaken process data were written. Copies of `flight` may have been
+    /// rejected too, except two: the one that ran, and the newest one, which the chip's count does not include yet. If
+    /// more packets were rejected than there are other copies, the overtaken process data were rejected. If not, their
+    /// outcome is unknown.
     fn complete_overtaken_by(&mut self, flight: &Flight, header: &AnswerHeader) {
         let Some(overtaken) = self.process.overtaken.take() else { return };
         let Overtaken { sequence, written, reads, rejections, unclear, .. } = overtaken;

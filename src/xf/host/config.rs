@@ -74,8 +74,8 @@ pub struct Timeouts {
     pub start_ns: Ns,
     /// Timeout of the wait for an edge of INT0; 10 ms by default.
     pub int0_ns: Ns,
-    /// Timeout of the answer to a packet, including all its retries; 100 ms by default. It ends no wait in which fewer than
-    /// four copies of the packet were sent: a host that stood still has given the chip no chance to answer.
+    /// Timeout of the answer to a packet, including all its retries; 100 ms by default. It takes effect only after four
+    /// copies of the packet were sent: a host that was suspended has given the chip no chance to answer.
     pub answer_ns: Ns,
     /// Timeout of a non-immediate command in the chip; 30 s by default.
     /// [`Host::submit_within`](super::Host::submit_within) sets another time for one command.

@@ -1,6 +1,6 @@
-//! Finds which bytes a CRC-32 covers, in each direction. The wire does not say it, but the length of a packet is known,
-//! so the driver tries the possible coverages. An answer with a valid check word shows the coverage of answers; a
-//! command that the chip runs shows the coverage of commands.
+//! Finds which bytes a CRC-32 covers, in each direction. No packet says which bytes these are, but the length of a
+//! packet is known, so the driver tries the possible coverages. An answer with a valid check word shows the coverage of
+//! answers; a command that the chip runs shows the coverage of commands.
 
 use crate::xf::{CrcCoverage, CrcCoverages, DataSize};
 

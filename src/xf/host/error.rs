@@ -37,7 +37,7 @@ pub enum HostError {
     Int0Missing {
         /// Duration of each wait for INT0.
         waited_ns: Ns,
-        /// How many waits for INT0 in a row ended without it.
+        /// Number of consecutive waits in which INT0 did not become active.
         times: u32,
     },
     /// No answer came. It is unknown whether the command ran.
@@ -78,7 +78,7 @@ pub enum HostError {
     StillBusy {
         /// The command that is still running.
         code: CommandCode,
-        /// How long the command had been running when its time was over.
+        /// How long the command had been running when its timeout passed.
         waited_ns: Ns,
     },
     /// The command was queued for too long and was not sent.
@@ -131,7 +131,7 @@ pub enum HostError {
         /// The sequence number of the waiting process data.
         sequence: u32,
     },
-    /// The RxFIFO may have no room for that many PDOs.
+    /// The RxFIFO may have no room for all RxPDOs of the write.
     FifoFull {
         /// Number of RxPDOs to write.
         needed: u8,

@@ -10,7 +10,8 @@ struct Write {
     pdos: u8,
     /// The number of the exchange in which the last copy of the write was sent.
     exchange: u64,
-    /// Number of answers received in exchanges after `exchange`. From [`COUNT_LAG`] on their level includes the write.
+    /// Number of answers received in exchanges after `exchange`. After [`COUNT_LAG`] such answers the reported level
+    /// includes the write.
     answers: u8,
 }
 
@@ -35,8 +36,8 @@ impl RxFreeEstimate {
         self.entries.saturating_sub(self.count).saturating_sub(unseen)
     }
 
-    /// Records that a copy of a write is sent. If there is no room to record it, the oldest write is dropped and added
-    /// to the level.
+    /// Records that a copy of a write is sent. If there is no room to record it, the oldest write is removed from the
+    /// list and its PDOs are added to the level.
     pub(super) fn wrote(&mut self, sequence: u32, pdos: u8, exchange: u64) {
         if pdos == 0 {
             return;
@@ -60,7 +61,7 @@ impl RxFreeEstimate {
         }
     }
 
-    /// Records the RxFIFO level `count` from the answer received in this exchange.
+    /// Records the RxFIFO level `count` from the answer received in exchange number `exchange`.
     pub(super) fn answer(&mut self, exchange: u64, count: u8) {
         self.count = count;
         for place in &mut self.writes {

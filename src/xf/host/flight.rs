@@ -11,11 +11,12 @@ use crate::xf::{AnswerHeader, CommandCode, Status};
 
 /// How many answers with the NOP flag in a row, while the chip reports no rejected packet, show that the command ran
 /// and its result is lost. `[OURS]` 2, since a single one proves nothing: it may answer a copy that the chip rejected,
-/// and the chip's error count may show the rejection only later, as its FIFO counts do. Then the next copy runs, and
-/// the next answer has its result.
+/// and the chip's error count may show the rejection only later, since it may lag as the FIFO counts do. In that case
+/// the next copy runs, and the next answer has its result.
 const NOPS_OF_A_LOST_ANSWER: u32 = 2;
-/// The fewest copies of a packet that are sent before its timeout counts. `[OURS]` 4: the answer to a copy comes with the next
-/// copy, and one exchange in each direction may be damaged. A host that stood still may have sent only one by then.
+/// The number of copies of a packet that must be sent before its timeout takes effect. `[OURS]` 4: the answer to a copy
+/// comes with the next copy, and one exchange in each direction may be damaged. A host that was suspended may have sent
+/// only one copy when the timeout passes.
 const COPIES_BEFORE_TIMEOUT: u32 = 4;
 
 /// The step of a queued command that a packet carries.
@@ -40,7 +41,7 @@ pub(super) enum Purpose {
     /// Process data: RxPDOs to write, TxPDOs to read, or both.
     Process {
         sequence: u32,
-        /// Number of RxPDOs that the packet writes, into the FIFO or past it (PDO_DATA_OP).
+        /// Number of RxPDOs that the packet writes, into the FIFO or directly (PDO_DATA_OP).
         written: u8,
         /// Number of the written RxPDOs that go into the FIFO.
         queued: u8,
@@ -48,7 +49,7 @@ pub(super) enum Purpose {
         /// Whether the packet's header clears, in each copy, the error bits that show that RxPDOs were rejected.
         clears: bool,
         /// Whether the error bits for rejected RxPDOs may come from an earlier packet that had no answer yet when this
-        /// one was sent.
+        /// packet was sent.
         others: bool,
     },
 }

@@ -49,9 +49,9 @@
 //!
 //! A packet is sent in every exchange until its answer has come. Of two consecutive packets with the same index and
 //! code the chip treats the second as INFO_UPDATE. So the command runs once, whichever of the copies arrives intact,
-//! and the answers to the other copies carry the NOP flag. Two of these without a sign that the chip rejected a packet
-//! show that the command ran and its only answer was damaged. A read-only command is then sent again under a new index;
-//! any other command is not. The next command has the next index.
+//! and the answers to the other copies carry the NOP flag. If two such answers come without a sign that the chip
+//! rejected a packet, the command ran and its only answer was damaged. A read-only command is then sent again under a
+//! new index; any other command is not. The next command has the next index.
 //!
 //! # How to read it
 //!
@@ -170,8 +170,8 @@ pub struct Host {
     process: Process,
     rx_estimate: RxFreeEstimate,
     flight: Option<Flight>,
-    /// Two packet buffers: `current` is the index of the packet being sent; the other one receives the outputs of the
-    /// next process data.
+    /// Two packet buffers: `current` is the index of the packet being sent; the outputs of the next process data are
+    /// written into the other buffer.
     packets: [[u8; MAX_PACKET]; 2],
     current: usize,
     receive_buffer: ReceiveBuffer,
@@ -180,8 +180,8 @@ pub struct Host {
     /// The number of the exchange in which the newest answer was received.
     answered: u64,
     pending_exchange: Option<PendingExchange>,
-    /// Whether INT0 has become active since the present exchange began. It counts once the owner of the wires reports
-    /// the end of the exchange.
+    /// Whether INT0 has become active since the present exchange began. The pacer takes it into account when the owner
+    /// of the wires reports the end of the exchange.
     ready_seen: bool,
     header: Option<AnswerHeader>,
     /// The header of the first answer since the driver was created, for [`Self::found`].
@@ -192,8 +192,8 @@ pub struct Host {
     last_error: Option<PacketError>,
     /// Index, code and number of copies of the packets in the last two exchanges, the older one first.
     sent: [(u8, CommandCode, u32); 2],
-    /// Whether the newest answer is that to the packet of the previous exchange. It is if the chip was ready for that
-    /// packet, so with pipelined writes the next process data may follow. False if more than two copies of that packet
+    /// Whether the newest answer belongs to the packet of the previous exchange. If so, the chip was ready for that
+    /// packet, and with pipelined writes the next process data may follow. False if more than two copies of that packet
     /// were sent, since the answer cannot be assigned to one of them.
     in_step: bool,
     /// Whether the error bits of `header` include the effects of all packets sent so far. False from the sending of a
@@ -214,11 +214,12 @@ pub struct Host {
     /// the next process data.
     process_last: bool,
     /// The time at which the last packet was answered or its timeout passed. The interval to the next poll of the
-    /// header begins there.
+    /// header begins at this time.
     completed_at: Ns,
     /// The GPIO outputs that the header of each packet carries; `None` if the program has set none.
     gpio_outputs: Option<u16>,
-    /// The interrupt flags that the header of the next packet clears: those of the chip and those of GPIO.
+    /// The interrupt flags that the header of the next packet clears: first the flags of the chip, then the flags of
+    /// GPIO 0 to 15.
     interrupts_to_clear: (Interrupts, u16),
     version: Option<FirmwareVersion>,
     counters: HostCounters,
@@ -311,15 +312,15 @@ impl Host {
         self.config.busy_poll_ns = busy_poll_ns;
     }
 
-    /// Makes the driver search for the chip's data segment size n at the next start and leave it as it is:
+    /// Makes the driver search for the chip's data segment size n at the next start and not change it:
     /// [`HostConfig::size`] and [`HostConfig::wanted_size`] become `None`.
     pub const fn keep_size(&mut self) {
         (self.config.size, self.config.wanted_size) = (None, None);
     }
 
     /// Starts the chip again and sets it to another data segment size n (SPI_RECONFIG_OP). As after every start without
-    /// [`HostConfig::keep_fifo`], the RxFIFO is off and empty afterwards; the number of its entries stays. An ECM-XFU
-    /// refuses this.
+    /// [`HostConfig::keep_fifo`], the RxFIFO is off and empty afterwards; the driver's value for the number of its
+    /// entries stays. An ECM-XFU refuses this.
     pub fn resize(&mut self, now: Ns, size: DataSize) {
         (self.config.size, self.config.wanted_size) = (Some(self.size), Some(size));
         let entries = self.rx_estimate.entries;
@@ -366,8 +367,8 @@ impl Host {
     }
 
     /// The header of the first answer since the driver was created, before the start has cleared errors. If the driver
-    /// searched for packets, the chip has counted that as one or two packets with a wrong start or end word. `None`
-    /// before the first answer.
+    /// searched for packets, the chip has counted the bytes of the search as one or two packets with a wrong start or
+    /// end word. `None` before the first answer.
     pub const fn found(&self) -> Option<&AnswerHeader> {
         self.found.as_ref()
     }
@@ -388,7 +389,8 @@ impl Host {
         self.gpio_outputs = outputs;
     }
 
-    /// Clears these interrupt flags with the next packet: those of the chip, and those of GPIO 0 to 15 as bits.
+    /// Clears these interrupt flags with the next packet: `chip` are flags of the chip, and bit k of `gpio` is the flag
+    /// of GPIO k.
     pub fn clear_interrupts(&mut self, chip: Interrupts, gpio: u16) {
         let (chip_before, gpio_before) = self.interrupts_to_clear;
         self.interrupts_to_clear = (chip_before | chip, gpio_before | gpio);
@@ -419,7 +421,7 @@ impl Host {
     }
 
     /// Like [`Self::process`], for a program whose outputs are in pieces: `write` gets the `len` bytes of the next
-    /// packet that carry the RxPDOs, with their old content, and has to write each of them. It is not called if there
+    /// packet that carry the RxPDOs. They have old content, so `write` has to set each byte. It is not called if there
     /// is an error.
     ///
     /// # Errors

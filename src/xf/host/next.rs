@@ -126,7 +126,7 @@ impl Host {
         self.state = state;
     }
 
-    /// Ends the start, the queued commands and the packet in flight whose timeouts have passed.
+    /// Ends everything whose timeout has passed: the start, queued commands, the packet in flight.
     fn expire(&mut self, now: Ns) {
         if let HostState::Starting(step) = self.state {
             let waited_ns = now.saturating_sub(self.started);
@@ -142,8 +142,8 @@ impl Host {
         self.completed_at = now;
         if self.state == HostState::Running && self.answered < flight.first {
             // The packet got no answer but "not ready", which may be due to a wrong data segment size n. After a reset
-            // from n = 1408 to n = 112, ten packets are exactly as long as one of the assumed size, so the last one's
-            // end word is where it is expected.
+            // from n = 1408 to n = 112, ten packets of the chip are exactly as long as one packet of the assumed size.
+            // So the end word of the tenth packet is at the expected position, and the answer does not look damaged.
             self.begin_search(now, HostState::Searching);
         }
         match flight.purpose {
@@ -190,7 +190,7 @@ impl Host {
             self.exchange = exchange;
             flight.copies += 1;
             self.sent = [self.sent[1], (flight.index, flight.code, flight.copies)];
-            // The second copy is no retry: it fetches the answer to the first one.
+            // The second copy is no retry: it fetches the answer to the first copy.
             self.counters.repeated += u64::from(flight.copies > 2);
             if let Purpose::Process { sequence, queued, .. } = flight.purpose {
                 self.rx_estimate.wrote(sequence, queued, exchange);

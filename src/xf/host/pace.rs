@@ -55,7 +55,7 @@ impl HostPacer {
         self.misses = 0;
     }
 
-    /// Sends nothing before this time, whatever the level of INT0.
+    /// Forbids exchanges before the time `until`, whatever the level of INT0.
     pub(super) fn hold(&mut self, until: Ns) {
         self.waiting_since = None;
         self.not_before = self.not_before.max(until);

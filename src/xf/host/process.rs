@@ -130,7 +130,7 @@ pub struct ProcessReport {
     pub outcome: ProcessOutcome,
 }
 
-/// Process data that were written and, before their answer came, followed by the next ones.
+/// Process data whose answer had not come yet when the next process data were sent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Overtaken {
     pub(super) sequence: u32,
@@ -140,8 +140,8 @@ pub(super) struct Overtaken {
     pub(super) reads: bool,
     /// The number of packets known to be rejected by the chip when the next process data were sent.
     pub(super) rejections: u64,
-    /// Whether it can no longer be found out if the chip took the RxPDOs: its count of rejected packets has become
-    /// unclear, or a later packet clears the error bits that would show it. The outcome is then
+    /// Whether the driver can no longer find out if the chip took the RxPDOs: the chip's count of rejected packets has
+    /// become unclear, or a later packet clears the error bits that would show it. The outcome is then
     /// [`ProcessOutcome::Unknown`].
     pub(super) unclear: bool,
 }

@@ -143,7 +143,8 @@ impl Host {
             self.header = Some(*header);
             return;
         }
-        // If this answer equals the previous one, it may be a duplicate. Then it does not show which packet it answers.
+        // If index, code and NOP flag are the same as in the previous answer, this answer may be a duplicate. Then it
+        // does not show which packet it answers.
         let tells = |header: &AnswerHeader| (header.index, header.code, header.status.contains(Status::NOP));
         let new = self.header.is_none_or(|before| tells(&before) != tells(header));
         let (index, code, copies) = self.sent[0];
@@ -232,7 +233,7 @@ impl Host {
         let Some(flight) = self.flight.filter(|flight| matches!(flight.purpose, Purpose::Start(_))) else {
             return false;
         };
-        // If the answer has the index and code of another packet, that previous packet may be the rejected one.
+        // If the answer belongs to an earlier packet, that packet may be the rejected one.
         let is_this = flight.matches(header) || flight.copies > 2;
         let is_open = self.coverages.is_open() || !self.coverages.commands_fit();
         if self.rule.kind != CheckType::Crc32 || !is_this || !is_open {
@@ -276,7 +277,8 @@ impl Host {
         self.state = HostState::Starting(StartStep::CheckType);
     }
 
-    /// Ends everything pending or in flight, and forgets all knowledge of the chip except the data segment size n.
+    /// Ends everything pending or in flight, and forgets the chip's present state: header, errors, RxFIFO level and
+    /// check type. The data segment size n and the coverages are kept.
     pub(super) fn forget_all(&mut self) {
         // The overtaken process data come first, so that reports are in the order of submission.
         self.complete_overtaken(None);

@@ -4,7 +4,7 @@
 use super::error::HostError;
 use super::flight::CommandPart;
 use crate::ethercat::Ns;
-use crate::xf::command_table::AnswerForm;
+use crate::xf::command_table::{AnswerForm, CommandEffect};
 use crate::xf::request::{Arguments, Encode, PdoOperation, Request, UnknownCommand};
 use crate::xf::response::Returned;
 use crate::xf::{AnswerHeader, CommandCode, Malformed};
@@ -179,7 +179,8 @@ impl CommandSlots {
             .min_by_key(|slot| self.all[*slot].sequence)
     }
 
-    /// A command that has ended, and whose result or abort code is waiting to be read: its slot, and which of the two.
+    /// A command that has ended, and whose result or abort code is waiting to be read: its slot, and what has to be
+    /// read.
     pub(super) fn waiting_read(&self) -> Option<(usize, CommandPart)> {
         if !self.maybe_pending {
             return None;
@@ -210,7 +211,7 @@ impl CommandSlots {
             .map(|place| IMMEDIATE_SLOTS + place)
     }
 
-    /// Ends all commands that are not done with this error.
+    /// Ends all commands that are queued or running; this error is their result.
     pub(super) fn fail_all(&mut self, error: HostError) {
         for slot in &mut self.all {
             if !matches!(slot.state, SlotState::Free | SlotState::Done(_)) {
@@ -259,22 +260,23 @@ impl CommandSlots {
     }
 }
 
-/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` These are all immediate
-/// commands with a result, except those with a side effect: 5 (PDO_DATA_FIFO_OP) takes TxPDOs out of the FIFO, and 24
-/// (CRC_ERR_CNT_CLR) clears a counter. 6 (PDO_DATA_OP), 81 (MDIO) and 144 (MBX_STAT) only read if their arguments
-/// select a read.
+/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` 6 (PDO_DATA_OP), 81 (MDIO) and
+/// 144 (MBX_STAT) only read if their arguments select a read.
 pub(super) fn only_reads(code: CommandCode, arguments: &Arguments) -> bool {
-    let writes = match code {
-        CommandCode::PdoDataFifo | CommandCode::CrcErrorCountClear => true,
-        CommandCode::PdoData => {
-            let operation = PdoOperation(arguments.info[0]);
-            !operation.contains(PdoOperation::VALID) || operation.contains(PdoOperation::WRITE)
-        }
-        CommandCode::Mdio => arguments.parameter != 1,
-        CommandCode::MailboxStatus => arguments.parameter == 1,
-        _ => false,
+    let reads = match code.command().map(|row| row.effect) {
+        Some(CommandEffect::Reads) => true,
+        Some(CommandEffect::Acts) | None => false,
+        Some(CommandEffect::ByArguments) => match code {
+            CommandCode::PdoData => {
+                let operation = PdoOperation(arguments.info[0]);
+                operation.contains(PdoOperation::VALID) && !operation.contains(PdoOperation::WRITE)
+            }
+            CommandCode::Mdio => arguments.parameter == 1,
+            CommandCode::MailboxStatus => arguments.parameter != 1,
+            _ => false,
+        },
     };
-    has_result(code, arguments) && !writes && code.is_immediate(arguments.parameter)
+    reads && has_result(code, arguments) && code.is_immediate(arguments.parameter)
 }
 
 /// Whether the answer to a command contains a result.

@@ -18,14 +18,14 @@ pub trait Wires {
     /// The wires cannot be used; it is unknown how many bytes were transferred.
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), Self::Error>;
 
-    /// Waits until that time; returns at once if it has passed.
+    /// Waits until `time`; returns at once if it has passed.
     ///
     /// # Errors
     /// The wires cannot be used any more.
     fn wait_until(&mut self, time: Ns) -> Result<(), Self::Error>;
 
-    /// Waits until INT0 becomes active after the last exchange, at most until that time; returns whether it did. Wires
-    /// without INT0 return `false` at once.
+    /// Waits until INT0 becomes active after the last exchange, at most until the time `until`; returns whether INT0
+    /// became active. Wires without INT0 return `false` at once.
     ///
     /// # Errors
     /// INT0 cannot be read.

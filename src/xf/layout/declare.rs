@@ -118,8 +118,9 @@ macro_rules! layout {
     };
 }
 
-/// Expands to one use of a value in a layout: `fields` to its list of fields, `put` to writing it, `take` to reading
-/// it. A value with `=` is one field at that position; a value without is a type with a layout of its own.
+/// Expands to an expression for one value of a layout: `fields` gives the value's list of fields, `put` writes the
+/// value, `take` reads it. A value with `=` is one field at that position; a value without `=` has a type with a layout
+/// of its own.
 macro_rules! part {
     (fields $name:ident: $type:ty) => {
         <$type as FieldLayout<'_>>::FIELDS

@@ -4,9 +4,9 @@ use super::{FieldContent, FieldReader, FieldValue, FieldWriter, ValueAnswer};
 use crate::xf::fields::{Field, FieldKind, FieldPosition, Names};
 use crate::xf::{Allowed, Malformed};
 
-/// The declaration of a field: its position and whatever was declared for it. [`Self::of`] then adds the name and the
-/// properties of the Rust type. A field may have two more numbers on the wire: one that counts its bytes, and a fixed
-/// one.
+/// The declaration of a field: its position and the properties declared with it. [`Self::of`] then adds the name and
+/// the properties of the Rust type. A field may have two more numbers on the wire: one that counts its bytes, and a
+/// fixed one.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldDecl {
     /// The field. Its name, size, width and kind may be missing until [`FieldDecl::of`] adds them.
@@ -208,8 +208,8 @@ impl ByteCount {
 
     /// Reads the size of the field that begins at byte `begin`.
     ///
-    /// `[OURS]` Valid bytes beyond this size are ignored. If fewer bytes are valid, the request is malformed, for
-    /// fields whose bytes must be valid.
+    /// `[OURS]` Valid bytes beyond this size are ignored. If fewer bytes are valid, a request is malformed only if the
+    /// field is declared with [`FieldDecl::all_valid`].
     pub(super) fn take(&self, begin: usize, from: &FieldReader<'_>) -> Result<usize, Malformed> {
         let bytes = self.checked(self.field.take(from)?)? as usize;
         if let Some(name) = self.valid {
@@ -219,12 +219,12 @@ impl ByteCount {
     }
 }
 
-/// A number that the manuals fix, such as the size of a structure.
+/// A number whose value the manuals prescribe, such as the key 0x5A in 402_CTL_SET.
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed {
     /// The field that contains the number. The fixed value is the field's default.
     pub field: Field,
-    /// Mask of the bits that must equal those of the fixed number when it is read; other bits may have any value.
+    /// Mask of the bits that are compared with the fixed number when the field is read; other bits may have any value.
     looked_at: u32,
     name: &'static str,
     allowed: &'static str,

@@ -64,8 +64,8 @@ impl FieldList {
         self
     }
 
-    /// The list with the field `first` before all others. [`Self::with`] keeps fields in the order of their byte offsets; this
-    /// one does not.
+    /// The list with the field `first` before all others. [`Self::with`] keeps fields in the order of their positions;
+    /// `after` ignores that order.
     pub const fn after(self, first: Field) -> Self {
         let (mut list, mut n) = (Self::NONE.with(first), 0);
         while n < self.len {
@@ -133,7 +133,7 @@ macro_rules! field_slice {
     }};
 }
 
-/// Expands to the type as it is or, if it has a lifetime parameter, with `'static` for the parameter.
+/// Expands to the type itself; if it has a lifetime parameter, the parameter becomes `'static`.
 macro_rules! type_of {
     ($name:ident) => { $name };
     ($name:ident <$life:lifetime>) => { $name<'static> };

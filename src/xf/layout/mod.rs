@@ -255,8 +255,8 @@ impl<'d> FieldContent<'d> for &'d [u8] {
 
 /// A text at the end of the data.
 ///
-/// `[OURS]` The text ends where the length field says, or before that at the first byte 0. A length field that leaves
-/// no text is ignored, since the chip reads fixed layouts whatever the length says.
+/// `[OURS]` The text ends where the length field says, or before that at the first byte 0. A length field that ends
+/// before the text is ignored, since the chip reads fixed layouts whatever the length says.
 fn text(rest: &[u8], named: usize) -> &[u8] {
     let rest = if named == 0 { rest } else { &rest[..named.min(rest.len())] };
     rest.split(|byte| *byte == 0).next().unwrap_or_default()

@@ -28,8 +28,8 @@ layout! {
     }
 }
 
-/// Declares requests whose data are a fixed u32, in a segment of `bytes` bytes. Only the `bits` of the number are
-/// compared.
+/// Declares requests whose only content is a fixed u32, in data with a length of `of` bytes. When a request is decoded,
+/// only the bits in the mask `bits` are compared.
 macro_rules! fixed {
     ($(
         $(#[$doc:meta])*
@@ -63,14 +63,14 @@ macro_rules! fixed {
 /// `[OURS]` It looks like a mask of sample modules with bit 12 set, since [`AdcGetConvData`] sends 12. Additional bits are
 /// accepted. A request without this bit is malformed, since no manual describes it.
 const SAMPLE_MODULE: u32 = 0x1000;
-/// Size of the data of [`AdcConfigSampleModule`], in bytes. `[OURS]` The reserved numbers among them are ignored.
+/// Size of the data of [`AdcConfigSampleModule`], in bytes. `[OURS]` The two reserved words in these data are ignored.
 const WITH_RESERVED: usize = 12;
-/// A mask of all bits: the number must be exactly that of the manuals.
+/// A mask of all bits: the number must equal the one in the manuals.
 const WHOLE: u32 = u32::MAX;
 
 fixed! {
-    /// ECM_AdcConfigSampleModule, command code 35, parameter byte 42: conversions are started by software, the only
-    /// trigger there is (XF EN 1091). Data, 12 bytes (@offset): @0 reserved, @4 u32 trigger, 0, @8 reserved.
+    /// ECM_AdcConfigSampleModule, command code 35, parameter byte 42: sets the trigger of conversions to software,
+    /// which is the only choice (XF EN 1091). Data, 12 bytes (@offset): @0 reserved, @4 u32 trigger, 0, @8 reserved.
     AdcConfigSampleModule = at(4).named("trigger").or(0), bits WHOLE, of WITH_RESERVED,
         "ECM_AdcConfigSampleModule trigger", "0 software";
 

@@ -44,8 +44,8 @@ layout! {
     }
 
     /// ASYNCCMD_RESET, command code 75: makes a chip that is busy with a non-immediate command accept another one. The
-    /// chip always accepts this request itself. The parameter byte selects the actions: clear the busy flag, skip the
-    /// wait for the network port, give up the running command (XF EN 1446).
+    /// chip accepts this request even while it is busy. The parameter byte selects the actions: clear the busy flag,
+    /// skip the wait for the network port, give up the running command (XF EN 1446).
     pub struct AsyncReset {
         actions: AsyncResetActions = par().named("action"),
     }
@@ -101,7 +101,7 @@ field_values! {
 }
 
 impl WkcErrorMaxSet {
-    /// The request with that limit; `None` for 0, which the chip does not accept.
+    /// The request with this limit; `None` for 0, which the chip does not accept.
     pub const fn new(limit: WkcErrorLimit) -> Option<Self> {
         if limit.0 == 0 { None } else { Some(Self { limit }) }
     }
@@ -166,7 +166,8 @@ bits! {
 impl AsyncReset {
     /// A request for these actions; `None` if there is none, or if a bit is set that is not in the manuals.
     ///
-    /// `[OURS]` The manuals list the values 1, 2 and 4, which look like bits. So their sums stand for several actions.
+    /// `[OURS]` The manuals list the values 1, 2 and 4, which look like bits. So a sum of these values requests several
+    /// actions.
     pub const fn new(actions: AsyncResetActions) -> Option<Self> {
         if actions.0 != 0 && AsyncResetActions::ALL.contains(actions) { Some(Self { actions }) } else { None }
     }

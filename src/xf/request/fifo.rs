@@ -59,8 +59,8 @@ layout! {
 }
 
 /// ECAT_SET_FIFO_TH, command code 70: sets the FIFO levels that raise an interrupt (XF EN 1374). Parameter byte: bit 0
-/// enables the interrupt of the TxFIFO, bit 1 that of the RxFIFO; information bytes: `i0` level of the TxFIFO, `i1`
-/// level of the RxFIFO.
+/// enables the interrupt of the TxFIFO, bit 1 the interrupt of the RxFIFO; information bytes: `i0` level of the TxFIFO,
+/// `i1` level of the RxFIFO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FifoThresholdSet {
     /// The level that raises an interrupt when the TxFIFO rises to it; `None` for no interrupt.

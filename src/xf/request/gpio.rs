@@ -1,7 +1,8 @@
 //! Requests for general-purpose inputs and outputs: codes 31, GPIO_CONFIG_SET, and 32, GPIO_FUNC_OP. At power-on all
 //! GPIOs are floating inputs.
 //!
-//! The functions whose names end in `Ext` are for chips or firmware that have GPIO 16 to 19 or more functions.
+//! The requests with `Ext` in their names reach GPIO 16 to 19, which only certain versions of the chip have. Some of
+//! them need firmware 9 or newer.
 
 use super::{AllPins, GpioChannel, UpperPins};
 use crate::xf::layout::layout;
@@ -49,7 +50,7 @@ choices! {
     }
 
     /// The edges that raise the interrupt of a GPIO. The manuals number them 0 to 3. The vendor's driver of 2020 sends
-    /// 0, 3, 4 and 5 (OBS), so 4 and 5 are accepted too and kept as they are.
+    /// 0, 3, 4 and 5 (OBS), so 4 and 5 are accepted too and kept unchanged.
     pub GpioTrigger(u8), "GPIO interrupt type", "0 off, 1 both edges, 2 falling, 3 rising, or 4, 5 of the vendor's driver" {
         /// 0: no edge, no interrupt.
         Off = 0,

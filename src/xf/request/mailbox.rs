@@ -72,8 +72,8 @@ impl EmergencyCount {
 impl MailboxPart {
     /// `length` bytes, 0..=63, from byte `start`, 0..=63; `None` for larger values.
     ///
-    /// For larger values the manuals are ambiguous, since the high byte may count 64 or 256. So a host does not use
-    /// them.
+    /// Larger values need the high byte, whose unit is 64 or 256: here the manuals are ambiguous. So a host does not
+    /// send them.
     pub const fn new(start: u8, length: u8) -> Option<Self> {
         let part = Self { start: PartNumber(start as u16), length: PartNumber(length as u16) };
         if start < 64 && length < 64 { Some(part) } else { None }
@@ -90,8 +90,8 @@ impl MailboxPart {
     }
 }
 
-/// A number in two information bytes, up to 16575. `[OURS]` It is high * 64 + low, as in the text of the manuals. Their
-/// drawing shows a field of 16 bits, in which the high byte would count 256.
+/// A number in two information bytes, up to 16575. `[OURS]` The number is high byte * 64 + low byte, as in the text of
+/// the manuals. Their drawing shows a field of 16 bits, in which the high byte would count 256.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct PartNumber(u16);
 
@@ -104,7 +104,7 @@ impl fmt::Debug for PartNumber {
 field_values! {
     PartNumber, 2, FieldKind::Number,
         |number| {
-            // Only numbers above 255 * 64 + 63 reach the limit of 255. Their low byte is above 63, and at most 255.
+            // For numbers above 255 * 64 + 63 the high byte stays at 255, and the low byte takes the rest: 64 to 255.
             let high = (number.0 / 64).min(255);
             (high << 8 | (number.0 - high * 64)).into()
         },
@@ -125,7 +125,7 @@ impl SlaveBits {
     /// The size of a set for 128 slaves, in bytes.
     const MOST: usize = 16;
 
-    /// The empty set for a network of that many slaves, 0..=128; larger numbers count as 128.
+    /// The empty set for a network of `slaves` slaves, 0..=128; larger numbers count as 128.
     pub const fn for_slaves(slaves: u8) -> Self {
         let bytes = slaves.div_ceil(8);
         Self { bits: 0, bytes: if bytes as usize > Self::MOST { Self::MOST as u8 } else { bytes } }
@@ -157,7 +157,7 @@ impl SlaveBits {
     }
 }
 
-/// As a field a set has all 16 bytes, whatever the length field says.
+/// As a field, a set always takes 16 bytes of the data segment. The length field only carries [`SlaveBits::bytes`].
 impl FieldContent<'_> for SlaveBits {
     const BYTES: u8 = 0;
     const KIND: FieldKind = FieldKind::SlaveSet;

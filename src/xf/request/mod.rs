@@ -2,8 +2,8 @@
 //! [`Request`] of all.
 //!
 //! A type encodes itself into its fields of the header ([`Arguments`]) and the data segment, and decodes itself from
-//! them. Like the chip it reads fixed layouts from the data segment, whatever the length field says. Only requests that
-//! say so use the length field (XF-4.3).
+//! them. Like the chip it reads fixed layouts from the data segment, whatever the length field says. Only requests
+//! whose descriptions say so use the length field (XF-4.3).
 //!
 //! | file | requests |
 //! | --- | --- |

@@ -54,10 +54,10 @@ layout! {
     }
 
     /// ECAT_PDO_WC_GET, command code 4: reads the working counter of the last cycle, or the number of slaves with
-    /// inputs or with outputs, from which the expected working counter follows. The parameter byte selects which
-    /// (XF EN 421). Answer: u32 at byte 0 of the data.
+    /// inputs or with outputs, from which the expected working counter follows. The parameter byte selects one of these
+    /// numbers (XF EN 421). Answer: u32 at byte 0 of the data.
     pub struct PdoWorkingCounterGet {
-        /// Whether to read the working counter, the number of slaves with inputs, or that with outputs.
+        /// Whether to read the working counter, the number of slaves with inputs, or the number of slaves with outputs.
         pub which: WorkingCounterItem = par(),
     }
 
@@ -91,8 +91,8 @@ layout! {
         pub shift_ns: i32 = at(12).or(0),
     }
 
-    /// ECAT_DCSYNC, command code 50: sets other times for one slave, after [`EcatInit`] and before [`InitDc`]
-    /// (XF EN 1201, XF ZH 1136). Data, 16 bytes as in [`EcatInit`], except @0 slave and @1 reserved.
+    /// ECAT_DCSYNC, command code 50: sets other cycle and shift times for one slave, after [`EcatInit`] and before
+    /// [`InitDc`] (XF EN 1201, XF ZH 1136). Data, 16 bytes as in [`EcatInit`], except @0 slave and @1 reserved.
     pub struct DcSync {
         /// The slave to set. `[OURS]` 0xFF means all slaves, as in other requests.
         pub slaves: Slaves = at(0),
@@ -136,9 +136,9 @@ choices! {
         InputBytes = 9,
         /// 10: whether the slave has distributed clocks (OBS, like all further items).
         HasDc = 10,
-        /// 11: cycle time of the distributed clock; the modelled chip returns that of SYNC0 in nanoseconds.
+        /// 11: cycle time of the distributed clock; the modelled chip returns the cycle time of SYNC0 in nanoseconds.
         DcCycle = 11,
-        /// 12: shift time of the distributed clock; the modelled chip returns that of SYNC0 in nanoseconds.
+        /// 12: shift time of the distributed clock; the modelled chip returns the shift time of SYNC0 in nanoseconds.
         DcShift = 12,
         /// 13: whether the distributed clock is active.
         DcActive = 13,
@@ -195,7 +195,7 @@ impl EcatInit {
     /// Byte 1 of the data: the FIFO is off at start.
     const FIFO_OFF: u8 = 0x81;
     /// Byte 1 of the data: the FIFO is on at start. `[OURS]` The manuals list only 0x81 and call it fixed; any other
-    /// value is taken for on.
+    /// value counts as on.
     const FIFO_ON: u8 = 0;
     const FIFO: FieldDecl = at(1)
         .one_of(&[("on", Self::FIFO_ON as u32), ("off", Self::FIFO_OFF as u32)])

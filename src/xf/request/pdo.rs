@@ -35,8 +35,8 @@ field_values! {
 
 layout! {
     /// ECAT_PDO_DATA_FIFO_OP, command code 5: puts RxPDOs into the FIFO and takes TxPDOs out of it (XF EN 436).
-    /// Parameter byte: number of PDOs; information byte `i0`: operation. The length is that of all RxPDOs together
-    /// (OBS).
+    /// Parameter byte: number of PDOs; information byte `i0`: operation. The length field is the length of all RxPDOs
+    /// together (OBS).
     pub struct PdoDataFifo<'d> {
         /// The number of PDOs to write, and the maximum number to read.
         pub count: u8 = par(),
@@ -143,8 +143,8 @@ impl PdoMap {
 /// The PDOs that are assigned to a sync manager of a slave, as set by [`PdoConfigSet`] and read by [`PdoConfigGet`].
 ///
 /// Data of the form with 3 PDOs, 112 bytes (@offset): @0 slave, @1 number of PDOs, @2 u16 assignment, @4 three u16
-/// mapping objects, @10 three u16 numbers of objects, @16 space for 8 objects of each PDO. The form with 4 PDOs, 148
-/// bytes, is that of newer firmware (OBS): @4 four mapping objects, @12 four numbers of objects, @20 the objects.
+/// mapping objects, @10 three u16 numbers of objects, @16 space for 8 objects of each PDO. Newer firmware has the form
+/// with 4 PDOs, 148 bytes (OBS): @4 four mapping objects, @12 four numbers of objects, @20 the objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdoConfig {
     /// The slave to which the PDOs belong.
@@ -269,7 +269,7 @@ impl PdoConfig {
 
 /// ECAT_PDO_CONFIG_SET, command code 7: sets the PDOs of a slave, at most 3 with at most 8 objects each (XF EN 468).
 ///
-/// The layout is [`PdoConfig`]'s of 112 bytes. For more PDOs or objects use SDOs.
+/// The layout is the one with 112 bytes in [`PdoConfig`]. For more PDOs or objects use SDOs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdoConfigSet {
     config: PdoConfig,

@@ -50,14 +50,14 @@ pub(in crate::xf) const fn raw_data(name: &'static str) -> FieldDecl {
 
 layout! {
     /// RAW_ECAT_FUNC_REQ, command code 137: sends a datagram (XF EN 1560, XF ZH 1474). Data, 20 bytes and the
-    /// datagram's (@offset): @0 operation, @2 u16 bytes, @4 u16 ADP, @6 u16 ADO, @8 u32 logical address, @12 i32
+    /// datagram's data (@offset): @0 operation, @2 u16 bytes, @4 u16 ADP, @6 u16 ADO, @8 u32 logical address, @12 i32
     /// timeout in us, @20 data.
     ///
-    /// A datagram that reads has data too: as many bytes as it has to read.
+    /// A datagram that reads needs data too: their length is the number of bytes to read.
     pub struct RawRequest<'d> {
         /// The datagram's EtherCAT command.
         pub operation: RawOperation = at(0),
-        /// Auto-increment position or station address of the slave, by the datagram's command.
+        /// Auto-increment position or station address of the slave, depending on the datagram's command.
         pub adp: u16 = at(4).hex().or(0),
         /// Register or memory address in the slave.
         pub ado: u16 = at(6).hex().or(0),

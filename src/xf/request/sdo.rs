@@ -18,7 +18,7 @@ layout! {
 
 /// The maximum number of bytes that [`SdoRequest`] writes.
 pub const SDO_DATA_MAX: usize = 256;
-/// The place of the data to write behind the fields of [`SdoRequest`], bytes.
+/// The offset of the data to write, after the fields of [`SdoRequest`], in bytes.
 pub(crate) const SDO_HEAD: usize = 12;
 
 layout! {

@@ -37,7 +37,7 @@ layout! {
         Length = 1 {
             /// The slave to whose process data a length is assigned.
             slave: SlaveNumber = info(0),
-            /// Whether the length is that of the outputs or of the inputs.
+            /// Whether the length is assigned to the outputs or to the inputs.
             direction: Direction = info(1).or(0),
             /// The assigned length of the process data, in bytes.
             bytes: u16 = info(2).or(0),

@@ -13,9 +13,9 @@ use crate::xf::fields::{AnswerFields, FunctionFields};
 use crate::xf::layout::{FieldLayout, Forms, field_slice, type_of, value};
 use crate::xf::{CommandCode, DataSize, Malformed, NetworkState, segment};
 
-/// Defines [`Request`], the [`Call`] of each type, and the table of fields. A row has the file and the type, code and
-/// parameter if several functions share one code, the purpose, and after `->` the answer, with a name if it is a single
-/// value.
+/// Defines [`Request`], the [`Call`] of each type, and the table of fields. A row has the file and the type, then the
+/// code and the parameter if several functions share one code, then the purpose. After `->` it has the type of the
+/// answer, with a name if the answer is a single value. After `by` it names a function that decodes the answer.
 macro_rules! requests {
     ($($file:ident::$name:ident $(<$life:lifetime>)? $(= $code:ident($function:literal))?, $what:literal
         $(-> $answer:ty $(= $value:expr)? $(, by $read:path)?)?;)*) => {
@@ -45,7 +45,7 @@ macro_rules! requests {
         },)*];
 
         impl<'d> Request<'d> {
-            /// The number of functions of all commands, which is that of the known requests.
+            /// The number of functions of all commands, which is also the number of known request types.
             pub const FUNCTIONS: usize = [$(stringify!($name)),*].len();
 
             /// Decodes the request of a command from its code, the fields of its header and its whole data segment.
@@ -75,7 +75,8 @@ macro_rules! requests {
                 }
             }
 
-            /// The parameter that selects the function, for the codes 31 to 35.
+            /// The parameter that selects the function, for the codes 31 to 35. For an unknown request it is the
+            /// parameter byte.
             pub fn function(&self) -> Option<u8> {
                 match self {
                     $(Self::$name(_) => $name::FUNCTION,)*
@@ -124,7 +125,7 @@ macro_rules! requests {
     };
 }
 
-/// Expands to the command code of a request, which mostly has the same name as the type.
+/// Expands to the command code of a request, which has the same name as the type unless the row gives another.
 macro_rules! code {
     ($name:ident) => {
         CommandCode::$name
@@ -144,7 +145,7 @@ macro_rules! answer {
     };
 }
 
-/// Expands to the forms of an answer.
+/// Expands to the possible forms of an answer, as [`AnswerFields`].
 macro_rules! forms {
     ($name:ty,) => {
         &[]

@@ -21,8 +21,7 @@ layout! {
     /// The identity of the chip in answers of newer firmware.
     pub struct FirmwareIdentity {
         /// Bytes 0..1 of the data: the extended version.
-        // A column is missing in the manual's drawing, so that the extended version in these two bytes is an
-        // interpretation.
+        // The manual's drawing lacks a column. That these two bytes are the extended version is an interpretation.
         pub extended: u16 = at(0).hex(),
         /// Byte 3 of the data: the type of the chip.
         pub series: Series = at(3),

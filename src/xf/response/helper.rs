@@ -12,7 +12,7 @@ use crate::xf::request::InterruptEnable;
 pub struct DriveStateByte(pub u8);
 
 impl DriveStateByte {
-    /// The state; `None` for values that stand for no state.
+    /// The state; `None` for values that encode no state.
     ///
     /// `[OURS]` The manuals mask the statusword with 0x6F. Here bit 5 is ignored for Not ready, Switch on disabled,
     /// Fault reaction active and Fault, as in CiA 402.

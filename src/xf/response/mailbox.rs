@@ -14,7 +14,7 @@ layout! {
         pub number: u8 = at(0).kind(FieldKind::Named(&[("none", NO_EMERGENCY as u32)])),
         /// Byte 1: the slave's number.
         pub slave: u8 = at(1),
-        /// Bytes 2..3: serial number of the emergency since the chip has started.
+        /// Bytes 2..3: running number of the emergency, counted since the start of the chip.
         pub running_number: u16 = at(2),
         /// Bytes 4..5: the error code, as in object 0x603F.
         pub code: u16 = at(4).hex(),
@@ -27,10 +27,10 @@ layout! {
 
 const EMERGENCY: usize = Emergency::END;
 
-/// The number 0xFF, which stands in a position of the list without an emergency.
+/// The number 0xFF, which marks a position of the list without an emergency.
 const NO_EMERGENCY: u8 = 0xFF;
 
-/// The answer to COE_EMERGENCY (XF EN 1490): 12 bytes for each requested emergency, 1 to 8 of them.
+/// The answer to COE_EMERGENCY (XF EN 1490): 12 bytes for each of the 1 to 8 requested emergencies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Emergencies {
     count: u8,

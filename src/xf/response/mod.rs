@@ -91,7 +91,7 @@ pub trait Answer<'a>: Copy + fmt::Debug + PartialEq {
     fn decode(returned: Returned, data: &'a [u8]) -> Result<Self, Malformed>;
 }
 
-/// The fields of an answer's layout.
+/// Expands to the `AnswerFields` of a type whose layout describes an answer.
 macro_rules! answer_fields {
     ($($type:tt)*) => {
         $crate::xf::fields::AnswerFields::of($crate::xf::layout::field_slice!(

@@ -24,7 +24,8 @@ answers! {
     PdoExchange<'d>;
 }
 
-/// The length decides the form: 112 bytes for 3 PDOs (XF EN 533), 148 bytes for 4 PDOs of newer firmware (OBS).
+/// The length of the answer decides its form: 112 bytes for 3 PDOs (XF EN 533), 148 bytes for 4 PDOs of newer firmware
+/// (OBS).
 impl Answer<'_> for PdoConfig {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         self.write(data).map(Returned::data)

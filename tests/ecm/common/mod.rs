@@ -4,6 +4,7 @@ pub mod calls;
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -91,6 +92,8 @@ pub struct Tap {
     bend: Mutex<(u64, Option<Bend>)>,
     lose: Mutex<Option<Pick>>,
     refuse: Mutex<Option<Pick>>,
+    /// The next read is cancelled, as by another thread.
+    pub cancel: AtomicBool,
     hide_slot: bool,
 }
 
@@ -120,8 +123,8 @@ impl Tap {
     }
 
     fn new(inner: Arc<dyn Link>, hide_slot: bool) -> Arc<Self> {
-        let (written, waits, bend, lose, refuse) = Default::default();
-        Arc::new(Self { inner, written, waits, bend, lose, refuse, hide_slot })
+        let (written, waits, bend, lose, refuse, cancel) = Default::default();
+        Arc::new(Self { inner, written, waits, bend, lose, refuse, cancel, hide_slot })
     }
 
     pub fn ecm(self: &Arc<Self>, options: Options) -> Result<Ecm, EcmError> {
@@ -196,6 +199,9 @@ impl Layer for Tap {
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         self.waits.lock().unwrap().push(wait);
+        if self.cancel.swap(false, Ordering::Relaxed) {
+            return Err(LinkError::Cancelled { dir: Dir::Read });
+        }
         let meta = self.inner.read(out, wait)?;
         let (count, bend) = &mut *self.bend.lock().unwrap();
         if let Some(bend) = bend {

@@ -4,9 +4,9 @@ use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{HomeSwitch, Input, Slave, Travel};
+use support::homing_tables::METHODS;
 
 use super::bench::{Bench, Bits, CAM, FIRST, LAST, Outcome, travel};
-use super::methods::METHODS;
 use crate::wired::{jam, stick};
 
 const INPUTS: [Input; 4] = [Input::NegativeLimit, Input::PositiveLimit, Input::Home, Input::Index];

@@ -7,16 +7,12 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{DriveConfig, HomeSwitch, Input};
+use support::homing_tables::METHODS;
 
 use super::bench::{
     Bench, Bits, CAM, FAST, FIRST, INDEX, LAST, NEGATIVE_LIMIT, Outcome, POSITIVE_LIMIT, SLOW, TURN, travel,
 };
 use crate::rig::{MS, Rig};
-
-pub const METHODS: [i8; 32] = [
-    1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 33, 34, 35,
-    37,
-];
 
 /// On the negative limit switch, left of the cam, on it, right of it, on the positive limit switch.
 const STARTS: [i64; 5] = [-210_000, -100_000, 10_000, 150_000, 310_000];

@@ -4,9 +4,10 @@ use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::{HomeSwitch, Input, Slave, Travel};
 use proptest::prelude::*;
+use support::homing_tables::METHODS;
 
 use super::bench::{Bench, INDEX, TURN};
-use super::methods::{METHODS, final_edge, pulse_beyond};
+use super::methods::{final_edge, pulse_beyond};
 use crate::wired::stick;
 
 #[derive(Debug)]

@@ -1,4 +1,4 @@
-//! Finds the events of a recorded run: states that the network reaches, alarms, homing that is attained.
+//! Finds the events of a recorded run: states that the network reaches, new alarms, and homings that are attained.
 
 use ecmsk::cia402::Statusword;
 use ecmsk::link::Dir;
@@ -9,8 +9,8 @@ use ecmsk::summary::FrameEvent;
 use super::rules::What;
 use crate::recording::Framed;
 
-/// \[OURS] Bits 10 and 12 of the statusword may still show an earlier homing, or in CSP something else, for so long after
-/// the first answer to GO_HOME, nanoseconds. Later they count even if no report has shown them clear.
+/// \[OURS] For this long after the first answer to GO_HOME, nanoseconds, bits 10 and 12 of the statusword may still be
+/// of an earlier homing, or have the meaning of CSP. In this time they count only after a report has shown them clear.
 const OLD_RESULT_MAX_NS: i64 = 100_000_000;
 
 /// An event of a run.
@@ -21,7 +21,7 @@ pub struct Occurrence {
     pub what: Seen,
 }
 
-/// What was seen.
+/// The kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
     State(MasterState),
@@ -30,7 +30,7 @@ pub enum Seen {
 }
 
 impl Seen {
-    /// Whether a rule means this event.
+    /// Whether this is the event that a rule describes.
     pub fn is(self, what: What) -> bool {
         match (self, what) {
             (Self::State(state), What::State(wanted)) => state == wanted,
@@ -43,18 +43,18 @@ impl Seen {
     }
 }
 
-/// The homing of an axis, as its slot shows it.
+/// The state of the homing of an axis, from its slot.
 #[derive(Clone, Copy, Debug, Default)]
 struct Homing {
-    /// The time of the first report that answered GO_HOME; `None`: the last report answered something else.
+    /// The time of the first report that answered GO_HOME; `None` if the last report answered another command.
     since_ns: Option<i64>,
-    /// Whether a report since then has shown neither a result nor an error.
+    /// Whether a report since then has shown bits 12 and 13 clear: neither a result nor an error.
     seen_clear: bool,
     is_attained: bool,
 }
 
 impl Homing {
-    /// Whether this report is the first one that shows the axis at home.
+    /// Processes a report. Returns true for the first report that shows the axis at home.
     fn report(&mut self, at_ns: i64, id: CommandId, Statusword(word): Statusword) -> bool {
         const HOME: u16 = Statusword::TARGET_REACHED | Statusword::BIT12;
         if id != CommandId::GoHome {
@@ -69,7 +69,7 @@ impl Homing {
     }
 }
 
-/// Finds events in the frames of a run, sorted by time.
+/// Finds events in the frames of a run, which must be sorted by time.
 pub struct Finder {
     state: StateByte,
     homing: Box<[Homing]>,
@@ -81,14 +81,14 @@ impl Finder {
         Self { state: StateByte::default(), homing: vec![Homing::default(); MAX_SLAVES].into(), found: Vec::new() }
     }
 
-    /// Adds what a [`FrameWatch`](ecmsk::summary::FrameWatch) has seen in the report at that time.
+    /// Adds an event that a [`FrameWatch`](ecmsk::summary::FrameWatch) has found in the report at that time.
     pub fn event(&mut self, at_ns: i64, event: FrameEvent) {
         if let FrameEvent::Alarm(alarm) = event {
             self.found.push(Occurrence { at_ns, what: Seen::Alarm { slave: alarm.slave, code: alarm.code } });
         }
     }
 
-    /// Adds the next frame.
+    /// Processes the next frame.
     pub fn frame(&mut self, framed: &Framed) {
         if framed.recorded.dir == Dir::Write {
             return;

@@ -1,4 +1,4 @@
-//! The file of rules: limits, the order of events and times, as a person writes them.
+//! Reads a file of rules, which a user writes: limits, the order of events, and times.
 //!
 //! ```toml
 //! format = 1
@@ -36,11 +36,11 @@ use crate::board::{AxisWord, duration};
 use crate::motion::Quantity;
 use crate::summary::fail_on::Reason;
 
-/// The version of the format that this tool reads.
+/// The version of the file format that this tool reads.
 const FORMAT: i64 = 1;
-/// The longest file of rules, bytes. \[OURS]
+/// The longest file of rules that is read, in bytes. \[OURS]
 const FILE_BYTES_MAX: u64 = 1 << 20;
-/// The word for every axis, and for any alarm.
+/// The word for all axes. The next constant is the word for an alarm of any axis.
 const ALL: &str = "all";
 const ANY: &str = "any";
 
@@ -60,56 +60,56 @@ pub enum RulesError {
     Wrong {
         /// The path of the file.
         file: PathBuf,
-        /// The place, what is wrong there, and what to do.
+        /// The position in the file, what is wrong there, and what to do.
         what: String,
     },
 }
 
-/// The rules of a file, checked.
+/// The rules of a file, after they were checked.
 #[derive(Debug, PartialEq)]
 pub struct Rules {
-    /// Conditions of the whole run, each with its text.
+    /// The reasons of `fail_on`, which apply to the whole run, each with its text.
     pub fail_on: Vec<(String, Reason)>,
-    /// The shortest and the longest time from the first frame to the last.
+    /// The shortest allowed time from the first frame to the last. The next field is the longest one.
     pub at_least: Option<Duration>,
     pub at_most: Option<Duration>,
-    /// Limits of axes.
+    /// The limits of axes.
     pub limits: Vec<Limit>,
-    /// Events that have to come, in this order.
+    /// Events that must occur, in this order.
     pub events: Vec<Event>,
-    /// Events that must not come.
+    /// Events that must not occur.
     pub never: Vec<What>,
 }
 
-/// A limit of an axis, or of all.
+/// A limit of one axis, or of all axes.
 #[derive(Debug, PartialEq)]
 pub struct Limit {
-    /// The number of the slave; `None`: every axis that was commanded.
+    /// The number of the slave; `None` for every axis that was commanded.
     pub slave: Option<u8>,
     pub quantity: Quantity,
-    /// The limit as it is written, with its unit.
+    /// The text of the limit in the file, with its unit.
     pub text: String,
     /// The condition under which the limit is exceeded.
     pub above: Reason,
 }
 
-/// An event that has to come, and when.
+/// An event that must occur, and the allowed times.
 #[derive(Debug, PartialEq)]
 pub struct Event {
     pub what: What,
-    /// The longest time after the event before; for the first one, after the opening of the board.
+    /// The longest time after the previous event; for the first event, after the opening of the board.
     pub within: Option<Duration>,
-    /// The latest and the earliest time after the opening of the board.
+    /// The latest allowed time after the opening of the board. The next field is the earliest one.
     pub by: Option<Duration>,
     pub not_before: Option<Duration>,
 }
 
-/// What happens in an event.
+/// The kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum What {
     /// The network reaches a state.
     State(MasterState),
-    /// An axis, or any, has a new alarm, with this error code or with any.
+    /// An axis (`None`: any) has a new alarm, with this error code (`None`: any).
     Alarm { slave: Option<u8>, code: Option<u16> },
     /// The homing of an axis is attained.
     Homed(u8),
@@ -159,10 +159,10 @@ enum AxisField {
 }
 
 impl Rules {
-    /// Reads a file of rules. `machine` has the axes by name.
+    /// Reads a file of rules. `machine` is needed for axes that are given by name.
     ///
     /// # Errors
-    /// [`RulesError`] if the file cannot be read, or for the first rule that is invalid.
+    /// [`RulesError`] if the file cannot be read or a rule is invalid; only the first invalid rule is reported.
     pub fn load(file: &Path, machine: Option<&MachineFile>) -> Result<Self, RulesError> {
         let unreadable = |message: String| RulesError::Unreadable { file: file.to_owned(), message };
         let mut text = String::new();
@@ -217,7 +217,7 @@ fn time(place: &str, text: Option<String>) -> Result<Option<Duration>, String> {
     text.map(|text| duration(&text).map_err(|why| format!("{place} = \"{text}\": {why}"))).transpose()
 }
 
-/// The slave of an axis.
+/// The slave number of an axis.
 fn axis(place: &str, word: &str, machine: Option<&MachineFile>) -> Result<u8, String> {
     let axis =
         AxisWord::parse(word).ok_or_else(|| format!("{place}: `{word}` is no axis; allowed: 1 to 40, or a name"))?;
@@ -256,7 +256,7 @@ fn limits(
     Ok(limits)
 }
 
-/// Checks that the axis has that unit: a limit in another unit would pass whatever happened.
+/// Checks that an axis with this unit exists: otherwise the limit would apply to no axis, and every run would pass.
 fn has_unit(place: &str, unit: Unit, slave: Option<u8>, machine: Option<&MachineFile>) -> Result<(), String> {
     let axes = machine.map_or(&[][..], |machine| &machine.axes);
     let mut meant = axes.iter().filter(|axis| slave.is_none_or(|slave| axis.slave == slave));
@@ -266,7 +266,7 @@ fn has_unit(place: &str, unit: Unit, slave: Option<u8>, machine: Option<&Machine
     Err(format!("{place}: no such axis of a machine file is in {unit}; write the limit in its unit, see --machine"))
 }
 
-/// The limit as messages show it. A number alone is in the unit of recordings.
+/// The text of a limit for messages. A number without a unit has the unit of recordings (counts, counts/s or %).
 fn with_unit(quantity: Quantity, above: Reason, text: &str) -> String {
     match (above, quantity) {
         (Reason::AboveUnits(..), _) => text.to_owned(),
@@ -320,7 +320,7 @@ mod tests {
         Rules::parse(&format!("format = 1\n{text}"), None).expect_err(text)
     }
 
-    /// What is wrong is said with its place and what is allowed.
+    /// The error for a wrong rule says where it is, what is wrong, and what is allowed.
     #[test]
     fn wrong_rules_are_named() {
         for (text, says) in [

@@ -1,6 +1,6 @@
-//! Checks a network that was already running when the verb began. Before an axis moves, the cycle and the modes that
-//! the user has given are compared with those of the network: with another cycle time the axes would move faster or
-//! slower than requested, and in another mode in a different way.
+//! Checks a network that was already running when the verb began. Before an axis moves, the cycle time and the modes
+//! given by the user are compared with those of the network. With a wrong cycle time the axes would move faster or
+//! slower than requested, and in another mode they would interpret the targets differently.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
@@ -10,18 +10,18 @@ use super::session::Board;
 
 /// \[OURS] The number of cycles over which the cycle time is measured.
 const CYCLES: u64 = 50;
-/// \[OURS] The largest relative deviation of the measured cycle time: a third, since the next possible cycle is twice
-/// as long and some links stamp reports late.
+/// \[OURS] The largest relative deviation of the measured cycle time. A third is enough, since the next longer cycle
+/// time is twice as long. It is needed because some links stamp reports late.
 const TOLERANCE: f64 = 0.33;
 /// The object "modes of operation display", 0x6061.
 const MODE_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
 
 impl Board {
-    /// Checks that these axes run in CSP, with the cycle time that the user has given. If this process has configured
-    /// the network itself, the check passes at once.
+    /// Checks that these axes run in CSP, with the cycle time given by the user. If this process has configured the
+    /// network itself, nothing is checked.
     ///
     /// # Errors
-    /// [`BoardError::Refused`] if the measured cycle time or the mode of an axis is another one;
+    /// [`BoardError::Refused`] if the measured cycle time or the mode of an axis differs;
     /// [`BoardError::UnknownNetwork`] if the slaves are not known; errors of reading reports and the mode.
     pub fn check_adopted(&self, what: &str, axes: &[u8]) -> Result<(), BoardError> {
         if !self.adopted.get() {
@@ -55,7 +55,7 @@ impl Board {
     }
 }
 
-/// The cycle time that a board can have and that is nearest to the measured one. Both are in microseconds.
+/// The possible cycle time of a board that is nearest to the measured one. Both are in microseconds.
 fn nearest(measured: f64) -> u32 {
     let steps = (measured / 250.0).log2().round().clamp(0.0, 11.0);
     250 << steps as u32
@@ -78,8 +78,8 @@ mod tests {
     #[derive(clap::Args)]
     struct Nothing {}
 
-    /// Runs the lines of a script on a simulated board, whose axes are left as they are at the end. Returns the error
-    /// of the first line that fails.
+    /// Runs the lines of a script on a simulated board, and leaves the axes unchanged at the end. Returns the error of
+    /// the first line that fails.
     fn lines(options: &[&str], lines: &[&str]) -> Result<(), BoardError> {
         let link = ["ecmsk", "--link", "sim:?slaves=drive*2&clock=virtual&name=adopted", "--close", "leave"];
         let args: Args = Words::parse_from(link.iter().chain(options)).words.board;
@@ -91,7 +91,8 @@ mod tests {
         board.close(done)
     }
 
-    /// A network that was already running is moved only if the given cycle time and mode are those that it has.
+    /// Axes of a network that was already running are moved only if the given cycle time and mode are those of the
+    /// network.
     #[test]
     fn a_running_network_is_moved_only_with_its_own_cycle_and_mode() {
         lines(&["--cycle-us", "2000", "--slaves", "drive,drive:csv"], &["state op", "servo on all"]).unwrap();
@@ -111,7 +112,7 @@ mod tests {
         lines(&[], &["state preop", "state op", "servo on all", "move 1=200 2=5"]).unwrap();
     }
 
-    /// A measured cycle time is rounded to the nearest cycle time that a board can have.
+    /// A measured cycle time is rounded to the nearest possible cycle time of a board.
     #[test]
     fn a_measured_cycle_is_rounded_to_one_that_the_board_has() {
         assert_eq!([100.0, 240.0, 510.0, 1990.0, 4100.0].map(nearest), [250, 250, 500, 2000, 4000]);

@@ -1,4 +1,4 @@
-//! Axes as a command line names them: by the numbers of their slaves, or by the names of the machine file.
+//! Axes as the user names them on the command line: by slave number, or by their name in the machine file.
 
 use ecmsk::ecm::{Scale, Scales};
 use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
@@ -9,7 +9,7 @@ use crate::machine_option::{in_unit, label};
 /// The highest slave number behind a board.
 pub const SLAVES_MAX: u8 = 40;
 
-/// An axis as a command line names it.
+/// An axis as it is named on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AxisWord {
     /// The number of the axis's slave, 1..=40 in network order.
@@ -64,30 +64,31 @@ impl AxisWord {
     }
 }
 
-/// What is known for converting the axes and positions on a command line: counts per unit by slave number, and names
-/// and units of the machine file.
+/// The data for converting the axes and positions of a command line: counts per unit by slave number, and the names and
+/// units of the machine file.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Units<'a> {
     /// The value of `--counts-per-unit`.
     pub option: Option<&'a Scales>,
-    /// The counts per unit for axes that are named by their slave numbers: from `--counts-per-unit`, otherwise from the
-    /// server of the link.
+    /// The counts per unit for axes that are given by slave number: from `--counts-per-unit`, otherwise from the server
+    /// of the link.
     pub numbers: Option<&'a Scales>,
-    /// The machine file, which has the units of axes that are named by their names.
+    /// The machine file, which has the units of axes that are given by name.
     pub machine: Option<&'a MachineFile>,
 }
 
 impl<'a> Units<'a> {
-    /// The axis that the machine file has for a slave; `None` without a machine file or axis.
+    /// The axis of a slave in the machine file; `None` if there is no machine file or no such axis.
     pub fn axis(&self, slave: u8) -> Option<&'a MachineAxis> {
         self.machine?.axis_of(slave)
     }
 
-    /// The number of the slave of an axis, from 1 in network order. An axis that is named by its name has the unit of the machine
-    /// file: `--counts-per-unit` would give its positions another meaning. \[OURS]
+    /// The slave number of an axis, from 1 in network order. An axis that is given by name always has the unit of the
+    /// machine file, because `--counts-per-unit` would change the meaning of its positions. \[OURS]
     ///
     /// # Errors
-    /// As [`AxisWord::slave`]; [`BoardError::Refused`] if `--counts-per-unit` has a value for an axis that is named by its name.
+    /// As [`AxisWord::slave`]; [`BoardError::Refused`] if `--counts-per-unit` has a value for an axis that is given by
+    /// name.
     pub fn slave(&self, what: &str, word: &AxisWord) -> Result<u8, BoardError> {
         let slave = word.slave(what, self.machine)?;
         match self.axis(slave).filter(|_| word.is_name() && self.has_option(slave)) {
@@ -109,12 +110,13 @@ impl<'a> Units<'a> {
         self.option.is_some_and(|scales| scales.has(slave))
     }
 
-    /// The name of an axis in messages: that of the machine file, else the number of its slave.
+    /// The name of an axis in messages: its name in the machine file, else its slave number.
     pub fn label(&self, slave: u8) -> String {
         label(self.machine, slave)
     }
 
-    /// A distance or a speed of an axis, in counts and above 0, as text in the unit of the machine file; without one in counts.
+    /// A distance or a speed of an axis as text, in the unit of the machine file or else in counts. `counts` is above
+    /// 0.
     pub fn way_text(&self, slave: u8, counts: f64) -> String {
         let axis = self.axis(slave).filter(|axis| !self.has_option(slave) && axis.unit != Unit::Counts);
         axis.map_or_else(
@@ -123,9 +125,9 @@ impl<'a> Units<'a> {
         )
     }
 
-    /// The unit in which a position of an axis is written. For an axis that is named by its number this is not the unit
-    /// of the machine file, but that of `--counts-per-unit` or counts. So command lines from before there was a machine
-    /// file keep their meaning. \[OURS]
+    /// The unit in which the user writes positions of an axis. For an axis that is given by slave number this is the
+    /// unit of `--counts-per-unit` or counts, not the unit of the machine file. So old command lines keep their meaning
+    /// when a machine file is added. \[OURS]
     pub fn scale(&self, word: &AxisWord, slave: u8) -> Scale {
         match self.axis(slave).filter(|_| word.is_name()) {
             Some(axis) => axis.scale,

@@ -1,5 +1,5 @@
-//! Checks that the network is in the state that a step (an action such as `move` or `sdo`) needs. If it is not, `--up` brings
-//! the network up; without `--up` the error says what to type.
+//! Makes sure that the network is in the state that a step (an action such as `move` or `sdo`) needs. If it is not,
+//! `--up` brings the network up. Without `--up`, the error says how to do this.
 
 use ecmsk::machine_file::FILE_NAME;
 use ecmsk::sk::MasterState;
@@ -15,24 +15,25 @@ pub enum Needs<'a> {
     Sdo,
     /// The network is in OP, for process data such as outputs.
     Op,
-    /// The network is in OP and these axes are switched on.
+    /// The network is in OP, and these axes are in Operation enabled.
     On(&'a [u8]),
 }
 
 impl Board {
-    /// Makes sure that the network is in the state that a step needs; with `--up` it is brought up.
+    /// Makes sure that the network is in the state that a step needs; with `--up` the network is brought up if it is
+    /// not.
     ///
     /// # Errors
     /// [`BoardError::NotUp`] if the network is in a lower state, and [`BoardError::AxisOff`] if an axis is off, both
-    /// without `--up`. [`BoardError::Refused`] if two machine files differ in an axis, [`BoardError::Alarm`] if an axis has an
-    /// alarm; errors of bringing the network up.
+    /// only without `--up`. [`BoardError::Refused`] if two machine files differ in an axis, [`BoardError::Alarm`] if an
+    /// axis has an alarm, and errors of bringing the network up.
     pub fn ready(&self, what: &str, needs: Needs<'_>) -> Result<(), BoardError> {
         if let Needs::On(axes) = needs {
             self.refuse_differing(what, axes)?;
         }
         let found = self.ecm.state()?;
         let wanted = if needs == Needs::Sdo { MasterState::PreOp } else { MasterState::Op };
-        // SDOs work in a failed state, and can show why a change of state has failed.
+        // SDOs also work after a failed state change, and can show why it has failed.
         let state = found.state().filter(|_| needs == Needs::Sdo || !found.is_failed());
         if needs != Needs::Sdo {
             self.known_network(what)?;
@@ -40,7 +41,8 @@ impl Board {
         if state.is_none_or(|state| state < wanted) {
             if !self.up {
                 let needs = if wanted == MasterState::Op { "OP" } else { "PreOP, SafeOP or OP" };
-                let next = self.next(if wanted == MasterState::Op { "`state op`" } else { "`state preop`" });
+                let line = if wanted == MasterState::Op { "`state op`" } else { "`state preop`" };
+                let next = self.next(line, "Start network (OP)");
                 return Err(BoardError::NotUp { what: what.to_owned(), needs, found, next });
             }
             self.go_to(wanted)?;
@@ -57,7 +59,8 @@ impl Board {
         }
         let Some((slave, word)) = off.first() else { return Ok(()) };
         if !self.up {
-            let next = self.next(&format!("`servo on {}`", self.label(*slave)));
+            let axis = self.label(*slave);
+            let next = self.next(&format!("`servo on {axis}`"), &format!("On of axis {axis}"));
             return Err(BoardError::AxisOff {
                 what: what.to_owned(),
                 axis: self.label(*slave),
@@ -71,9 +74,9 @@ impl Board {
         Ok(())
     }
 
-    /// Refuses to move axes of which the machine file of the folder says something else than that of the server: the same words
-    /// mean other places there, or other limits. Nobody has named the file of the folder, and the server's may be the right
-    /// one. \[OURS]
+    /// Refuses to move axes for which the machine file of the current folder differs from that of the server: the same
+    /// position would mean another place, or the limits differ. The user has not named the file of the folder, so the
+    /// server's file may be the right one. \[OURS]
     fn refuse_differing(&self, what: &str, axes: &[u8]) -> Result<(), BoardError> {
         let differs = self.differing.iter().find(|differs| axes.contains(&differs.slave));
         differs.map_or(Ok(()), |differs| {
@@ -87,11 +90,11 @@ impl Board {
         })
     }
 
-    /// Changes the state. On the way from PreOP to higher states the network is configured.
+    /// Changes the state of the network. On the way from PreOP to a higher state the network is configured.
     ///
     /// # Errors
-    /// [`BoardError::UnknownNetwork`] if the network has to be configured and its slaves are not known; errors of the
-    /// change of state.
+    /// [`BoardError::UnknownNetwork`] if the network must be configured but its slaves are not known, and errors of the
+    /// state change.
     pub fn go_to(&self, wanted: MasterState) -> Result<(), BoardError> {
         let change = |to: MasterState| {
             let done = self.run_interruptible(&format!("going to {to}"), |ecm| ecm.set_state(to));
@@ -116,11 +119,13 @@ impl Board {
         change(wanted)
     }
 
-    /// The next step for an error: the command line with `--up`, or the script lines that bring the network up.
-    fn next(&self, lines: &str) -> String {
+    /// The advice at the end of an error: the command line with `--up`, or the script lines or the button that bring the
+    /// network up.
+    fn next(&self, lines: &str, button: &str) -> String {
         match self.source {
             StepSource::CommandLine => format!("to bring it up first, type: {} --up", command_line()),
             StepSource::Lines => format!("write {lines} before it"),
+            StepSource::Page => format!("press {button} before it"),
         }
     }
 }

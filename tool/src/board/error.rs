@@ -20,18 +20,18 @@ pub enum BoardError {
     /// Standard output cannot be written to, see [`crate::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(io::Error),
-    /// The operating system refuses to start a thread, or refuses memory or a file.
+    /// The operating system refuses a thread, memory or a file.
     #[error("cannot {what}: {source}; free some of the system's memory, threads or files, then run it again")]
     System {
-        /// What the failed call was for, such as `start a thread`.
+        /// The purpose of the failed call, such as `start a thread`.
         what: &'static str,
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The recording of the run lacks frames, or its end.
+    /// The recording of the run lacks frames, or has no end.
     #[error("{lacks}")]
     NotRecorded {
-        /// The file, what it lacks, and the next step.
+        /// The file, what is missing in it, and the next step.
         lacks: String,
     },
     /// The results of a script cannot be written.
@@ -58,16 +58,16 @@ pub enum BoardError {
     /// The link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The board was lost while the verb commanded axes, and it is not known who stops them.
+    /// The board was lost while the verb commanded axes, and it is not certain that anything stops them.
     #[error("{0}; axes may go on: use the emergency stop if they do")]
     MayGoOn(LinkError),
-    /// A server has not stopped the axes of its board, since it cannot be reached.
+    /// A server could not be reached to stop the axes of its board.
     #[error("{0}; use the emergency stop if axes move")]
     NotStopped(LinkError),
     /// A server has not stopped the axes of its board.
     #[error(transparent)]
     Stop(#[from] ecmsk::link::tcp::StopError),
-    /// The library reports an error of the board, of its link or of a slave that has no variant of its own here.
+    /// An error of the library, from the board, its link or a slave, that has no variant of its own here.
     #[error(transparent)]
     Ecm(#[from] EcmError),
     /// The network is in a lower state than the operation needs.
@@ -82,7 +82,7 @@ pub enum BoardError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// A change of state has failed, and the link knows why, as a simulated board in this process does.
+    /// A state change has failed, and the link knows the reason, as the link of a simulated board in this process does.
     #[error("{wanted} was not reached, the board is in {found}: {why}")]
     StateStuck {
         /// The requested state of the network.
@@ -92,7 +92,7 @@ pub enum BoardError {
         /// Why the change failed.
         why: StateFailure,
     },
-    /// An axis is not enabled, but the operation needs it enabled.
+    /// The operation needs an axis enabled that is not enabled.
     #[error("{what} needs axis {axis} on, it is in {state}; {next}")]
     AxisOff {
         /// The operation that failed, as the error text names it.
@@ -114,7 +114,7 @@ pub enum BoardError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// The axis does not follow: the target of a cycle is too far ahead of its actual position.
+    /// The axis does not follow: the target of this cycle is too far from its actual position.
     #[error(
         "axis {axis} does not follow: it is at {actual}, and the target {target} of this cycle is {away} away, the limit is \
          {limit}; see its load and its limits, move slower, or widen --lead-limit"
@@ -126,7 +126,7 @@ pub enum BoardError {
         target: String,
         /// The actual position of the axis.
         actual: String,
-        /// The distance between them.
+        /// The distance between the target and the actual position.
         away: String,
         /// The greatest distance that `--lead-limit` allows.
         limit: String,
@@ -168,12 +168,12 @@ pub enum BoardError {
         /// The kinds that the operation is for.
         wanted: &'static str,
     },
-    /// The board's reports have another slot size than the user or the default says.
+    /// The board's reports have another slot size than the one that was given by the user or assumed by default.
     #[error(
         "no report has a right CRC with slots of {slot} bytes ({bad_crc} were wrong); leave out --slot-size, or give {other}"
     )]
     WrongSlot {
-        /// The slot size that the user has given or that is the default, in bytes.
+        /// The slot size that was given or assumed, in bytes.
         slot: usize,
         /// The number of reports with a wrong CRC.
         bad_crc: u64,
@@ -198,7 +198,7 @@ pub enum BoardError {
         /// What is wrong, with the next step.
         why: String,
     },
-    /// A script has errors, of which all but the last one were printed.
+    /// A script has errors. All but the last one were already printed.
     #[error("{last} (nothing was sent)")]
     Script {
         /// The text of the last error: file, line, what is wrong, and the next step.
@@ -215,8 +215,8 @@ pub enum BoardError {
 }
 
 impl From<io::Error> for BoardError {
-    /// Converts an error of writing standard output. An `Interrupted` error after a signal becomes [`Self::Stopped`]:
-    /// the reader of the output does not read on, and the signal has ended the wait for it.
+    /// Converts an error of writing to standard output. If a signal has arrived, `Interrupted` becomes
+    /// [`Self::Stopped`]: nobody reads standard output, and the signal has ended the wait for a reader.
     fn from(error: io::Error) -> Self {
         match streams::signal().filter(|_| error.kind() == io::ErrorKind::Interrupted) {
             Some(signal) => Self::Stopped { signal, next: "the board is still open".into() },
@@ -226,14 +226,13 @@ impl From<io::Error> for BoardError {
 }
 
 impl BoardError {
-    /// Returns a function for `map_err` that makes [`Self::System`]: an error of the operating system in the operation `what`,
-    /// other than writing standard output.
+    /// Returns a function for `map_err` that makes [`Self::System`] from an error of the operating system. `what` is
+    /// the operation that failed. Not for errors of writing to standard output.
     pub const fn system(what: &'static str) -> impl Fn(io::Error) -> Self {
         move |source| Self::System { what, source }
     }
 
-    /// The exit code: 128 + n after signal n, `NOT_WHOLE` for an incomplete
-    /// recording, otherwise 1.
+    /// The exit code: 128 + n after signal n, `NOT_WHOLE` for an incomplete recording, otherwise 1.
     pub const fn code(&self) -> u8 {
         match self {
             Self::Stopped { signal, .. } => 128 + *signal,

@@ -1,5 +1,5 @@
-//! Signals such as Ctrl-C: the first one ends the verb in an orderly way, the second one ends the program at once, but for a
-//! second SIGHUP.
+//! Signals such as Ctrl-C: the first one ends the verb in an orderly way, a second one ends the program at once. A
+//! second SIGHUP does not end it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -7,17 +7,19 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use super::error::BoardError;
 use crate::{signals, streams};
 
-/// Holds the number of the signal that has arrived (0: none), which the signal handlers store. A process watches for signals in
-/// one such value only.
-#[derive(Debug, Default)]
+/// Holds the number of the signal that has arrived (0: none), which the signal handlers store here. A process may have
+/// only one such value.
+#[derive(Default)]
 pub struct Interrupt {
     signal: Arc<AtomicUsize>,
-    /// Whether the next signal ends the program at once.
+    /// Whether a further signal ends the program at once.
     armed: Arc<AtomicBool>,
+    /// A further reason to end the verb, asked for at each check.
+    also: Option<Box<dyn Fn() -> bool>>,
 }
 
 impl Interrupt {
-    /// Watches for signals from now on: SIGINT, SIGTERM, SIGHUP and SIGQUIT, on Windows the events of the console.
+    /// Starts to catch signals: SIGINT, SIGTERM, SIGHUP and SIGQUIT; on Windows the console events.
     ///
     /// # Errors
     /// [`BoardError::System`] if the operating system refuses to install the signal handlers.
@@ -29,15 +31,21 @@ impl Interrupt {
         Ok(interrupt)
     }
 
+    /// Ends long calls as soon as `is_asked` returns true, as a signal does; no signals are caught.
+    #[cfg_attr(not(feature = "web"), allow(dead_code, reason = "only the page uses it"))]
+    pub fn when(is_asked: impl Fn() -> bool + 'static) -> Self {
+        Self { also: Some(Box::new(is_asked)), ..Self::default() }
+    }
+
     /// The signal that has arrived; `None` if there was none.
     pub fn signal(&self) -> Option<u8> {
         match self.signal.load(Ordering::SeqCst) {
-            0 => None,
+            0 => self.also.as_ref().filter(|is_asked| is_asked()).map(|_| signals::HANG_UP as u8),
             signal => Some(signal as u8),
         }
     }
 
-    /// Forgets the signal, as the shell does before the next step.
+    /// Forgets the signal, so that the next step of the shell can run.
     pub fn clear(&self) {
         self.armed.store(false, Ordering::SeqCst);
         self.signal.store(0, Ordering::SeqCst);

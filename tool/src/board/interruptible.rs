@@ -1,4 +1,4 @@
-//! Calls that may wait long for the board: Ctrl-C ends them, and progress is shown after a second.
+//! Runs calls that may wait long for the board: Ctrl-C ends them, and their progress is shown after a second.
 
 use std::panic::resume_unwind;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -12,12 +12,12 @@ use serde_json::json;
 use super::error::BoardError;
 use super::session::Board;
 
-/// \[OURS] How often signals are checked during a call.
+/// \[OURS] The interval at which signals are checked during a call.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// \[OURS] How long a call may take to end by itself after Ctrl-C.
+/// \[OURS] After Ctrl-C and `stop`, a call has this long to end by itself; then it is cancelled.
 const STOP_LIMIT: Duration = Duration::from_secs(1);
 impl Board {
-    /// Runs a long call in a thread, so that Ctrl-C ends it, and shows progress after a second.
+    /// Runs a long call in a separate thread, so that Ctrl-C can end it, and shows its progress after a second.
     ///
     /// # Errors
     /// [`BoardError::Stopped`] if a signal has ended the call; otherwise the errors of the call.
@@ -29,7 +29,7 @@ impl Board {
         self.run_stoppable(what, work, None)
     }
 
-    /// Like [`Board::run_interruptible`], but Ctrl-C calls `stop`, which makes the call end by itself.
+    /// Like [`Board::run_interruptible`], but Ctrl-C first calls `stop`, which should make the call end by itself.
     pub fn run_stoppable<T: Send>(
         &self,
         what: &str,
@@ -54,14 +54,15 @@ impl Board {
                     }
                     let since = *stopped.get_or_insert_with(Instant::now);
                     if stop.is_none() || since.elapsed() > STOP_LIMIT {
-                        // Every call waits for a report or for a write, so cancelling both directions ends it.
+                        // Every call waits for a report or for a write, so cancelling both directions of the link ends
+                        // the call.
                         self.link.cancel(Dir::Read);
                         self.link.cancel(Dir::Write);
                     }
                 }
                 if stop.is_none() && pace.due(began.elapsed()) {
                     let seconds = began.elapsed().as_secs();
-                    // An error of standard output is reported with the result.
+                    // An error of standard output is ignored here; it is reported when the result is printed.
                     let _ = self.reporter.progress(
                         format_args!("{what}, {seconds} s"),
                         || json!({"progress": what, "seconds": seconds}),

@@ -1,4 +1,4 @@
-//! The network as options describe it: kinds and modes of the slaves, limits and units of the axes.
+//! The network as the options describe it: the kinds and modes of the slaves, and the limits and units of the axes.
 
 use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Axis, Config, Guard, Scale, Slave};
@@ -6,12 +6,13 @@ use ecmsk::link::options::SimOptions;
 use ecmsk::link::slaves;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::machine_file::MachineFile;
+use ecmsk::sk::SlaveKind;
 
 use super::error::BoardError;
 
 const MODES: &str = ":csp, :csv, :cst";
 
-/// The slaves of the network in network order, as `--slaves` gives them.
+/// The slaves of the network, in network order, from `--slaves`, a simulated link or a machine file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network(Vec<Slave>);
 
@@ -32,8 +33,12 @@ impl Network {
     /// The slaves of a `sim:` or `xf-sim:` link; `None` for any other link.
     pub fn of_link(link: &LinkUri) -> Option<Self> {
         let options = SimOptions::from_uri(link).ok()?;
-        let slaves = options.slaves.iter().map(|slave| Slave::of_kind(slave.model.kind()));
-        Some(Self(slaves.collect()))
+        Some(Self::of_kinds(options.slaves.iter().map(|slave| slave.model.kind())))
+    }
+
+    /// Slaves of these kinds, axes in CSP.
+    pub fn of_kinds(kinds: impl IntoIterator<Item = SlaveKind>) -> Self {
+        Self(kinds.into_iter().map(Slave::of_kind).collect())
     }
 
     /// The slaves that a machine file lists, with their modes, limits and units.
@@ -41,8 +46,8 @@ impl Network {
         Self(Config::of_machine(machine).slaves)
     }
 
-    /// The configuration of these slaves, with the cycle time. Each axis gets the limit `lead_limit`, unless that is
-    /// `None`, and the unit that `scale` returns for its slave number, otherwise counts.
+    /// The configuration of these slaves, with the cycle time. Each axis gets the limit `lead_limit`, unless it is
+    /// `None`. Its unit is the one that `scale` returns for its slave number, else counts.
     pub fn config(self, cycle_us: u32, lead_limit: Option<Guard>, scale: impl Fn(u8) -> Option<Scale>) -> Config {
         let mut slaves = self.0;
         for (number, slave) in (1..).zip(&mut slaves) {
@@ -91,7 +96,7 @@ pub fn slaves_with_axis(config: &Config) -> Vec<u8> {
     (1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect()
 }
 
-/// The slaves as a text: `1 drive, 2 io`.
+/// The slaves as text: `1 drive, 2 io`.
 pub fn list(config: &Config) -> String {
     if config.slaves.is_empty() {
         return "empty".into();
@@ -116,7 +121,7 @@ pub fn guard(text: &str) -> Result<Guard, String> {
 mod tests {
     use super::*;
 
-    /// A list of slaves may have the mode and the repeat count in either order: `drive:csv*2` is `drive*2:csv`.
+    /// In a list of slaves, the mode and the repeat count may be in either order: `drive:csv*2` is `drive*2:csv`.
     #[test]
     fn a_list_of_slaves_has_kinds_with_modes_and_counts() {
         let csv = Slave::Drive(Axis::CSV);

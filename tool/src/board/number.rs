@@ -46,7 +46,7 @@ pub fn whole(text: &str) -> Option<i64> {
     let (sign, digits) = text.strip_prefix('-').map_or((1, text), |digits| (-1, digits));
     let hex = digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X"));
     let (digits, radix) = hex.map_or((digits, 10), |hex| (hex, 16));
-    // `from_str_radix` alone would accept a second sign.
+    // Only digits are allowed here, because `from_str_radix` would accept another sign.
     let known = !digits.is_empty() && digits.chars().all(|digit| digit.is_digit(radix));
     known.then(|| i64::from_str_radix(digits, radix).ok()).flatten().map(|number| sign * number)
 }

@@ -1,5 +1,5 @@
-//! A question at a terminal, which Ctrl-C ends. Meanwhile the board's reports are read, so that they do not pile up and
-//! the loss of the board is noticed.
+//! Asks a question at the terminal; Ctrl-C ends the wait. During the wait the board's reports are read, so that they do
+//! not fill the queue and the loss of the board is noticed.
 
 #[cfg(unix)]
 mod unix;
@@ -19,7 +19,8 @@ use unix::TypedLine;
 use windows::TypedLine;
 
 impl Board {
-    /// Whether the user can be asked: a terminal shows the question and takes the answer, and the board's time is real.
+    /// Whether the user can be asked: standard input and standard error are a terminal, and the board does not run on a
+    /// virtual clock.
     pub fn can_ask(&self) -> bool {
         !self.link.info().virtual_time && io::stdin().is_terminal() && io::stderr().is_terminal()
     }
@@ -28,10 +29,10 @@ impl Board {
     /// means no.
     ///
     /// # Errors
-    /// [`BoardError::Stopped`], and those of reading reports.
+    /// [`BoardError::Stopped`], and errors of reading reports.
     pub fn ask(&self, question: &str) -> Result<bool, BoardError> {
         self.reporter.clear();
-        // `raw` goes through the same queue as earlier lines, so the question appears after them.
+        // `raw` uses the same queue as earlier lines, so the question appears after them.
         stderr::raw(&format!("{} [y/N] ", visible(question)));
         let mut typed = TypedLine::start();
         loop {

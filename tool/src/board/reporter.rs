@@ -1,5 +1,5 @@
-//! Prints what verbs report: results on standard output, everything else on standard error. With `--json` everything
-//! that a program reads is on standard output, as one object per line.
+//! Prints the output of the verbs: results on standard output, everything else on standard error. With `--json`,
+//! results and progress are on standard output, one JSON object per line.
 
 use std::fmt::Display;
 use std::io::{self, IsTerminal};
@@ -12,24 +12,25 @@ use crate::stderr::say;
 use crate::visible::visible;
 use crate::{output, stderr};
 
-/// How long progress is shown once a second; after this time it becomes rarer.
+/// Progress is shown once a second for this long; after that the interval grows, see [`Reporter::pace`].
 const EVERY_SECOND_LIMIT: Duration = Duration::from_secs(10);
 
 /// The width of a progress bar in characters.
 const BAR_WIDTH: u32 = 20;
 
-/// Prints results, notes and progress, as text or as JSON.
-#[derive(Debug)]
+/// Prints results, notes and progress, as text or as JSON. A reporter of [`Reporter::to`] passes them on instead.
 pub struct Reporter {
     json: bool,
-    /// Whether standard error is a terminal, on which progress is one line that changes.
+    /// Whether standard error is a terminal. Progress is then a single line that is overwritten.
     terminal: bool,
-    /// Whether the board is on a virtual clock, whose time passes as fast as it can.
+    /// Whether the board runs on a virtual clock, which advances as fast as the machine allows.
     virtual_time: bool,
-    /// Whether a progress line is on the terminal now, so that it has to be erased before other output.
+    /// Whether a progress line is on the terminal at present, so that it must be erased before other output.
     shown: AtomicBool,
     /// The number of the script line that is being executed, from 1; 0 outside of a script.
     line: AtomicU32,
+    /// Gets all texts instead of standard output and error, each with whether it is progress.
+    tell: Option<Box<dyn Fn(String, bool) + Send + Sync>>,
 }
 
 impl Reporter {
@@ -40,21 +41,32 @@ impl Reporter {
             virtual_time,
             shown: AtomicBool::new(false),
             line: AtomicU32::new(0),
+            tell: None,
         }
     }
 
-    /// Prints a result: lines of text without the last line feed, or a JSON object. To be called only while no axis moves,
-    /// because it waits until the result is written.
+    /// Passes all texts on to `tell`, each with whether it is progress, and prints nothing.
+    #[cfg_attr(not(feature = "web"), allow(dead_code, reason = "only the page uses it"))]
+    pub fn to(tell: impl Fn(String, bool) + Send + Sync + 'static) -> Self {
+        Self { terminal: false, tell: Some(Box::new(tell)), ..Self::new(false, false) }
+    }
+
+    /// Prints a result: lines of text without the last line feed, or a JSON object. May be called only while no axis
+    /// moves, because it waits until the result is written.
     pub fn result(&self, text: impl Display, json: &Value) -> io::Result<()> {
         self.clear();
+        if let Some(tell) = &self.tell {
+            tell(text.to_string(), false);
+            return Ok(());
+        }
         if self.json {
             return output::print(self.object(json.clone()));
         }
         output::print(format!("{text}\n"))
     }
 
-    /// Prints a result of several lines: the text, or with `--json` a JSON object for each of its parts. To be called only
-    /// while no axis moves, like [`Self::result`].
+    /// Prints a result of several lines: the text, or with `--json` a JSON object for each of its parts. Like
+    /// [`Self::result`], it may be called only while no axis moves.
     pub fn results(&self, text: impl Display, parts: &[Value]) -> io::Result<()> {
         if !self.json {
             return self.result(text, &Value::Null);
@@ -78,11 +90,18 @@ impl Reporter {
     /// Prints a note for the user on standard error.
     pub fn note(&self, text: impl Display) {
         self.clear();
-        say("note", &text);
+        match &self.tell {
+            Some(tell) => tell(text.to_string(), false),
+            None => say("note", &text),
+        }
     }
 
-    /// Shows progress. It does not wait for a reader, because axes may move.
+    /// Shows progress. It never blocks, because axes may be moving.
     pub fn progress(&self, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
+        if let Some(tell) = &self.tell {
+            tell(text.to_string(), true);
+            return Ok(());
+        }
         if self.json {
             return output::tell(self.object(json()));
         }
@@ -95,8 +114,8 @@ impl Reporter {
         Ok(())
     }
 
-    /// Like [`Reporter::progress`], for an operation whose end is known: on a terminal with a bar. `part` is the fraction done,
-    /// 0 to 1.
+    /// Like [`Reporter::progress`], for an operation of known length: on a terminal with a progress bar. `part` is the
+    /// fraction that is done, 0 to 1.
     pub fn part(&self, part: f64, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
         if !self.terminal || self.json {
             return self.progress(text, json);
@@ -113,9 +132,10 @@ impl Reporter {
         }
     }
 
-    /// The times at which progress is shown: after the first second, then once a second, or as text on a terminal ten times a
-    /// second. As text without a terminal and in virtual time it is once a second for ten seconds, then after 20, 40, 80
-    /// seconds and so on \[OURS]. So the lines are the same in every run, and an hour has fewer than twenty of them.
+    /// The times at which progress is shown. The first time is after a second. After that the interval is a second, or
+    /// 100 ms for text on a terminal. For text without a terminal and in virtual time, the times are 1 to 10 s in steps
+    /// of a second, then 20, 40, 80 s and so on \[OURS]. So the lines are the same in every run, and an hour has fewer
+    /// than twenty of them.
     pub const fn pace(&self) -> ProgressPace {
         let every = if self.terminal && !self.json { Duration::from_millis(100) } else { Duration::from_secs(1) };
         let slows = self.virtual_time && !self.terminal && !self.json;
@@ -123,17 +143,17 @@ impl Reporter {
     }
 }
 
-/// The times at which progress is shown, counted from the beginning of the operation.
+/// Decides when progress is shown. Times are relative to the beginning of the operation.
 #[derive(Debug)]
 pub struct ProgressPace {
     every: Duration,
-    /// Whether the interval doubles each time after [`EVERY_SECOND_LIMIT`].
+    /// Whether the interval doubles from [`EVERY_SECOND_LIMIT`] on.
     slows: bool,
     next: Duration,
 }
 
 impl ProgressPace {
-    /// Whether progress is due when the operation has taken this time.
+    /// Whether progress is due after the time `elapsed`.
     pub fn due(&mut self, elapsed: Duration) -> bool {
         let due = elapsed >= self.next;
         while self.next <= elapsed {

@@ -1,5 +1,5 @@
-//! An open board, on which steps run: it knows the network, brings it up if `--up` is given, ends long calls on
-//! Ctrl-C, and leaves the axes as `--close` says.
+//! An open board, on which steps run. It knows the network, brings it up with `--up`, ends long calls on Ctrl-C, and
+//! leaves the axes in the state that `--close` requests.
 
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,17 +28,20 @@ use crate::{recording_end, streams};
 /// few counts. Its next move begins at that target. An axis further away has not completed its move.
 pub const NEAR_COUNTS: u32 = 64;
 
-/// Where the steps come from. An error ends with what to do next: an `ecmsk` command line, or lines for the script or
-/// shell.
+/// The source of the steps. It decides what the advice at the end of an error is: an `ecmsk` command line, or lines for
+/// the script or shell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepSource {
     /// A verb of the command line.
     CommandLine,
     /// Lines of a script or of the shell.
     Lines,
+    /// Buttons of the page of `ecmsk serve web --control`.
+    #[cfg_attr(not(feature = "web"), allow(dead_code, reason = "only the page uses it"))]
+    Page,
 }
 
-/// How a verb uses the board, which decides the default of `--close`.
+/// How a verb uses the board. This decides the default of `--close`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoardUse {
     /// The verb sends nothing, so it also works while another program sends commands.
@@ -63,21 +66,22 @@ pub struct Board {
     pub ecm: Ecm,
     pub reporter: Reporter,
     pub interrupt: Interrupt,
-    /// The configuration of the network; `None` if it is not known.
+    /// The configuration of the network; `None` if it is unknown.
     pub config: Option<Config>,
     pub uri: LinkUri,
     pub options: Options,
     /// The value of `--timeout`.
     pub limit: Option<Duration>,
-    /// The maximum distance of a move's target from the axis's position, from `--guard`.
+    /// The largest allowed distance of a target of `move` from the position of the axis, from `--guard`.
     pub guard: Guard,
     /// The value of `--counts-per-unit`.
     pub(super) scales: Option<Scales>,
-    /// The counts per unit for axes that are named by their slave numbers.
+    /// The counts per unit for axes that are given by slave number.
     pub(super) number_scales: Option<Scales>,
     /// The machine file, with the names and units of the axes; `None` if there is none.
     pub machine: Option<MachineFile>,
-    /// Where this file differs from that of the server, unless `--machine` names it: these axes are not moved.
+    /// The axes for which the machine file differs from that of the server; these axes are not moved. Empty with
+    /// `--machine`.
     pub(super) differing: Vec<AxisDifference>,
     pub(super) link: Arc<dyn Link>,
     /// Whether `--up` is given.
@@ -85,19 +89,19 @@ pub struct Board {
     close: Close,
     board_use: BoardUse,
     pub(super) source: StepSource,
-    /// Whether the network was already running when the board was opened, and this process has not configured it since. Its
-    /// configuration is then taken from the options, and may differ from the actual one.
+    /// Whether the network was already running when the board was opened, and this process has not configured it since.
+    /// The configuration then comes from the options, and may differ from the real one.
     pub(super) adopted: Cell<bool>,
-    /// For each slave the target at which its last move ended, in counts.
+    /// For each slave, the target at which its last move ended, in counts.
     targets: RefCell<BTreeMap<u8, i32>>,
-    /// For each IO slave the outputs that this process has set.
+    /// For each IO slave, the outputs that this process has set.
     outputs: RefCell<BTreeMap<u8, u16>>,
-    /// The slaves whose drives held an axis back when the axes were stopped last.
+    /// The slaves whose drive had an internal limit active when the axes were last stopped.
     limited: RefCell<BTreeSet<u8>>,
 }
 
 impl Board {
-    /// Opens the board that the options name. Nothing is sent. `interrupt` ends long calls.
+    /// Opens the board of the options, and sends nothing. `interrupt` ends long calls.
     ///
     /// # Errors
     /// [`BoardError`] if the link, the machine file, the recording or an option is invalid, if the board does not open
@@ -108,7 +112,8 @@ impl Board {
         source: StepSource,
         interrupt: Interrupt,
     ) -> Result<Self, BoardError> {
-        // Axes may move from here on, so output is queued: the program must not wait for whoever reads it.
+        // From here on axes may be moving, so output is queued: the program must not block when nobody reads its
+        // output.
         streams::queue().map_err(|error| LinkError::Io {
             what: "cannot start the threads of standard output and error".into(),
             message: format!("{error}; end other programs, or raise the limit of threads (ulimit -u)"),
@@ -116,7 +121,7 @@ impl Board {
         let machine = args.machine(board_use)?;
         let chosen = args.chosen(machine.as_ref())?;
         let uri = args.with_record(&chosen.uri, machine.as_ref())?;
-        // A verb that stops axes or switches them off has no positions, and is not held up.
+        // A verb that stops axes or switches them off uses no positions, so differing machine files must not delay it.
         let mut differing = match &machine {
             Some(machine) if board_use != BoardUse::Switches => note_differences(machine, &chosen.uri),
             _ => Vec::new(),
@@ -141,7 +146,7 @@ impl Board {
         });
         let options = Options { close, ..options };
         let link = match link::open(&uri.to_string(), Share::ByName) {
-            // Another client is the writer, so this verb becomes a reader.
+            // Another client is already the one that may write, so this verb opens the link as a reader.
             Err(LinkError::InUse { .. }) if board_use == BoardUse::Reads => {
                 link::open(&as_reader(&uri).to_string(), Share::ByName)?
             }
@@ -155,7 +160,7 @@ impl Board {
         if let Some(config) = &config {
             let size = ecm.slot_size()?;
             config.check(size).map_err(EcmError::from)?;
-            // A network that already runs is assumed to have the configuration of the options.
+            // If the network is already running, it is assumed to have the configuration of the options.
             adopted = matches!(ecm.state()?.state(), Some(MasterState::SafeOp | MasterState::Op));
             if adopted {
                 ecm.adopt(config)?;
@@ -186,7 +191,7 @@ impl Board {
         })
     }
 
-    /// The axes that did not follow when they were stopped since the last call, a text for each.
+    /// Texts for the axes that did not follow when they were stopped, since the last call of this method.
     pub fn held_back(&self) -> Vec<String> {
         let text = |axis: HeldBack| {
             let slave = axis.slave;
@@ -200,14 +205,14 @@ impl Board {
             let at = self.in_units(slave, axis.position).0;
             format!("axis {} pushed, {away}: its target is now its actual position, {at}", self.label(slave))
         };
-        // The next call of the board shows if it is lost.
+        // An error is ignored: if the board is lost, the next call of the board reports it.
         let held = self.ecm.take_held_back().unwrap_or_default();
         self.limited.replace(held.iter().filter(|axis| axis.is_limited).map(|axis| axis.slave).collect());
         held.into_iter().map(text).collect()
     }
 
-    /// Whether the drive of a slave showed that it could not follow when its axis was stopped last. Afterwards it need not show
-    /// that any more.
+    /// Whether the drive of a slave had an internal limit active when its axis was last stopped. The statusword may no
+    /// longer show it after that.
     pub fn was_limited(&self, slave: u8) -> bool {
         self.limited.borrow().contains(&slave)
     }
@@ -218,23 +223,23 @@ impl Board {
         self.link.stats()
     }
 
-    /// Lets at least one cycle of a board on a virtual clock pass. On the real clock it passes by itself.
+    /// Lets at least one cycle of a board on a virtual clock pass. On the real clock, cycles pass without this call.
     #[cfg(unix)]
     pub fn pass_cycle(&self) {
         let cycle_us = self.config.as_ref().map_or(Config::default().cycle_us, |config| config.cycle_us);
-        // A board that is lost is reported by the step after this one.
+        // An error is ignored: if the board is lost, the next step reports it.
         let _ = self.link.pass(Duration::from_micros(cycle_us.max(Config::default().cycle_us).into()));
     }
 
-    /// Why a change of state has failed, as far as it is known, with the next step; `None` if it has not failed.
+    /// Why a state change has failed, as far as it is known, with the next step; `None` if no state change has failed.
     pub fn why_failed(&self, state: StateByte) -> Option<String> {
         StateFailure::explain(state, self.link_stats().state_failure.as_ref())
     }
 
-    /// Closes the board and leaves the axes as `--close` says. `done` is the result of the steps.
+    /// Closes the board and leaves the axes in the state that `--close` requests. `done` is the result of the steps.
     ///
     /// # Errors
-    /// The error of the steps, otherwise that of closing.
+    /// The error of the steps, else the error of closing.
     pub fn close(self, done: Result<(), BoardError>) -> Result<(), BoardError> {
         let Self { ecm, reporter, close, board_use, uri, .. } = self;
         reporter.clear();
@@ -278,7 +283,7 @@ impl Board {
         find_axis(self.known_network(what)?, what, slave).copied()
     }
 
-    /// Adds the tool's knowledge to an error of the library: what to type, and why a change of state has failed.
+    /// Adds the knowledge of the tool to an error of the library: what to type next, and why a state change has failed.
     pub fn explain(&self, error: EcmError) -> BoardError {
         match error {
             EcmError::TooFar { slave, target, actual, limit } => {
@@ -297,7 +302,7 @@ impl Board {
                 alarm: self.alarm_text(slave, code),
                 next: self.clear_words(slave),
             },
-            // A report does not show which slave has refused, but the link may know it.
+            // A report does not show which slave has refused the state change, but the link may know it.
             EcmError::StateStuck { wanted, found, suspect: Suspect::Unknown } => {
                 match self.link_stats().state_failure {
                     Some(why) => BoardError::StateStuck { wanted, found, why },
@@ -317,6 +322,7 @@ impl Board {
         match self.source {
             StepSource::CommandLine => format!("type: ecmsk servo clear {axis} (with the same options)"),
             StepSource::Lines => format!("`servo clear {axis}` and `servo on {axis}`"),
+            StepSource::Page => format!("press Clear alarm and On of axis {axis}"),
         }
     }
 
@@ -341,7 +347,7 @@ impl Board {
         }
     }
 
-    /// The position where a move of an axis begins: its last target if the axis is near it, otherwise its actual
+    /// The position at which a move of an axis begins: its last target if the axis is near it, otherwise its actual
     /// position.
     pub fn standing_position(&self, snapshot: &Snapshot, slave: u8) -> i32 {
         let actual = snapshot.position(slave).unwrap_or_default();
@@ -349,38 +355,39 @@ impl Board {
         told.filter(|told| told.wrapping_sub(actual).unsigned_abs() <= NEAR_COUNTS).unwrap_or(actual)
     }
 
-    /// Notes that a move has ended at this target.
+    /// Records that a move of the axis has ended at this target.
     pub fn note_target(&self, slave: u8, target: i32) {
         self.targets.borrow_mut().insert(slave, target);
     }
 
-    /// The outputs of an IO slave, if this process has set them; bit k is output k.
+    /// The outputs of an IO slave if this process has set them; bit k is output k.
     pub fn outputs(&self, slave: u8) -> Option<u16> {
         self.outputs.borrow().get(&slave).copied()
     }
 
-    /// Notes that the outputs of an IO slave were set.
+    /// Records that the outputs of an IO slave were set.
     pub fn note_outputs(&self, slave: u8, bits: u16) {
         self.outputs.borrow_mut().insert(slave, bits);
     }
 
-    /// Forgets all targets, because axes get new coordinates or are switched off.
+    /// Forgets all targets, because the axes get new coordinates or are switched on or off.
     pub fn forget_targets(&self) {
         self.targets.borrow_mut().clear();
     }
 }
 
-/// Says that the axes of a verb do not stay on, see [`ends_with_its_program`].
+/// A note that the axes of a verb do not stay enabled, see [`ends_with_its_program`].
 const OFF_WITH_THE_BOARD: &str = "the axes are off, and the network is in PreOP: this program was the board; with `ecmsk serve tcp` \
                                   and --link tcp://localhost they stay on";
 
-/// Whether the board of a real network is the program itself, so that its axes go off with the end of the program, whatever
-/// `--close` says.
+/// Whether this program itself is the board of a real network. If so, the axes are switched off when the program ends,
+/// whatever `--close` requests.
 const fn ends_with_its_program(scheme: Scheme) -> bool {
     matches!(scheme, Scheme::Nic | Scheme::XfSpi | Scheme::XfUsb)
 }
 
-/// Adds to the error of a verb that commands axes what they may do if the board was lost and nobody has stopped them.
+/// If the board was lost while a verb commanded axes, and nothing is known to have stopped them, adds to the error that
+/// they may go on.
 fn may_go_on(error: BoardError) -> BoardError {
     let lost = match error {
         BoardError::Link(error) | BoardError::Ecm(EcmError::Link(error)) => error,
@@ -396,7 +403,7 @@ fn may_go_on(error: BoardError) -> BoardError {
     }
 }
 
-/// The slave of an error about one slave, in which its axis may be named.
+/// The slave to which an error refers; the error then names its axis.
 const fn slave_of(error: &EcmError) -> Option<u8> {
     match error {
         EcmError::NotEnabled { slave, .. }
@@ -409,7 +416,8 @@ const fn slave_of(error: &EcmError) -> Option<u8> {
     }
 }
 
-/// Checks that an axis with the name `label` runs in this mode of operation; otherwise returns [`BoardError::Refused`].
+/// Checks that an axis runs in this mode of operation; otherwise returns [`BoardError::Refused`]. `label` is the name
+/// of the axis in the error.
 pub fn in_mode(label: &str, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
     if axis.mode == wanted {
         return Ok(());
@@ -421,7 +429,7 @@ pub fn in_mode(label: &str, what: &str, axis: &Axis, wanted: Mode) -> Result<(),
     })
 }
 
-/// The numbers of slaves behind a noun: `axis 1`, `axes 1, 2`.
+/// A noun and slave numbers as text: `axis 1`, `axes 1, 2`.
 pub fn numbered(one: &str, many: &str, slaves: &[u8]) -> String {
     let numbers = slaves.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
     format!("{} {numbers}", if slaves.len() == 1 { one } else { many })
@@ -446,14 +454,15 @@ fn wrong_slot(error: EcmError, given: Option<SlotSize>) -> BoardError {
 mod tests {
     use super::*;
 
-    /// docs/SAFETY.md: a board of a real network that is the program itself ends with it, and its axes go off.
+    /// docs/SAFETY.md: if this program itself is the board of a real network, the axes go off when the program ends.
     #[test]
     fn some_boards_end_with_their_programs() {
         let ends: Vec<_> = Scheme::ALL.into_iter().filter(|scheme| ends_with_its_program(*scheme)).collect();
         assert_eq!(ends, [Scheme::XfSpi, Scheme::XfUsb, Scheme::Nic]);
     }
 
-    /// If a board is lost while a verb commands axes, the error says that they may go on; not where its server brakes them.
+    /// If a board is lost while a verb commands axes, the error says that they may go on, unless a server is known to
+    /// brake them.
     #[test]
     fn axes_of_a_lost_board_may_go_on() {
         let lost = |reason: &'static str| LinkError::Lost { name: "tcp://localhost".into(), reason: reason.into() };

@@ -11,7 +11,7 @@ use super::network::{find_axis, slaves_with_axis};
 pub enum SlaveList {
     /// All slaves that have an axis.
     All,
-    /// The axes that the operand names by their slave numbers or names.
+    /// The axes in the operand, given by slave number or by name.
     Some(Vec<AxisWord>),
 }
 
@@ -31,12 +31,12 @@ impl SlaveList {
             .ok_or_else(|| "allowed: slaves from 1 to 40, e.g. 1,2, or all".into())
     }
 
-    /// The axes that several lists name, each once and in the order of the lists: the number of the slave, and the word
-    /// that names the axis.
+    /// The axes of several lists, without duplicates and in the order of the lists: the slave number, and the word that
+    /// names the axis.
     ///
     /// # Errors
     /// [`BoardError::NoSlave`] if the network has no slave with that number, [`BoardError::WrongKind`] if the slave has
-    /// no axis, [`BoardError::Refused`] if the machine file has no axis of that name or if there is no axis at all.
+    /// no axis, [`BoardError::Refused`] if the machine file has no axis with that name or if there is no axis at all.
     pub fn axes(
         lists: &[Self],
         network: &Config,

@@ -1,4 +1,4 @@
-//! The content of an EEPROM as text and as JSON.
+//! Formats the content of an EEPROM as text and as JSON.
 
 use std::fmt::Write as _;
 
@@ -92,7 +92,8 @@ fn put_category(category: &Category<'_>, sii: &Sii<'_>, text: &mut String) {
     // Writing to a String does not fail.
     let _ = match category.kind {
         CategoryKind::Strings => {
-            // The numbers of a second strings category continue those of the first one.
+            // String numbers run through all categories of strings, so the strings of earlier categories are counted
+            // first.
             let before: usize = sii
                 .all_of(CategoryKind::Strings)
                 .take_while(|other| !std::ptr::eq(other.data, category.data))

@@ -1,4 +1,4 @@
-//! `bus dc`: how well the distributed clocks are synchronized.
+//! `bus dc`: measures how well the distributed clocks are synchronized.
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -27,7 +27,7 @@ pub struct Args {
     network: NetworkArgs,
 }
 
-/// Measures the clocks and prints a line for each; the exit code says whether all are good.
+/// Measures the clocks and prints a line for each; the exit code is 0 if all clocks are good.
 ///
 /// # Errors
 /// [`BusVerbError`] if the network does not open, if no slave answers, if the clocks cannot be read, or if standard

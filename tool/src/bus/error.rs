@@ -1,4 +1,4 @@
-//! Why a verb of `ecmsk bus` failed.
+//! The errors of the verbs of `ecmsk bus`.
 
 use std::io;
 use std::path::PathBuf;
@@ -22,11 +22,11 @@ pub enum BusVerbError {
     /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// The machine file has no axis of that name, or there is no machine file.
+    /// The machine file has no axis with that name, or there is no machine file.
     #[error(transparent)]
-    // Boxed, because every error of a verb is as large as its largest variant.
+    // Boxed, because every error is as large as its largest variant.
     Axis(#[from] Box<BoardError>),
-    /// The command line names no link to a network, and there is no default for one.
+    /// The command line names no link to a network, and there is no default link.
     #[error(
         "no network was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME} and no link in {MACHINE_FILE}; \
          give one, e.g. --link nic:eth1, or to try it --link 'sim:?slaves=drive*2'"
@@ -45,7 +45,7 @@ pub enum BusVerbError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// The object has another length than the type that the user named.
+    /// The length of the object is not that of the type in `--type`.
     #[error("slave {slave}: {object} has {found} bytes, not {wanted}; name another type with --type, or leave it out")]
     SizeMismatch {
         /// The slave, from 1.
@@ -54,7 +54,7 @@ pub enum BusVerbError {
         object: String,
         /// The length of the object, in bytes.
         found: usize,
-        /// The length of the type that the user named, in bytes.
+        /// The length of the type in `--type`, in bytes.
         wanted: usize,
     },
     /// The file that is to be written to a slave or its EEPROM cannot be read.
@@ -65,7 +65,7 @@ pub enum BusVerbError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The file of `--output` cannot be written, or is there and stays.
+    /// The file of `--output` cannot be written, or exists and may not be replaced.
     #[error(transparent)]
     File(#[from] OutputFileError),
     /// The file that is to be written to an EEPROM is invalid, or is for another device.
@@ -76,7 +76,7 @@ pub enum BusVerbError {
         /// What is wrong with the content of the file.
         error: ContentError,
     },
-    /// An EEPROM was to be changed, and the user has not confirmed that with `--yes`.
+    /// An EEPROM would be changed, but the user has not confirmed this with `--yes`.
     #[error("nothing was written; a wrong EEPROM makes the slave useless: check the changes, then add --yes")]
     NotConfirmed,
 }

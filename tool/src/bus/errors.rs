@@ -1,4 +1,4 @@
-//! `bus errors`: the error counters of all ports, and which cable is bad.
+//! `bus errors`: shows the error counters of all ports, and which cable is bad.
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -35,7 +35,7 @@ pub struct Args {
     network: NetworkArgs,
 }
 
-/// Prints the error counters and what is wrong; the exit code says whether something is.
+/// Prints the error counters and the problems that they show. The exit code is 1 if there is a problem.
 ///
 /// # Errors
 /// [`BusVerbError`] if the network does not open, if no slave answers, if the counters cannot be read or cleared, or if
@@ -71,7 +71,8 @@ pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
     Ok(ExitCode::FAILURE)
 }
 
-/// Shows after each second which errors the slaves have counted in that second. Returns the counts of the whole time.
+/// Shows after each second the errors that the slaves have counted in that second. Returns the counts of the whole
+/// time.
 fn watch(
     network: &mut dyn Network,
     slaves: &[FoundSlave],
@@ -86,7 +87,7 @@ fn watch(
         for of in &mut now {
             match port_errors::read_one(network, of.slave) {
                 Ok(read) => *of = read,
-                // A slave that is cut off now keeps its last reading; its new errors are shown once it answers again.
+                // A slave that does not answer keeps its last reading. Its new errors are shown when it answers again.
                 Err(BusError::Register { .. }) => {
                     let text = format!("{second:>4} s  slave {}: it does not answer", of.slave);
                     let json = json!({ "verb": "bus errors", "second": second, "slave": of.slave, "answers": false });
@@ -101,13 +102,13 @@ fn watch(
     Ok(since(&before, &first))
 }
 
-/// The errors that were counted between the readings `then` and `now`.
+/// The errors that were counted between the reading `then` and the reading `now`.
 fn since(now: &[SlaveErrors], then: &[SlaveErrors]) -> Vec<SlaveErrors> {
     now.iter().zip(then).map(|(now, then)| now.since(then)).collect()
 }
 
-/// Shows the error counters. `second` is the second of a watch, in which only slaves with new errors are shown; with `None` all
-/// slaves are shown.
+/// Shows the error counters. `second` is the second of a watch; then only slaves with new errors are shown. With `None`
+/// all slaves are shown.
 fn show(
     slaves: &[FoundSlave],
     counters: &[SlaveErrors],
@@ -146,7 +147,7 @@ fn show(
     Ok(())
 }
 
-/// What is wrong with a cable or a slave, as text with the next step.
+/// The text for a problem of a cable or a slave, with the next step.
 fn text(problem: &Problem) -> String {
     let Problem { place, near, far, count } = problem;
     match place {

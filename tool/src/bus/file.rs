@@ -1,4 +1,4 @@
-//! Reads files of this machine that are written to a slave.
+//! Reads local files that are to be written to a slave.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -6,8 +6,8 @@ use std::path::Path;
 
 use super::BusVerbError;
 
-/// Reads a file, but at most `bytes_max` + 1 bytes: one byte too many shows the caller that the file is too long, and a
-/// device file such as `/dev/zero` would never end.
+/// Reads at most `bytes_max` + 1 bytes of a file. The additional byte shows the caller that the file is too long.
+/// Without the limit, a device file such as `/dev/zero` would never end.
 ///
 /// # Errors
 /// [`BusVerbError::Read`] if the file cannot be opened or read.

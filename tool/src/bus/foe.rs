@@ -97,7 +97,7 @@ fn read(whose: &Whose, name: &str, output: Option<&Path>, replace: Replace) -> R
     Ok(session.reporter.result(text, &json)?)
 }
 
-/// \[OURS] The longest file that is written to a slave, in bytes.
+/// \[OURS] The longest file that may be written to a slave, in bytes.
 const FILE_BYTES_MAX: usize = 64 << 20;
 
 fn write(whose: &Whose, file: &Path, name: Option<&str>) -> Result<(), BusVerbError> {

@@ -1,4 +1,4 @@
-//! `bus scan`: the slaves of a network as a tree of cables.
+//! `bus scan`: shows the slaves of a network as a tree of cables.
 
 use std::fmt::Write as _;
 
@@ -50,7 +50,7 @@ fn are_ports_known(slaves: &[FoundSlave]) -> bool {
     slaves.iter().any(|slave| slave.port_types != 0)
 }
 
-/// The slaves that a scan has found, with the error counters of their ports: as a tree, and as JSON.
+/// The slaves of a scan with the error counters of their ports: as a tree, and as JSON.
 ///
 /// # Errors
 /// The counters cannot be read.
@@ -65,26 +65,26 @@ pub fn shown(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<(String
     Ok((text(slaves, &errors, in_ring), lines))
 }
 
-/// The slaves as a tree in text form, as `bus scan` prints it. `in_ring` is the slave whose cable leads to the second
-/// network card, if the slaves form a ring.
+/// The slaves as a tree in text form, as `bus scan` prints it. If the slaves form a ring, `in_ring` is the slave whose
+/// cable leads to the second network card.
 fn text(slaves: &[FoundSlave], errors: &[SlaveErrors], in_ring: Option<u8>) -> String {
     let mut tree = Tree { slaves, errors, in_ring, text: "master\n".to_owned() };
     tree.put(0, "");
     tree.text
 }
 
-/// Prints the slaves as a tree.
+/// Formats the slaves as a tree.
 struct Tree<'a> {
     slaves: &'a [FoundSlave],
     errors: &'a [SlaveErrors],
-    /// The slave whose cable leads to the second network card of a ring.
+    /// The slave whose cable leads to the second network card, if the slaves form a ring.
     in_ring: Option<u8>,
     text: String,
 }
 
 impl Tree<'_> {
-    /// Prints the slave with the index `place` and all slaves that are connected behind it. Of several branches the last one
-    /// continues below the slave without indentation, so a plain line of slaves stays at the left.
+    /// Appends the slave with the index `place` and all slaves that are connected after it. The last branch of a slave
+    /// continues below it without indentation, so that a simple line of slaves is not indented.
     fn put(&mut self, place: usize, indent: &str) {
         let slave = &self.slaves[place];
         let behind: Vec<usize> = (0..self.slaves.len())
@@ -133,8 +133,8 @@ impl Tree<'_> {
             let kind = port_kind(slave.port_types, port).unwrap_or_default();
             let counted = counted(&errors.ports[port]);
             let counted = if counted.is_empty() { String::new() } else { format!("; counted: {}", counted.join(", ")) };
-            // In an interrupted ring, frames reach the slaves after the gap from the other end, so their entry port is
-            // no mistake.
+            // In an interrupted ring, frames reach the slaves after the interruption from the other end. Their entry
+            // port is then not swapped by mistake.
             let swapped = if port > 0 && port == usize::from(slave.entry_port) && self.in_ring.is_none() {
                 "; frames come in here and not by port 0: IN and OUT of this slave are SWAPPED, change its cables"
             } else {
@@ -145,7 +145,7 @@ impl Tree<'_> {
         lines
     }
 
-    /// What is connected to a port, as text: the master, a slave, or nothing that answers.
+    /// What is connected to a port, as text: the master, a slave, a link without an answer, or nothing.
     fn connected(&self, slave: &FoundSlave, port: usize) -> String {
         if port == 0 {
             return slave
@@ -161,7 +161,7 @@ impl Tree<'_> {
     }
 }
 
-/// The counters of a port that are not 0, as texts.
+/// The counters of a port that are not 0, each as text.
 pub fn counted(errors: &PortErrors) -> Vec<String> {
     let of = |count: u8, one: &str, many: &str| match count {
         0 => None,
@@ -236,7 +236,7 @@ mod tests {
 
     use super::*;
 
-    /// The output of `ecmsk bus scan` for these slaves.
+    /// Returns the output of `ecmsk bus scan` for these slaves.
     fn scan(slaves: Vec<OddSlave>) -> String {
         let mut network = bus::over(OddLine::new(slaves), Settings::default());
         let slaves = network.scan().expect("slaves");
@@ -249,9 +249,9 @@ mod tests {
         printed.split("+- ").skip(1).collect()
     }
 
-    /// BUS-2.3 Swapped IN and OUT plugs are reported at that slave and at no other one. This holds if only the times of
-    /// the ports are swapped, and if the frame arrives at port 1, so that the slave handles it after the slaves that
-    /// follow it.
+    /// BUS-2.3 Swapped IN and OUT plugs are reported at the affected slave and at no other one. The test has two cases:
+    /// only the receive times of the ports are swapped, or the frame arrives at port 1 and the slave processes it after
+    /// the following slaves.
     #[test]
     fn swapped_ends_are_told_at_their_slave() {
         const SWAPPED: &str = "IN and OUT of this slave are SWAPPED";
@@ -260,7 +260,7 @@ mod tests {
                 .map(|n| drive().with(|slave| slave.clock.as_mut().expect("it has one").swaps_times = n == swapped));
             let printed = scan(slaves.collect());
             let told: Vec<bool> = each(&printed).iter().map(|slave| slave.contains(SWAPPED)).collect();
-            // Swapped times cannot be noticed at the last slave: nothing is connected to its port 1.
+            // At the last slave swapped times cannot be detected, because nothing is connected to its port 1.
             let expected: Vec<bool> = (0..3).map(|n| n == swapped && n < 2).collect();
             assert_eq!(told, expected, "{printed}");
         }

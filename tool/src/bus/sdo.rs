@@ -151,7 +151,7 @@ fn dump(whose: &SlaveArgs) -> Result<(), BusVerbError> {
     Ok(())
 }
 
-/// A value as text; an integer of more than one digit also in hexadecimal.
+/// A value as text; an integer of more than one digit is also shown in hexadecimal.
 fn value_text(value: &ObjectValue, bytes: &[u8]) -> String {
     match value {
         ObjectValue::Whole(number) if !(0..10).contains(number) => {
@@ -189,7 +189,7 @@ const fn kind(code: ObjectCode) -> &'static str {
     }
 }
 
-/// The access rights as text: `rw`, `r-`, `-w`, or `rw(PreOP)` if it can be written in some states only.
+/// The access rights as text: `rw`, `r-`, `-w`, or `rw(PreOP)` if the object can be written only in some states.
 fn access(access: ObjectAccess) -> String {
     let read = if access.intersects(ObjectAccess::READ) { "r" } else { "-" };
     if access.contains(ObjectAccess::WRITE) {
@@ -212,7 +212,7 @@ fn read(whose: &SlaveArgs, transfer: &Transfer) -> Result<(), BusVerbError> {
 
 fn write(whose: &SlaveArgs, transfer: &Transfer, value: &Written) -> Result<(), BusVerbError> {
     let wrong = |WrongValue { why, next }| BusVerbError::WrongRequest { what: WRITE, why, next };
-    // A wrong value is reported before the network is opened.
+    // The value is checked first, so that a wrong value is reported before the network is opened.
     let bytes = transfer.encoded(WRITE, value).map_err(wrong)?;
     let (Session { mut network, reporter, .. }, slave) = whose.open()?;
     network.download(slave, transfer.object.address, transfer.scope(), &bytes)?;

@@ -1,4 +1,4 @@
-//! The open network that a verb of `ecmsk bus` works on, and the options that name it.
+//! The open network for a verb of `ecmsk bus`, and the options that name it.
 
 use std::path::PathBuf;
 
@@ -41,11 +41,11 @@ pub struct SlaveArgs {
 }
 
 impl SlaveArgs {
-    /// Opens the network and checks that it has the slave of the command line; returns the number of that, too.
+    /// Opens the network and checks that it has the slave of the command line; also returns the number of this slave.
     ///
     /// # Errors
-    /// As [`NetworkArgs::open`]; the machine file has no axis of that name; [`BusError::NoSuchSlave`] if the scan has found no
-    /// slave with that number.
+    /// As [`NetworkArgs::open`]; the machine file has no axis with that name; [`BusError::NoSuchSlave`] if the scan has
+    /// found no slave with that number.
     pub fn open(&self) -> Result<(Session, u8), BusVerbError> {
         let (chosen, machine) = self.network.find(Some(&self.slave))?;
         let slave = self.slave.slave("bus", machine.as_ref()).map_err(Box::new)?;
@@ -66,8 +66,8 @@ pub struct Session {
 }
 
 impl NetworkArgs {
-    /// Opens the network and finds its slaves. Prints a note for each slave that was above Init and that opening has brought to
-    /// Init.
+    /// Opens the network and scans it for slaves. If opening the network has brought a slave from a higher state to
+    /// Init, a note is printed.
     ///
     /// # Errors
     /// The command line names no network, the network does not open, or it has no slave.
@@ -75,14 +75,14 @@ impl NetworkArgs {
         self.open_chosen(&self.find(None)?.0)
     }
 
-    /// The link and the machine file of a verb; `word` names its slave.
+    /// The link and the machine file for a verb. `word` is the slave in its command line.
     fn find(&self, word: Option<&AxisWord>) -> Result<(ChosenLink, Option<MachineFile>), BusVerbError> {
         let (chosen, machine) = ChosenLink::find_for(self.link.as_ref(), self.machine.as_deref(), word)?;
         if chosen.is_named() { Ok((chosen, machine)) } else { Err(BusVerbError::NoLink) }
     }
 
     fn open_chosen(&self, chosen: &ChosenLink) -> Result<Session, BusVerbError> {
-        crate::recording_end::opens(&chosen.uri);
+        crate::recording_end::note_opened(&chosen.uri);
         Session::open(&chosen.uri.to_string(), self.json)
     }
 }

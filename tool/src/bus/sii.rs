@@ -92,7 +92,7 @@ fn read(whose: &SlaveArgs, output: Option<&Path>, replace: Replace) -> Result<()
     Ok(())
 }
 
-/// \[OURS] The longest file that is read: the longest EEPROM that words of 16 bits reach.
+/// \[OURS] The longest file that may be written: the size of the largest EEPROM that a 16-bit word address can reach.
 const FILE_BYTES_MAX: usize = 2 << 16;
 
 fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Result<(), BusVerbError> {
@@ -103,8 +103,8 @@ fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Resul
     }
     eeprom::check(&content).map_err(fit)?;
     let (Session { mut network, reporter, .. }, slave) = whose.open()?;
-    // An EEPROM that cannot be read counts as empty, so that it can be repaired: the check whether the file is for this device
-    // passes.
+    // An EEPROM that cannot be read counts as empty, so that it can be repaired. Then the file counts as one for this
+    // device.
     let present = network.read_eeprom(slave).unwrap_or_default();
     match eeprom::check_for(&content, &present) {
         Err(ContentError::OtherDevice { .. }) if other_device => {}
@@ -126,7 +126,7 @@ fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Resul
     if !yes {
         return Err(BusVerbError::NotConfirmed);
     }
-    // A half-written EEPROM makes a slave useless, so a signal takes effect only when everything is written.
+    // A half-written EEPROM makes a slave useless, so a signal must not end the program before everything is written.
     let _end_request = signals::EndRequest::watch()?;
     eeprom::write(&mut *network, slave, &changes, |_| ())?;
     let text = format!("slave {slave}: {} words written and read back; switch it off and on", changes.len());

@@ -1,4 +1,4 @@
-//! The result of a comparison as one JSON object.
+//! Formats the result of a comparison as a JSON object.
 
 use ecmsk::compare::{
     CompareOptions, Comparison, Context, Deviation, Difference, Gaps, LatencyStretch, RunCounts, Side,
@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 
 use super::Names;
 
-/// The result of a comparison as one JSON object. Pairs are the values of A and B, null where a run has ended.
+/// The result of a comparison as a JSON object. A pair has the values of the runs A and B, with null for a run that has
+/// ended.
 pub fn object(names: &Names, found: &Comparison, options: &CompareOptions) -> Value {
     let before =
         |Context { command, at_ns, text }: &Context| json!({ "command": command, "at_ns": at_ns, "text": text });
@@ -15,8 +16,8 @@ pub fn object(names: &Names, found: &Comparison, options: &CompareOptions) -> Va
         "equal": names.code(found, options) == 0,
         "a": run(names, found, 0),
         "b": run(names, found, 1),
-        // The number of commands that both runs have answered, and of the answers among them that the other run shows some
-        // cycles earlier or later.
+        // `answers`: the number of commands that both runs have answered. `shifted_answers`: how many of these answers
+        // occur in the other run some cycles earlier or later.
         "answers": found.answers,
         "differing_answers": found.differing_answers,
         "shifted_answers": found.shifted_answers,
@@ -31,8 +32,8 @@ pub fn object(names: &Names, found: &Comparison, options: &CompareOptions) -> Va
     object
 }
 
-/// What is known of one of the runs. Its gaps are additional cycles in a motion that the other run does not have; its last time
-/// counts from its first frame.
+/// The data of one run. Its gaps are additional cycles in a motion that the other run does not have. Its last time is
+/// relative to its first frame.
 fn run(names: &Names, found: &Comparison, i: usize) -> Value {
     let RunCounts { commands, polls, repeats, reports, last_ns } = found.counts[i];
     let Gaps { count, cycles, longest } = found.gaps[i];
@@ -47,8 +48,8 @@ fn run(names: &Names, found: &Comparison, i: usize) -> Value {
     run
 }
 
-/// How many of the board's cycles the run B answers later than the run A, and over time the stretches of commands with the same
-/// latency; negative if it answers earlier. `None` if no command shows it.
+/// By how many cycles of the board run B answers later than run A (negative: earlier). The stretches show how this
+/// changes over time: each has consecutive commands with the same latency. `None` if no command shows a latency.
 fn later(found: &Comparison) -> Option<Value> {
     let latency = &found.latency;
     let stretch = |LatencyStretch { from_command, cycles }: &LatencyStretch| json!({ "from_command": from_command, "cycles": cycles });
@@ -63,7 +64,7 @@ fn later(found: &Comparison) -> Option<Value> {
     })
 }
 
-/// The first difference.
+/// The first difference, as a JSON object.
 fn first(first: &Difference) -> Value {
     json!({
         "command": first.command, "text": first.text, "frames": first.frames, "at_ns": first.at_ns,
@@ -78,7 +79,8 @@ const fn side(side: Side) -> &'static str {
     }
 }
 
-/// One difference: its subject, the slave if it concerns one, both values if they are numbers, and a text.
+/// One difference as a JSON object: its kind, the slave if it concerns one, both values if they are numbers, and a
+/// text.
 fn value(what: &Deviation) -> Value {
     let (kind, values) = match what {
         Deviation::Command { .. } => ("command", None),

@@ -1,4 +1,5 @@
-//! Draws two runs: positions over the number of the command, which both runs have in common.
+//! Draws the positions of two runs. The horizontal axis is the command number, because both runs have the same
+//! commands.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +12,7 @@ use crate::plot::decimate::Line;
 use crate::plot::panel::{Look, Panel, Stroke};
 use crate::plot::{COLUMNS, MAX_AXES, Window, command_place, style};
 
-/// Collects the curves of both runs, command by command.
+/// Collects the curves of both runs while commands are processed.
 pub struct Picture {
     window: Window,
     axes: BTreeMap<u8, Axis>,
@@ -23,12 +24,12 @@ struct Axis {
 }
 
 impl Picture {
-    /// A picture without curves yet, for runs of which the longer one has this number of commands.
+    /// Creates a picture without curves. `commands` is the number of commands of the longer run.
     pub fn new(commands: u64) -> Self {
         Self { window: Window::of_commands(commands), axes: BTreeMap::new() }
     }
 
-    /// Adds the next command of both runs; `None` for a run that has ended.
+    /// Processes the next command of both runs; `None` for a run that has ended.
     pub fn step(&mut self, a: Option<&Step>, b: Option<&Step>) {
         let Some(step) = a.or(b) else { return };
         let place = command_place(step.number);
@@ -55,7 +56,7 @@ impl Picture {
         }
     }
 
-    /// Draws the axes that move, among them the one with the first difference.
+    /// Draws the axes that were moved. If there are too many, the axis with the first difference is among those drawn.
     pub fn draw(mut self, names: &Names, found: &Comparison) -> Result<Sheet, CompareVerbError> {
         let differing = found.first.as_ref().and_then(|first| first.what.iter().find_map(Deviation::slave));
         let mut chosen: Vec<u8> = self.axes.keys().copied().collect();
@@ -103,5 +104,5 @@ impl Picture {
 /// Whether a command moves the axis of this slave.
 fn moves(step: &Step, slave: u8, size: SlotSize) -> bool {
     let id = CommandId::from_code(step.command.slot(size, slave.into()).id);
-    matches!(id, CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::GoHome)
+    id.is_motion() || id == CommandId::GoHome
 }

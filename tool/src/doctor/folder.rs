@@ -1,4 +1,4 @@
-//! `ecmsk doctor DIR`: checks the folder of a Windows program, on Windows or across a share from Linux.
+//! `ecmsk doctor DIR`: checks the folder of a Windows program, either on Windows or from Linux on a network share.
 
 mod contents;
 mod program;
@@ -55,8 +55,8 @@ pub fn findings(folder: &Path) -> Result<Vec<Finding>, FolderError> {
     Ok(all)
 }
 
-/// The finding about a NEXTWUSBLib.dll by itself: whether it can be read and fits the folder that it is in. Whether a program
-/// finds it is another check (`program.rs`).
+/// The finding about a single NEXTWUSBLib.dll: whether it can be read, and whether its width fits the folder. Whether a
+/// program finds it is checked in `program.rs`.
 fn library(library: &Library) -> Finding {
     const CHECK: &str = "library";
     let finding = match &library.image {

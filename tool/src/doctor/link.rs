@@ -13,7 +13,7 @@ use crate::machine_option;
 
 const CHECK: &str = "link";
 
-/// The finding about a link that the command line names.
+/// The finding about a link from the command line.
 pub fn given(link: &LinkUri) -> Finding {
     Finding::fine(CHECK, format!("{link}, from --link"))
 }
@@ -23,8 +23,9 @@ pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
     of_machine().unwrap_or_else(|| configured(root))
 }
 
-/// The finding about the link in the machine file of the working directory, which comes behind `ECMSK_LINK` and before
-/// configuration files; `None` if it names none, or `ECMSK_LINK` does.
+/// The finding about the link in the machine file of the working directory. That link has a lower priority than
+/// `ECMSK_LINK` and a higher one than configuration files. `None` if the machine file has no link, or `ECMSK_LINK` is
+/// set.
 fn of_machine() -> Option<(Finding, Option<LinkUri>)> {
     if is_variable_set() {
         return None;
@@ -86,7 +87,7 @@ fn configured(root: &Path) -> (Finding, Option<LinkUri>) {
     (Finding::fine(CHECK, found), Some(uri))
 }
 
-/// The finding about a link that this build cannot open.
+/// The finding about a link that this build cannot open; `None` if it can.
 pub fn build(wanted: &LinkUri) -> Option<Finding> {
     let scheme = wanted.scheme();
     let next = || format!("{}; or name another link with {LINK_VARIABLE} or in {FILE_NAME}", scheme.instead());
@@ -99,7 +100,7 @@ pub fn not_in_build(scheme: Scheme) -> String {
     format!("this build has no {scheme}: links; {}", scheme.instead())
 }
 
-/// Splits the text of an error into the error and the next step, with which it ends.
+/// Splits the text of an error into the problem and the next step, which follows the last semicolon.
 pub fn split(error: &str) -> (String, String) {
     match error.rsplit_once("; ") {
         Some((found, next)) => (found.to_owned(), next.to_owned()),

@@ -33,7 +33,8 @@ pub struct SystemArgs {
     root: PathBuf,
 }
 
-/// Writes the udev rule if `--write-udev-rule` requests that. Returns whether it does, since nothing is checked then.
+/// Writes the udev rule if `--write-udev-rule` is given. Returns whether it is given, since nothing else is checked
+/// then.
 pub fn is_done(args: &SystemArgs) -> Result<bool, CliError> {
     if args.write_udev_rule {
         rule::write(&Machine::below(&args.root))?;
@@ -41,17 +42,17 @@ pub fn is_done(args: &SystemArgs) -> Result<bool, CliError> {
     Ok(args.write_udev_rule)
 }
 
-/// The folder that stands for `/`, from the hidden option `--root`.
+/// The folder that is used as `/`, from the hidden option `--root`.
 pub fn root(args: &SystemArgs) -> &Path {
     &args.root
 }
 
-/// The name and release of the operating system; `None` if it is not known.
+/// The name and release of the operating system; `None` if it is unknown.
 pub fn name(args: &SystemArgs) -> Option<String> {
     Machine::below(&args.root).kernel().map(|release| format!("Linux {release}"))
 }
 
-/// The findings about this machine, except for those that need a measurement.
+/// The findings about this machine, except those that need a measurement.
 pub fn findings(args: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     let machine = Machine::below(&args.root);
     let mut findings = machine.findings(wanted);
@@ -63,12 +64,12 @@ pub fn findings(args: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
 
 /// \[OURS] The number of frames that are sent to measure round-trip times.
 const ROUND_TRIPS: u32 = 1000;
-/// \[OURS] The limit of the 99th percentile of the round-trip times. A longer round trip takes more than half of a cycle of 1
-/// ms.
+/// \[OURS] The limit for the 99th percentile of the round-trip times. A longer round trip would take more than half of
+/// a 1 ms cycle.
 const ROUND_TRIP_MAX: Duration = Duration::from_micros(500);
 
-/// The finding about the round-trip times on the card of a link `nic:`; `None` if another link is wanted, or if the
-/// findings say that the card cannot be opened.
+/// The finding about the round-trip times on the card of a `nic:` link. `None` for any other link, or if other findings
+/// show that the card cannot be opened.
 pub fn round_trip(args: &SystemArgs, wanted: Option<&LinkUri>, findings: &[Finding]) -> Option<Finding> {
     let link = wanted.filter(|link| link.scheme() == Scheme::Nic)?;
     if args.root != Path::new("/") || findings.iter().any(|finding| finding.blocks) {
@@ -116,7 +117,7 @@ mod tests {
     use super::*;
     use ecmsk::machine::findings::FindingVerdict;
 
-    /// A 99th percentile above half a cycle gives advice; lost frames, and a card that does not open, are wrong.
+    /// A 99th percentile above the limit gives advice. Lost frames, and a card that cannot be opened, are errors.
     #[test]
     fn round_trips_are_judged() {
         let us = Duration::from_micros;

@@ -1,4 +1,5 @@
-//! `ecmsk doctor --report`: packs what the maker's support asks for into one file, and says what is in it and what is not.
+//! `ecmsk doctor --report`: packs the data that the manufacturer's support needs into one file, with a list of what it
+//! contains and what is missing.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -21,12 +22,12 @@ use crate::bus::scan;
 use crate::link_option::belongs_to_user;
 use crate::output_file::{OutputFile, OutputFileError};
 
-/// The most bytes of a flight recorder's files that are packed. \[OURS]
+/// The largest total size of the flight recorder files in a report, in bytes. \[OURS]
 const FLIGHT_BYTES_MAX: u64 = 32 << 20;
-/// The most bytes of a text that is packed, such as the machine file. \[OURS]
+/// The largest size of a text in a report, such as the machine file, in bytes. \[OURS]
 const TEXT_BYTES_MAX: u64 = 1 << 20;
-/// The options of the kernel that are packed, by their beginnings: those that make a cycle late or keep it in time. Others may
-/// name what is nobody's business.
+/// The beginnings of the kernel options that a report contains: those that affect the timing of a cycle. Other options
+/// are left out, since they may contain private data.
 const KERNEL_OPTIONS: [&str; 12] = [
     "isolcpus",
     "nohz",
@@ -41,10 +42,10 @@ const KERNEL_OPTIONS: [&str; 12] = [
     "intel_pstate",
     "mitigations",
 ];
-/// The list of what is in the file.
+/// The name of the list of contents in the report.
 const CONTENTS: &str = "report/CONTENTS.txt";
 
-/// The file of `--report`: its name has to end with `.tar`, so that no other file is meant by mistake.
+/// Parses the file name of `--report`. It must end with `.tar`, so that no other file is overwritten by mistake.
 pub fn file(text: &str) -> Result<PathBuf, String> {
     let file = PathBuf::from(text);
     if file.extension().is_some_and(|extension| extension == "tar") {
@@ -53,17 +54,17 @@ pub fn file(text: &str) -> Result<PathBuf, String> {
     Err("a name that ends with .tar is needed, e.g. press.tar".to_owned())
 }
 
-/// What is packed, and what is not.
+/// The files of a report, and the list of what it contains and what is missing.
 struct Pack {
     secrets: Secrets,
     files: Vec<(String, Vec<u8>)>,
-    /// The lines of the list: what is in it.
+    /// The lines of the list of what the report contains.
     here: Vec<String>,
-    /// What could not be had, with the reason.
+    /// The lines of the list of what is missing, with the reasons.
     missing: Vec<String>,
 }
 
-/// Packs the report; returns the list of what is in it and what is not. `link`: the link that would be used.
+/// Packs the report. Returns the list of what it contains and what is missing. `link`: the link that would be used.
 ///
 /// # Errors
 /// [`OutputFileError`] if the file cannot be written.
@@ -96,9 +97,9 @@ pub fn pack(
     Ok(format!("{}\n{list}", file.file.display()))
 }
 
-/// Writes all files into a tar.
+/// Writes all files into a tar archive.
 fn write(there: File, files: &[(String, Vec<u8>)]) -> io::Result<()> {
-    // What the report says of the machine is for its user.
+    // Only the user may read the report, because it describes the machine.
     #[cfg(unix)]
     if there.metadata()?.is_file() {
         use std::os::unix::fs::PermissionsExt;
@@ -117,13 +118,14 @@ fn write(there: File, files: &[(String, Vec<u8>)]) -> io::Result<()> {
 }
 
 impl Pack {
-    /// Adds a text without its secrets.
+    /// Adds a text, with its secrets removed.
     fn text(&mut self, name: &str, what: &str, text: &str) {
         let text = self.secrets.without(text);
         self.add(name, what, text.into_bytes());
     }
 
-    /// Adds bytes, unless they have a secret: parts of such a file are no use.
+    /// Adds a binary file, unless it contains a secret. It would be useless with a part removed, so it is then left
+    /// out.
     fn bytes(&mut self, name: &str, what: &str, bytes: Vec<u8>) {
         if self.secrets.are_in(&bytes) {
             self.missing.push(format!("{what}: it has a secret"));
@@ -164,7 +166,7 @@ impl Pack {
         }
     }
 
-    /// The slaves of a network, their EEPROMs and error counters.
+    /// Adds the slaves of a network, their EEPROMs and their error counters.
     fn network(&mut self, link: &LinkUri) {
         if matches!(link.scheme(), Scheme::Usb | Scheme::Spi | Scheme::Tcp) {
             self.missing.push(format!(
@@ -195,7 +197,8 @@ impl Pack {
         Ok(())
     }
 
-    /// Whether a recording carries a machine file or names a link with a secret, or cannot be read, so that this is not known.
+    /// Whether the machine file or the link in a recording contains a secret. Also true if the recording cannot be
+    /// read, since this is then unknown.
     fn tells_secrets(&self, file: &Path) -> bool {
         let Ok(mut recording) = Recording::open(file) else { return true };
         let mut known = recording.meta().cloned();
@@ -206,7 +209,7 @@ impl Pack {
         if known.as_ref().is_some_and(has_secret) {
             return true;
         }
-        // A moment may have the frames of several links.
+        // A moment may have frames of several links, each with its own metadata.
         while recording.next().is_some() {
             if recording.meta() != known.as_ref() {
                 known = recording.meta().cloned();
@@ -218,7 +221,7 @@ impl Pack {
         false
     }
 
-    /// The newest moments and segments of a flight recorder, within a bound.
+    /// Adds the newest moments and segments of a flight recorder, up to [`FLIGHT_BYTES_MAX`].
     fn flight(&mut self, folder: &Path) {
         let contents = match FlightContents::of(folder) {
             Ok(contents) => contents,
@@ -226,7 +229,7 @@ impl Pack {
         };
         let moments = contents.moments.iter().rev().filter_map(|kept| Some((kept.file.as_ref()?, kept.bytes)));
         let segments = contents.segments.iter().rev().map(|segment| (&segment.file, segment.bytes));
-        // The newest moment, then the newest segments, then what there is room for of older moments.
+        // The order of priority: the newest moment, then the newest segments, then older moments as far as they fit.
         let (newest, older): (Vec<_>, Vec<_>) = (moments.clone().take(1).collect(), moments.skip(1).collect());
         let (mut left, mut left_out) = (FLIGHT_BYTES_MAX, 0_u32);
         for (file, bytes) in newest.into_iter().chain(segments).chain(older) {
@@ -253,7 +256,7 @@ impl Pack {
     }
 }
 
-/// A file that has at most so many bytes.
+/// Reads a file. A file of more than `bytes_max` bytes is an error.
 fn read(file: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();
     File::open(file)?.take(bytes_max.saturating_add(1)).read_to_end(&mut content)?;

@@ -1,22 +1,23 @@
-//! Keeps secrets out of what is packed for others.
+//! Removes secrets from data that are packed for other people.
 
 use ecmsk::link::tcp::SECRET;
 use ecmsk::link::uri::LinkUri;
 
-/// What stands where a secret was.
+/// The text that replaces a secret.
 const REMOVED: &str = "[removed]";
-/// The longest file that is read for a secret, bytes: no secret is longer.
+/// The largest size of a file that is read as a secret, in bytes; no secret is longer.
 const FILE_BYTES_MAX: u64 = 4096;
-/// Shorter texts are not looked for: they would be found everywhere. A secret of a server has 32 bytes at least. \[OURS]
+/// Secrets shorter than this are not searched for, because such short texts would be found everywhere. The secret of a
+/// server has at least 32 bytes. \[OURS]
 const LEN_MIN: usize = 6;
-/// A text that follows one of these words and `=` or `:` is a secret, whatever it is. \[OURS]
+/// A text that follows one of these words and `=` or `:` counts as a secret. \[OURS]
 const WORDS: [&str; 5] = ["secret", "password", "passwd", "passphrase", "token"];
 
-/// The secrets that are known here.
+/// The known secrets, the longest first.
 pub struct Secrets(Vec<Vec<u8>>);
 
 impl Secrets {
-    /// The secrets of the environment, and of the files that the link names.
+    /// Collects the secrets in environment variables, and in the file that the link names.
     pub fn find(link: Option<&LinkUri>) -> Self {
         let of_variable = std::env::vars_os().filter(|(name, _)| {
             let name = name.to_string_lossy().to_lowercase();
@@ -32,12 +33,13 @@ impl Secrets {
     fn of(secrets: Vec<Vec<u8>>) -> Self {
         let mut secrets: Vec<Vec<u8>> = secrets.into_iter().map(|secret| secret.trim_ascii().to_vec()).collect();
         secrets.retain(|secret| secret.len() >= LEN_MIN);
-        // A secret that is a part of another one must not leave the rest of that.
+        // The longest secrets are removed first: if a shorter one is a part of a longer one, the rest of the longer one
+        // would stay.
         secrets.sort_by_key(|secret| std::cmp::Reverse(secret.len()));
         Self(secrets)
     }
 
-    /// A text without secrets: neither those that are known, nor what the text itself calls one.
+    /// Removes secrets from a text: the known ones, and values that follow a word such as `password=`.
     pub fn without(&self, text: &str) -> String {
         let text = self.0.iter().fold(text.to_owned(), |text, secret| match std::str::from_utf8(secret) {
             Ok(secret) => text.replace(secret, REMOVED),
@@ -46,13 +48,14 @@ impl Secrets {
         without_named(&without_passwords(&text))
     }
 
-    /// Whether bytes have one of the known secrets.
+    /// Whether the bytes contain one of the known secrets.
     pub fn are_in(&self, bytes: &[u8]) -> bool {
         self.0.iter().any(|secret| bytes.windows(secret.len()).any(|part| part == secret))
     }
 }
 
-/// A text without what stands behind `secret=`, `password: ` and the like. `secret_file=` names a file and stays.
+/// Removes the values after `secret=`, `password: ` and the like from a text. The value of `secret_file=` stays,
+/// because it is the name of a file.
 fn without_named(text: &str) -> String {
     let lower = text.to_ascii_lowercase();
     let (mut clean, mut from) = (String::new(), 0);
@@ -79,7 +82,8 @@ fn without_named(text: &str) -> String {
     clean
 }
 
-/// The quote with which a value begins that stands behind this text: one character, or three of a text of several lines.
+/// The quote at the end of `text`, which is the text before a value. It is one character, or three for a value of
+/// several lines.
 fn quote_before(text: &str) -> Option<&str> {
     let of = |quote: &str| ["\"\"\"", "'''", "\"", "'"].into_iter().find(|known| *known == quote);
     let sign = text.find(['=', ':'])?;
@@ -87,8 +91,8 @@ fn quote_before(text: &str) -> Option<&str> {
     tail(3).and_then(of).or_else(|| tail(1).and_then(of))
 }
 
-/// Where a value ends that has begun with this quote: at its closing quote, in double quotes not at one behind a backslash.
-/// Without a closing quote it ends with its line.
+/// The position at which a quoted value ends: at its closing quote, or without one at the end of its line. In double
+/// quotes, a quote after a backslash does not end the value.
 fn end_of_quoted(value: &str, quote: &str) -> usize {
     let mut escaped = false;
     for (at, c) in value.char_indices() {
@@ -100,7 +104,7 @@ fn end_of_quoted(value: &str, quote: &str) -> usize {
     value.len()
 }
 
-/// A text without the `NAME:PASSWORD@` of addresses.
+/// Removes the `NAME:PASSWORD` before the `@` of addresses from a text.
 fn without_passwords(text: &str) -> String {
     let mut parts = text.split("://");
     let mut clean = parts.next().unwrap_or_default().to_owned();
@@ -120,7 +124,8 @@ fn without_passwords(text: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Known secrets, what the text calls one, and passwords in addresses are left out. The name of a secret's file stays.
+    /// Known secrets, values after a word such as `password=`, and passwords in addresses are removed. The name of a
+    /// secret's file stays.
     #[test]
     fn no_secret_is_left() {
         let secrets = Secrets::of(vec![b"0123456789abcdef\n".to_vec(), b"9abc".to_vec(), b"789abc".to_vec()]);

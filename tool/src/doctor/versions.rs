@@ -1,4 +1,4 @@
-//! Shows the versions of this build.
+//! Shows the versions of the tool, its library and the system.
 
 use ecmsk::link::keys::Scheme;
 use ecmsk::machine::findings::Finding;

@@ -17,7 +17,7 @@ pub fn is_done(_: &SystemArgs) -> Result<bool, CliError> {
     Ok(false)
 }
 
-/// The folder that stands for `/` on Linux; it is not used on Windows.
+/// The folder that is used as `/` on Linux; it has no meaning on Windows.
 pub fn root(_: &SystemArgs) -> &Path {
     Path::new("")
 }
@@ -28,12 +28,12 @@ pub fn name(_: &SystemArgs) -> Option<String> {
     Some(format!("Windows, this tool is {width}"))
 }
 
-/// The findings about this machine, except for those that need a measurement.
+/// The findings about this machine, except those that need a measurement.
 pub fn findings(_: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::here().findings(wanted)
 }
 
-/// Always `None`, because `nic:` does not exist on Windows.
+/// Always `None`, because there are no `nic:` links on Windows.
 pub fn round_trip(_: &SystemArgs, _: Option<&LinkUri>, _: &[Finding]) -> Option<Finding> {
     None
 }

@@ -1,4 +1,4 @@
-//! The direction of a frame: to the board or from it.
+//! The direction of a frame: a command to the board, or a response from it.
 
 use ecmsk::link::Dir;
 use ecmsk::sk::{CommandId, Frame, MASTER_CYCLIC, MasterState, SlotSize, StateByte};
@@ -15,14 +15,15 @@ pub fn parse(text: &str) -> Result<Dir, String> {
     }
 }
 
-/// Guesses the direction of a frame from its slot 0, whose first bytes are the same for both slot sizes. \[OURS]
+/// Guesses the direction of a frame from the first bytes of its slot 0, which are the same for both slot sizes. \[OURS]
 ///
 /// - byte 0 is the master's cyclic response 0xBF: a response;
-/// - byte 2 is 0: a command; a response has the state there, and is not sent while that is 0 (SK-4);
-/// - SET_FIFO, which has an argument in byte 2: a command, since it is for OP alone, where byte 0 of responses is 0xBF;
-/// - SET_AXIS, which has an argument in byte 2, too: a response if byte 2 is the state PreOP and Data1 is 1 to 40,
-///   which is the number of slaves found; otherwise a command, whose Data1 has eight slave kinds of 4 bits each and so
-///   is rarely 1 to 40;
+/// - byte 2 is 0: a command; in a response it is the state, and no response is sent while the state is 0 (SK-4);
+/// - SET_FIFO, with its argument in byte 2: a command, because it is sent only in OP, where byte 0 of responses is
+///   0xBF;
+/// - SET_AXIS, which also has an argument in byte 2: a response if byte 2 is the state PreOP and Data1 is 1 to 40, the
+///   number of slaves found. Otherwise a command: its Data1 has eight slave kinds of 4 bits each, and so is rarely 1 to
+///   40;
 /// - any other command code with byte 2 set: a response.
 pub fn guess(frame: &Frame) -> Dir {
     let slot = frame.slot(SlotSize::Bytes12, 0);

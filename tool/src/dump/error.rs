@@ -1,4 +1,4 @@
-//! Why a dump stopped.
+//! Errors that end a dump.
 
 use std::io;
 
@@ -13,8 +13,8 @@ pub enum DumpError {
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of hexadecimal digits")]
     Input(io::Error),
-    /// `--hex` is given with the recording of a board, but in a file it means the bytes of packets, which only a chip's
-    /// recording has.
+    /// `--hex` is given with the recording of a board. With a file, `--hex` shows the bytes of packets, and only the
+    /// recording of a chip has packets.
     #[error(
         "{name} is no recording of a chip, and --hex reads frames from standard input: leave out --hex, or the file"
     )]
@@ -30,7 +30,7 @@ pub enum DumpError {
         /// What is wrong with the line.
         problem: HexError,
     },
-    /// A line of standard input is longer than the digits of a frame can be.
+    /// A line of standard input is longer than the digits of the longest frame.
     #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame per line, as hexadecimal digits")]
     LongLine {
         /// The number of the line, from 1.
@@ -44,7 +44,7 @@ pub enum DumpError {
         /// The number of bytes on the line.
         len: usize,
     },
-    /// The frames are too short to have the slot that `--slots` requests.
+    /// The frames are too short to have a slot that `--slots` requests.
     #[error("a frame of {}-byte slots has no slot {slot}; name slots from 0 to {}", .size.bytes(), .size.sdo_slot())]
     NoSlot {
         /// The first requested slot that the frames do not have.

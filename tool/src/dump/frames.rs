@@ -29,7 +29,7 @@ impl Shown {
         }
     }
 
-    /// Passes the frame to `kinds`, which deduces the kinds of the slaves from commands and reports.
+    /// Passes the frame to `kinds`, which determines the kinds of the slaves from commands and reports.
     pub fn tell(&self, kinds: &mut Kinds) {
         match self.place.direction {
             Dir::Write => kinds.command(&self.frame, self.size),
@@ -43,24 +43,24 @@ impl Shown {
     }
 }
 
-/// Which slots of a frame to show, and how to read them.
+/// Which slots of a frame are shown, and how they are decoded.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The slots to show; if empty, slot 0 and all slots that are not idle, which are those with a byte that is not 0.
+    /// The slots to show. If empty, slot 0 and all slots that are not idle are shown; an idle slot has only zero bytes.
     pub slots: Vec<Slots>,
-    /// Whether every slot is shown, also empty ones.
+    /// Whether all slots are shown, including idle ones.
     pub all: bool,
-    /// Whether only slots are shown that differ from those of the frame before.
+    /// Whether only slots are shown that differ from the same slot of the previous frame.
     pub changes: bool,
-    /// Only slots with one of these commands, or an answer to one, are shown; if empty, all.
+    /// Only slots with one of these commands, or with the answer to one, are shown; if empty, all slots.
     pub commands: Vec<Command>,
-    /// The firmware, which decides the meaning of byte 1 of a slave's slot in a response.
+    /// The firmware version of the board, which decides the meaning of byte 1 of a slave's slot in a response.
     pub firmware: Firmware,
 }
 
 impl View {
-    /// The lines to print for a frame, in the order of its slots. `kinds` must have been given this frame by [`Shown::tell`].
-    /// `before` is the frame before in the same direction, if there is one.
+    /// The lines to print for a frame, in the order of its slots. [`Shown::tell`] must have passed this frame to
+    /// `kinds` before. `before` is the previous frame in the same direction, if there is one.
     pub fn lines(&self, shown: &Shown, before: Option<&Shown>, kinds: &Kinds) -> Vec<(usize, SlotLine)> {
         let (frame, size) = (&shown.frame, shown.size);
         match shown.place.direction {
@@ -73,8 +73,8 @@ impl View {
                     Firmware::V17 => ResponseDump::new(frame, size),
                     Firmware::V15 => ResponseDump::new(frame, size).mode_in_byte_1(),
                 };
-                // A slave of unknown kind gets the default kind in this list. That has no effect: its slot is decoded below by
-                // `unknown` and not by `given`.
+                // For a slave of unknown kind this list has the default kind. It is not used, because the slot of such
+                // a slave is decoded by `unknown` and not by `given`.
                 let known: [SlaveKind; MAX_SLAVES] = std::array::from_fn(|i| kinds.of(i + 1).unwrap_or_default());
                 let given = unknown.kinds(&known);
                 self.pick(shown, before, |i| if kinds.of(i).is_some() { given.line(i) } else { unknown.line(i) })
@@ -108,7 +108,7 @@ impl View {
         lines.filter(|(i, line)| wanted(*i, line) && asked(line) && changed(*i, line)).collect()
     }
 
-    /// The slot without what changes from frame to frame while nothing else does: the index of a slave's command and the CRC.
+    /// The slot without the values that change in every frame: the command index of a slave and the CRC.
     fn content(&self, raw: RawSlot, role: SlotRole, direction: Dir) -> RawSlot {
         match role {
             SlotRole::Master => RawSlot { parm: raw.parm & 0x00FF, ..raw },

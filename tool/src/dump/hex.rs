@@ -6,11 +6,11 @@ use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 /// A line of standard input with hexadecimal digits, parsed.
 #[derive(Debug, PartialEq, Eq)]
 pub struct HexLine {
-    /// The bytes. With an odd number of digits the last one is a byte of its own.
+    /// The bytes. If the number of digits is odd, the last digit is a byte of its own.
     pub bytes: Vec<u8>,
     /// The number of hexadecimal digits on the line.
     digits: usize,
-    /// The direction from the prefix: `>` to the board, `<` from it.
+    /// The direction from the prefix of the line: `>` to the board, `<` from it.
     pub direction: Option<Dir>,
 }
 
@@ -23,7 +23,7 @@ pub enum HexError {
         /// The character that is no hexadecimal digit.
         found: char,
     },
-    /// The digits do not make whole bytes, or not as many bytes as a frame has.
+    /// The number of digits is odd, or the number of bytes is not that of a frame.
     #[error("{digits} hexadecimal digits are {half} bytes, expected {FRAME_BYTES_MIN} to {FRAME_LEN} ({} digits to {})", 2 * FRAME_BYTES_MIN, 2 * FRAME_LEN, half = BytesOfDigits(*digits))]
     Length {
         /// The number of digits on the line.
@@ -31,11 +31,11 @@ pub enum HexError {
     },
 }
 
-/// The length in bytes of a frame with slots of 12 bytes, the shorter of the two frame lengths.
+/// The length in bytes of a frame with 12-byte slots, the shorter of the two frame lengths.
 const FRAME_BYTES_MIN: usize = SlotSize::Bytes12.frame_len();
 
-/// Parses a line: an optional `>` or `<`, then digits, with blanks anywhere; `#` starts a comment. `None` for an
-/// empty line or a comment.
+/// Parses a line: an optional `>` or `<`, then digits, with blanks anywhere; `#` starts a comment. Returns `None` for
+/// an empty line or a comment.
 pub fn parse(line: &str) -> Result<Option<HexLine>, HexError> {
     let line = line.split('#').next().unwrap_or_default().trim();
     let (direction, rest) = match line.split_at_checked(1) {
@@ -67,7 +67,7 @@ impl HexLine {
         if is_whole { Ok(Frame::from_prefix(&self.bytes)) } else { Err(HexError::Length { digits: self.digits }) }
     }
 
-    /// Whether the digits make whole bytes: their number is even.
+    /// Whether the number of digits is even, so that they form whole bytes.
     pub const fn is_of_bytes(&self) -> bool {
         self.digits.is_multiple_of(2)
     }
@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// A frame is parsed from its digits, with blanks anywhere.
+        /// A frame is parsed from its digits, with blanks at any position.
         #[test]
         fn a_frame_comes_back_from_its_digits_wherever_blanks_are(bytes in proptest::collection::vec(any::<u8>(), FRAME_BYTES_MIN..=FRAME_LEN), blank in "[ \t]{0,3}") {
             let digits: String = bytes.iter().map(|byte| format!("{byte:02x}{blank}")).collect();
@@ -101,7 +101,7 @@ mod tests {
             }
         }
 
-        /// No line makes the parser panic.
+        /// No text makes the parser panic.
         #[test]
         fn no_line_makes_the_parser_panic(line in "\\PC*") {
             let _ = parse(&line);

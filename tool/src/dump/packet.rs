@@ -1,4 +1,4 @@
-//! A packet of an ECM-XF, decoded, and its meaning as text.
+//! Decodes a packet of an ECM-XF, and describes it as text.
 
 use ecmsk::link::Dir;
 use ecmsk::xf::{
@@ -8,10 +8,10 @@ use ecmsk::xf::{
 
 use super::place::Place;
 
-/// The maximum number of an answer's data bytes that are shown. \[OURS]
+/// The largest number of data bytes of an answer that are shown. \[OURS]
 const DATA_SHOWN: usize = 16;
 
-/// The bytes of a packet of an ECM-XF, with their position in the input.
+/// The bytes of a packet of an ECM-XF, with its position in the input.
 #[derive(Clone, Copy, Debug)]
 pub struct Packet<'p> {
     /// The number, time and direction of the packet.
@@ -26,7 +26,7 @@ impl<'p> Packet<'p> {
         direction_name(self.place.direction)
     }
 
-    /// Decodes the bytes by the direction of the packet.
+    /// Decodes the bytes according to the direction of the packet.
     pub fn decoded(&self) -> Decoded<'p> {
         Decoded::of(self.place.direction, self.bytes)
     }
@@ -40,7 +40,7 @@ pub const fn direction_name(direction: Dir) -> &'static str {
     }
 }
 
-/// Whether the bytes are a packet of an ECM-XF, judged by their length and by the words at their beginning and end.
+/// Whether the bytes are a packet of an ECM-XF: their length, start word and end word are right.
 pub fn is_packet(bytes: &[u8]) -> bool {
     DataSize::of_packet(bytes.len()).is_some()
         && bytes.starts_with(&START_WORD.to_le_bytes())
@@ -65,16 +65,17 @@ pub enum Decoded<'p> {
     Command { packet: CommandPacket<'p>, check: CheckType },
     /// An answer of the chip, and its data.
     Answer { header: AnswerHeader, data: &'p [u8] },
-    /// The chip's answer "not ready": it was still handling the packet before.
+    /// The chip's answer "not ready": it was still processing the previous packet.
     NotReady,
     /// The length is that of a packet, but the content is not valid.
     Damaged(PacketError),
-    /// The length is not that of a packet: the driver was searching for the packet size, or has transferred a packet in parts.
+    /// The length is not that of a packet: the driver was searching for the packet size, or transferred a packet in
+    /// parts.
     NoPacket(usize),
 }
 
 impl<'p> Decoded<'p> {
-    /// Decodes the bytes of one exchange in this direction, as a command, an answer, "not ready" or a damaged packet.
+    /// Decodes the bytes of one exchange in this direction.
     pub fn of(direction: Dir, bytes: &'p [u8]) -> Self {
         let Some(size) = DataSize::of_packet(bytes.len()) else { return Self::NoPacket(bytes.len()) };
         match direction {
@@ -97,7 +98,7 @@ impl<'p> Decoded<'p> {
         }
     }
 
-    /// The meaning of the packet, as lines of text.
+    /// The decoded packet, as lines of text.
     pub fn lines(&self) -> Vec<String> {
         match self {
             Self::Command { packet, check } => {
@@ -129,8 +130,8 @@ impl<'p> Decoded<'p> {
     }
 }
 
-/// Parses with each check coverage (which bytes the CRC includes) and returns the first valid result. If none is valid, returns
-/// the error of the first coverage.
+/// Parses with each check coverage (the range of bytes that the CRC includes) and returns the first valid result. If
+/// none is valid, returns the error of the first coverage.
 fn first_right<T>(parse: impl Fn(CrcCoverage) -> Result<T, PacketError>) -> Result<T, PacketError> {
     let others = || CrcCoverage::EVERY.into_iter().skip(1);
     parse(CrcCoverage::EVERY[0]).or_else(|error| others().find_map(|coverage| parse(coverage).ok()).ok_or(error))
@@ -147,7 +148,7 @@ fn result(header: &AnswerHeader, data: &[u8]) -> String {
     text
 }
 
-/// The fields that every answer has besides its result: state, errors, FIFO levels, CRC errors.
+/// The fields that every answer has in addition to its result: state, errors, FIFO levels, CRC errors.
 fn levels(header: &AnswerHeader) -> String {
     let state = match header.state.state() {
         Some(state) => format!("{state:?}"),
@@ -174,7 +175,7 @@ fn name(code: CommandCode) -> String {
     code.name().map_or_else(|| format!("code {}", code.code()), str::to_owned)
 }
 
-/// The bytes as hexadecimal digits with blanks between.
+/// The bytes as hexadecimal digits, separated by spaces.
 pub fn digits(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ")
 }

@@ -15,12 +15,12 @@ use crate::error::CliError;
 use crate::stderr::say;
 use crate::{output, recording};
 
-/// How many bytes of a file are read to find out whether it is the recording of an ECM-XF. The header contains the link, which
-/// may be long. \[OURS]
+/// The number of bytes of a file that are read to detect the recording of an ECM-XF. They must include the header with
+/// the link, which may be long. \[OURS]
 const BEGINNING: u64 = 128 * 1024;
 
-/// Reads the beginning of a source to find out whether it is the recording of an ECM-XF. Returns that, and the source, which
-/// still begins with the bytes that were read.
+/// Reads the beginning of a source to detect the recording of an ECM-XF. Returns the source, which still yields the
+/// bytes that were read, and whether it is such a recording.
 ///
 /// # Errors
 /// The source cannot be read.
@@ -37,7 +37,7 @@ pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliErr
     let mut exchanges = Exchanges::new(source, name)?;
     let mut printer = Printer { out: output::stdout(), format: output_formats::chosen(args), held: Default::default() };
     let shown = show(args, &mut exchanges, &mut printer);
-    // Collected packets are printed also after an error.
+    // Pieces that were already collected are printed even after an error.
     printer.write_held()?;
     if shown.is_ok() {
         let lacks = exchanges.lacks();
@@ -86,7 +86,7 @@ fn show(args: &Args, exchanges: &mut Exchanges<Box<dyn Read>>, printer: &mut Pri
 struct Printer {
     out: output::Out,
     format: Box<dyn Format>,
-    /// Pieces of packets that are collected and not printed yet, to the chip and from it.
+    /// Pieces of packets that are collected but not yet printed: to the chip, and from it.
     held: [Pieces; 2],
 }
 

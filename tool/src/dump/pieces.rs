@@ -1,33 +1,33 @@
-//! Joins consecutive exchanges that are shorter than a packet: a driver transfers single bytes while it searches for the packet
-//! size, and a driver with a small buffer transfers each packet in parts.
+//! Joins consecutive exchanges that are shorter than a packet. A driver transfers single bytes while it searches for
+//! the packet size, and a driver with a small buffer transfers each packet in parts.
 
 use ecmsk::link::Dir;
 use ecmsk::recording::exchanges::RecordedBytes;
 use ecmsk::xf::{DataSize, Resync};
 
-/// The most bytes of one direction that are joined. Longer sequences are shown in several parts. \[OURS]
+/// The largest number of bytes of one direction that are joined. A longer sequence is shown in several parts. \[OURS]
 const BYTES_MAX: usize = 1 << 20;
 
-/// Pieces of packets that were transferred in one direction, joined.
+/// The joined pieces of packets in one direction.
 #[derive(Debug, Default)]
 pub struct Pieces {
     pub bytes: Vec<u8>,
     /// The number of exchanges that were joined.
     pub count: u64,
-    /// The numbers of the first and of the last piece among the packets of the recording; `since_ns` has their times
-    /// since the first packet, in nanoseconds. `recorded_ns` is the time of the first piece as it was recorded.
+    /// The numbers of the first and the last piece in the recording. `since_ns` has their times since the first packet,
+    /// in nanoseconds. `recorded_ns` is the recorded time of the first piece.
     pub numbers: [u64; 2],
     pub since_ns: [i64; 2],
     pub recorded_ns: u64,
 }
 
 impl Pieces {
-    /// Whether an exchange has only a piece of a packet: its number of bytes is not a packet size.
+    /// Whether an exchange transferred only a piece of a packet: its number of bytes is not a packet size.
     pub fn is_one(recorded: &RecordedBytes) -> bool {
         DataSize::of_packet(recorded.bytes.len()).is_none()
     }
 
-    /// Adds the bytes of one exchange, `number` in the recording, to the joined bytes.
+    /// Appends the bytes of one exchange. `number` is its number in the recording.
     pub fn add(&mut self, number: u64, since_ns: i64, recorded: &RecordedBytes) {
         if self.count == 0 {
             (self.numbers[0], self.since_ns[0], self.recorded_ns) = (number, since_ns, recorded.at_ns);
@@ -42,8 +42,8 @@ impl Pieces {
         self.bytes.len() >= BYTES_MAX
     }
 
-    /// The packets in the bytes, and the number of bytes outside of packets. Equal consecutive packets become one with
-    /// a count.
+    /// The packets in the joined bytes, and the number of bytes outside of packets. Equal consecutive packets are
+    /// returned as one packet with a count.
     pub fn packets(&self, dir: Dir) -> (Vec<(u64, RecordedBytes)>, usize) {
         let (mut reader, mut rest, mut in_packets) = (Resync::new(), &self.bytes[..], 0);
         let mut packets: Vec<(u64, RecordedBytes)> = Vec::new();
@@ -60,7 +60,7 @@ impl Pieces {
         (packets, self.bytes.len() - in_packets)
     }
 
-    /// The number of bytes, pieces and packets as text.
+    /// The numbers of bytes, pieces and packets as text.
     pub fn summary(&self, packets: &[(u64, RecordedBytes)], in_none: usize) -> String {
         let (bytes, count) = (self.bytes.len(), self.count);
         let found: u64 = packets.iter().map(|(times, _)| times).sum();

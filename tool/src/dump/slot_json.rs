@@ -1,4 +1,4 @@
-//! One slot of a frame as JSON: its meaning as fields, its raw fields, and its text.
+//! One slot of a frame as JSON: its decoded fields, its raw fields, and its text.
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::link::slaves;
@@ -57,7 +57,7 @@ impl SlotJson {
     }
 }
 
-/// The fields for the meaning of a slot. Fields that this kind of slot does not have are left out.
+/// The decoded fields of a slot. Fields that this kind of slot does not have are left out.
 #[derive(Default, Serialize)]
 #[serde(untagged)]
 enum Fields {
@@ -80,7 +80,7 @@ enum Fields {
     Reading(ReadingFields),
 }
 
-/// The arguments of a command by name, in the order in which the command gives them.
+/// The arguments of a command with their names, in the order of the command.
 struct Arguments(Vec<(&'static str, Argument)>);
 
 impl Serialize for Arguments {
@@ -102,7 +102,7 @@ impl Serialize for Arguments {
     }
 }
 
-/// Axis 2 of a two-channel HSP (a pulse module): its target in a command, its position in a response.
+/// Axis 2 of a two-channel HSP (a pulse module): its target in a command, or its position in a response.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Axis2 {
@@ -144,7 +144,7 @@ struct ReadingFields {
     mode: Option<u8>,
     #[serde(skip_serializing_if = "Option::is_none")]
     kind: Option<&'static str>,
-    /// Where the slave's kind is known from: `given`, `implied` by the command, `guessed` from the fields, or `unknown`.
+    /// How the slave's kind is known: `given`, `implied` by the command, `guessed` from the fields, or `unknown`.
     kind_from: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     statusword: Option<u16>,

@@ -1,4 +1,4 @@
-//! Runs the program as if it had been started directly: signals reach it, and its exit code becomes that of the tool.
+//! Runs the program as if the user had started it directly: it gets the signals, and the tool ends with its exit code.
 
 #[cfg(unix)]
 mod unix;
@@ -43,7 +43,7 @@ fn not_started(program: &Path, source: io::Error) -> ExecError {
     }
 }
 
-/// The next step for a file that is no program for this machine: a source file, a script, a program of Windows.
+/// The advice for a file that is no program for this machine: a source file, a script, or a Windows program.
 fn no_program(file: &Path) -> Option<String> {
     let name = file.display();
     let extension = file.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();

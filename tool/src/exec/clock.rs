@@ -1,6 +1,6 @@
-//! `--clock virtual`: the program's waits and clocks on the virtual clock of its board. A library that is preloaded into the
-//! program does that (docs/decisions/sleeping-programs-are-preloaded.md). It is for 64 bits: on a machine of 32 bits programs
-//! may call functions with 64-bit times, which it does not have.
+//! `--clock virtual`: puts the waits and clocks of the program on the virtual clock of its board. A library that is
+//! preloaded into the program does this (docs/decisions/sleeping-programs-are-preloaded.md). It exists only for 64-bit
+//! machines: on a 32-bit machine a program may call functions with 64-bit times, which the library does not replace.
 
 #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 mod linux;

@@ -1,4 +1,4 @@
-//! Finds the library of this build, and puts it where the operating system looks for libraries first.
+//! Finds the library of this build, and puts it first on the search path of the operating system.
 
 #[cfg(unix)]
 mod unix;
@@ -18,8 +18,8 @@ use windows as system;
 
 pub use system::{FILE_NAME, SEARCH_PATH, UNLINKABLE, UNOPENED};
 
-/// Finds the library for a program: `given` (a file, or a folder that contains it), otherwise the first one in the
-/// usual folders, of which the tool's own is the first.
+/// Finds the library for a program. `given` is the library file, or a folder that contains it. Without it, the usual
+/// folders are searched: first the folder of the tool, or on Windows only the folder for a program of that width.
 pub fn find(given: Option<&Path>, program: Option<&Path>) -> Result<PathBuf, ExecError> {
     let file = match given {
         Some(file) if file.is_file() => file.to_owned(),
@@ -45,16 +45,16 @@ fn not_a_library(file: &Path, reason: String) -> ExecError {
     ExecError::NotALibrary { file: file.to_owned(), reason }
 }
 
-/// The folder that is put first on the search path: on Linux a private folder with the library in it, on Windows the
-/// library's own folder. The private folder, which on both systems also has the files that the library writes for this
-/// tool, is removed when this value is dropped.
+/// The folder that is put first on the search path. On Linux it is a private folder with the library in it, on Windows
+/// it is the folder of the library. On both systems, a private folder has the files that the library writes for this
+/// tool. It is removed when this value is dropped.
 pub struct LibraryFolder {
     folder: TempDir,
     library: PathBuf,
 }
 
 impl LibraryFolder {
-    /// Makes the private folder in the system's folder for temporary files (`TMPDIR`, on Windows `TMP`).
+    /// Makes the private folder in the folder for temporary files (`TMPDIR`, on Windows `TMP`).
     pub fn make(library: &Path) -> Result<Self, ExecError> {
         Ok(Self { folder: system::folder(library)?, library: library.to_owned() })
     }
@@ -64,13 +64,13 @@ impl LibraryFolder {
         &self.library
     }
 
-    /// The file that the library creates when the program opens a board. Without this file at the program's end, it has
-    /// opened none.
+    /// The file that the library creates when the program opens a board. If it does not exist when the program has
+    /// ended, the program has opened no board.
     pub fn opened_file(&self) -> PathBuf {
         self.folder.path().join(".opened")
     }
 
-    /// Creates the file to which the library writes why calls of the program fail.
+    /// Creates the file to which the library writes the reasons why calls of the program fail.
     pub fn reasons_file(&self) -> Result<PathBuf, ExecError> {
         let file = self.folder.path().join(".told");
         match std::fs::File::create_new(&file) {
@@ -85,10 +85,10 @@ impl LibraryFolder {
         self.folder.path()
     }
 
-    /// The value of the search path variable with the library's folder in front of `path`, its present value.
+    /// The new value of the search path variable: the library's folder, followed by `path`, the present value.
     pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
         let mut all = system::first(self.folder.path(), &self.library).as_os_str().to_owned();
-        // An empty path would add an empty entry, which means the current folder on Linux.
+        // An empty `path` is not appended: it would add an empty entry, which means the current folder on Linux.
         if let Some(path) = path.filter(|path| !path.is_empty()) {
             all.push(system::SEPARATOR);
             all.push(path);

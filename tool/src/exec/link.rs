@@ -1,4 +1,5 @@
-//! The value of `ECMSK_LINK` for the program, with a recording and a control socket if the user requests them.
+//! Determines the value of `ECMSK_LINK` for the program, with a recording and a control socket if the user requests
+//! them.
 
 use std::env;
 use std::fs;
@@ -13,11 +14,11 @@ use super::{Args, ExecError};
 use crate::link_option::{is_variable_set, with_key};
 use crate::{control_option, record_option};
 
-/// The link to set for `program`: the user's, with the machine file, the recording, the control socket and the clock if they
-/// are given. `None` leaves the choice to the library.
+/// The link to set for `program`: the link of the user, with the machine file, recording, control socket, clock and
+/// flight recorder of the options. `None` leaves the choice of the link to the library.
 ///
-/// The keys `axes=`, `record=`, `control=`, `clock=` and `flight=` are part of a link. So if the user has given no link, they
-/// are added to the link of the machine file, or to that which the library would choose.
+/// The keys `axes=`, `record=`, `control=`, `clock=` and `flight=` must be part of a link. So if the user has given no
+/// link, they are added to the link of the machine file, or else to the link that the library would choose.
 pub fn for_program(
     args: &Args,
     machine: Option<MachineFile>,
@@ -26,7 +27,7 @@ pub fn for_program(
 ) -> Result<Option<LinkUri>, ExecError> {
     let Args { record, control, clock, flight, .. } = args;
     let is_changed = machine.is_some() || record.is_some() || control.is_some() || clock.is_some() || flight.is_given();
-    // The path is made absolute, because a program may change its working directory before it opens the board.
+    // The path must be absolute, because the program may change its working directory before it opens the board.
     let machine = machine.map(|mut machine| {
         machine.path = std::path::absolute(&machine.path).unwrap_or(machine.path);
         machine
@@ -57,7 +58,7 @@ pub fn for_program(
     Ok(Some(flight.added_to(&link)?))
 }
 
-/// The link with its board on virtual time.
+/// The link with its board on the virtual clock.
 fn virtual_time(link: LinkUri) -> Result<LinkUri, ExecError> {
     if !link.scheme().is_model() {
         return Err(ExecError::ClockOfHardware { link });
@@ -65,7 +66,7 @@ fn virtual_time(link: LinkUri) -> Result<LinkUri, ExecError> {
     if link.value("clock") == Some("virtual") {
         return Ok(link);
     }
-    // The normal form leaves out clock=real, which is the default.
+    // `clock=real` is the default and is left out of the normal form, so the key can be added.
     Ok(with_key(&link, "clock", "virtual")?)
 }
 
@@ -79,7 +80,7 @@ fn configured(program: &Path, library: &Path) -> Result<LinkUri, ExecError> {
     Ok(LinkUri::parse(&config::find(&environment)?.link)?)
 }
 
-/// The file of the program, found in the folders that the system searches.
+/// The file of the program, searched for in the folders of `PATH`.
 pub fn program_file(program: &Path) -> Option<PathBuf> {
     let file = if program.components().count() > 1 {
         program.to_owned()
@@ -90,7 +91,7 @@ pub fn program_file(program: &Path) -> Option<PathBuf> {
     fs::canonicalize(as_started(file)?).ok()
 }
 
-/// The file that Windows starts: `press.exe` if the command is `press`.
+/// The file that Windows starts: for the command `press` it is `press.exe`.
 fn as_started(file: PathBuf) -> Option<PathBuf> {
     let mut whole = file.clone().into_os_string();
     whole.push(env::consts::EXE_SUFFIX);

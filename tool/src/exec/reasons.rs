@@ -1,8 +1,8 @@
-//! Shows the user why calls of the program have failed: reads the file to which the library writes these reasons while the
-//! program runs, prints each reason once, and a summary at the end.
+//! Shows the user why calls of the program have failed. The library writes the reasons to a file. This module reads the
+//! file while the program runs, prints each reason once, and prints a summary at the end.
 //!
-//! A separate thread does this. If nobody reads standard error, only this thread waits, and neither the program nor the passing
-//! on of signals.
+//! A separate thread does this. If nobody reads standard error, only this thread blocks, so the program runs on and
+//! signals are still passed on.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -20,21 +20,21 @@ use ecmsk::summary::{Alarm, HeldBack, Line, Summary, is_sum};
 use crate::stderr::say;
 use crate::summary::json;
 
-/// How often the tool reads the file to which the library writes reasons. \[OURS]
+/// The interval at which the file of reasons is read. \[OURS]
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
-/// Longest time that the tool waits until the summary is written, since standard error may have no reader. \[OURS]
+/// The longest wait until the summary is written, because standard error may have no reader. \[OURS]
 const SUMMARY_WAIT_MAX: Duration = Duration::from_secs(2);
 
-/// What is printed about the problems that the library has written down.
+/// What is printed about the problems that the library has reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportMode {
-    /// Each reason when it first occurs, and a summary when the program has ended.
+    /// Each reason when it occurs for the first time, and a summary when the program has ended.
     Words,
-    /// Only the summary, because the user has asked for the log, which contains the reasons.
+    /// Only the summary, because the user has requested the log, which contains the reasons.
     Summary,
     /// Only the summary, as one JSON object.
     Json,
-    /// Neither reasons nor a summary are printed.
+    /// Nothing.
     Quiet,
 }
 
@@ -57,7 +57,8 @@ impl ReasonReader {
         let end = Arc::clone(&ended);
         let thread = thread::Builder::new().name("told".into()).spawn(move || {
             loop {
-                // The end flag is read before the file, so that everything written before the program's end is read below.
+                // The end flag is read before the file, so that the last pass reads everything that was written before
+                // the end of the program.
                 let last = end.load(Ordering::Acquire);
                 follower.read();
                 if last {
@@ -67,23 +68,23 @@ impl ReasonReader {
             }
             let summary = follower.summary();
             follower.say(&summary);
-            // The file is closed before the summary is sent, because the receiver removes its folder, which Windows
-            // refuses while a file in it is open.
+            // The file is closed before the summary is sent, because the receiver removes the folder of the file.
+            // Windows refuses this while a file in the folder is open.
             drop(follower);
             let _ = sender.send(summary);
         })?;
         Ok(Self { ended, thread: Some(thread.thread().clone()), summary })
     }
 
-    /// Ends the thread after the program has ended: prints the summary, and returns it if that took no longer than
-    /// [`SUMMARY_WAIT_MAX`].
+    /// Must be called when the program has ended. The thread prints the summary and ends. Returns the summary, or
+    /// `None` if this took longer than [`SUMMARY_WAIT_MAX`].
     pub fn end(mut self) -> Option<Summary> {
         self.ended.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
             thread.unpark();
         }
-        // The limit is a number of waits of [`WAIT_SLICE`] each, and no time of a clock, so that the time for which the
-        // machine was suspended meanwhile does not count.
+        // The limit is a number of waits of [`WAIT_SLICE`] and not a time of a clock, so that the time for which the
+        // machine was suspended does not count.
         let waits = SUMMARY_WAIT_MAX.as_millis() / WAIT_SLICE.as_millis();
         (0..waits).find_map(|_| match self.summary.recv_timeout(WAIT_SLICE) {
             Err(RecvTimeoutError::Timeout) => None,
@@ -95,9 +96,9 @@ impl ReasonReader {
 struct Follower {
     file: File,
     mode: ReportMode,
-    /// The beginning of a line whose end the library has not written yet.
+    /// The beginning of a line that the library has not written completely yet.
     unfinished: Vec<u8>,
-    /// The lines of each process, by process id. Of lines that only differ in a count the latest is kept.
+    /// The lines of each process, by process id. Counts are not among them, see `counts`.
     lines: BTreeMap<u32, Vec<Line>>,
     counts: BTreeMap<(u32, u32, String), u64>,
     said: BTreeSet<String>,
@@ -116,7 +117,7 @@ impl Follower {
     }
 
     fn read(&mut self) {
-        // On a read error the bytes so far are used; the next pass tries again.
+        // On a read error the bytes read so far are used, and the next pass tries again.
         let _ = self.file.read_to_end(&mut self.unfinished);
         let Some(end) = self.unfinished.iter().rposition(|byte| *byte == b'\n') else { return };
         let rest = self.unfinished.split_off(end + 1);
@@ -131,7 +132,7 @@ impl Follower {
     fn take(&mut self, process: u32, line: Line) {
         match &line {
             Line::Message { text, .. } if !is_sum(text) => self.tell(text.clone(), text),
-            // An alarm that comes again at another time is not printed again.
+            // The time is not part of the key, so that a repeated alarm is printed only once.
             Line::Alarm(alarm) => self.tell(Alarm { at_ns: None, ..*alarm }.to_string(), &alarm.to_string()),
             Line::HeldBack(held) => {
                 self.tell(HeldBack { at_ns: None, position: 0, ..*held }.to_string(), &held.to_string());
@@ -147,8 +148,8 @@ impl Follower {
         }
     }
 
-    /// Prints a reason for a failed call, if reasons are printed ([`ReportMode::Words`]) and none with this `key` was printed
-    /// before.
+    /// Prints a reason for a failed call, but only in [`ReportMode::Words`], and only if no reason with the same `key`
+    /// was printed before.
     fn tell(&mut self, key: String, text: &str) {
         if self.mode == ReportMode::Words && self.said.insert(key) {
             say("warning", &text);

@@ -1,20 +1,20 @@
-//! A condition of `ecmsk find`, and whether it holds at a report.
+//! A condition of `ecmsk find`, and its evaluation at a report.
 
 use std::cmp::Ordering;
 
 use super::measure::Measure;
 use crate::motion::Quantity;
 
-/// The values at one report. What is `None` is not known there.
+/// The values at one report. `None` means that the value is unknown at this report.
 pub trait Values {
-    /// A quantity of an axis, in counts, counts per second, or 0.1 % of the rated torque; of an alarm its code, and 0
-    /// without one.
+    /// A quantity of an axis, in counts, counts per second, or 0.1 % of the rated torque. For an alarm it is the error
+    /// code, or 0 without an alarm.
     fn of_axis(&self, quantity: OfAxis, slave: u8) -> Option<i64>;
-    /// A state of an axis; without one, whether any axis has it.
+    /// Whether an axis has a state; without `slave`, whether any axis has it.
     fn flag(&self, flag: Flag, slave: Option<u8>) -> Option<bool>;
-    /// Byte 2 of slot 0.
+    /// The network state: byte 2 of slot 0.
     fn state(&self) -> u8;
-    /// The free entries of the FIFO.
+    /// The number of free entries of the FIFO.
     fn fifo(&self) -> Option<u16>;
 }
 
@@ -25,15 +25,15 @@ pub enum OfAxis {
     Position,
     /// The target in force.
     Target,
-    /// What `summary` has, too.
+    /// One of the quantities that `summary` reports, too.
     Moving(Quantity),
     /// The error code of an alarm.
     Alarm,
 }
 
 impl OfAxis {
-    /// Whether the quantity is a distance without a sign, as in `summary`. The direction of a position or velocity matters, and
-    /// what is looked for in these two is mostly how much it is. \[OURS]
+    /// Whether the quantity is compared without its sign, as in `summary`. For a following error or a step of the
+    /// target, users mostly look for its size. For positions and velocities the sign matters. \[OURS]
     pub const fn is_magnitude(self) -> bool {
         matches!(self, Self::Moving(Quantity::FollowingError | Quantity::TargetStep))
     }
@@ -50,26 +50,26 @@ pub enum Flag {
     QuickStop,
     /// The axis is homing.
     Homing,
-    /// The board is in state 0x18, and the slot has not changed since.
+    /// The board has been in state 0x18 and the slot has not changed since that state began.
     Lost,
     /// A bit of the statusword.
     Bit(u16),
 }
 
-/// A condition, which holds or not at each report.
+/// A condition, which is true or false at each report.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Condition {
-    /// At least one of these holds.
+    /// At least one of these conditions is true.
     Any(Vec<Condition>),
-    /// All of these hold.
+    /// All of these conditions are true.
     All(Vec<Condition>),
-    /// This one does not hold.
+    /// This condition is false.
     Not(Box<Condition>),
-    /// The numbers compare so.
+    /// The two numbers have one of the orders of `comparison`.
     Compare { left: Number, comparison: Comparison, right: Number },
-    /// An axis has this state; without a slave, any axis.
+    /// The axis has this state; without `slave`, any axis has it.
     Flag { flag: Flag, slave: Option<u8> },
-    /// The FIFO was empty in a motion.
+    /// The FIFO was empty during a motion.
     Gap,
 }
 
@@ -79,44 +79,44 @@ pub enum Number {
     Leaf(Leaf),
     /// The absolute value of a number.
     Magnitude(Box<Number>),
-    /// The sum of numbers, each times 1 or -1.
+    /// The sum of numbers, each with a factor of 1 or -1.
     Sum(Vec<(f64, Number)>),
 }
 
-/// A number that stands in the expression, or a quantity.
+/// A literal number of the expression, or a quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Leaf {
-    /// Where it begins in the expression, in bytes.
+    /// Its position in the expression, in bytes.
     pub at: usize,
     pub what: What,
-    /// By what a value is divided to get the unit of the comparison.
+    /// The value is divided by this to convert it to the unit of the comparison.
     pub divisor: f64,
 }
 
-/// What a [`Leaf`] is.
+/// The kind of a [`Leaf`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum What {
-    /// A number with its unit.
+    /// A literal number, with its unit if it has one.
     Literal { value: f64, measure: Option<Measure> },
-    /// A quantity of an axis, which is given by its name or by its number.
+    /// A quantity of an axis. `is_named`: the axis is given by its name and not by its slave number.
     OfAxis { quantity: OfAxis, slave: u8, is_named: bool },
     /// The state of the network.
     State,
     /// A state of the network by its name.
     StateWord(u8),
-    /// The free entries of the FIFO.
+    /// The number of free entries of the FIFO.
     Fifo,
 }
 
-/// Which orders of two numbers a comparison allows.
+/// The orders of two numbers for which a comparison is true.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Comparison {
     pub orders: &'static [Ordering],
 }
 
 impl Condition {
-    /// Whether the condition holds; `None` if that depends on what is not known. `gap`: whether the FIFO was empty in a
-    /// motion.
+    /// Whether the condition is true; `None` if this depends on an unknown value. `gap`: whether the FIFO was empty
+    /// during a motion.
     pub fn holds(&self, values: &impl Values, gap: bool) -> Option<bool> {
         match self {
             Self::Any(all) => joined(all, true, |condition| condition.holds(values, gap)),
@@ -131,7 +131,7 @@ impl Condition {
         }
     }
 
-    /// Whether `has` is true of this condition or of one inside it.
+    /// Whether `has` returns true for this condition or for any condition inside it.
     pub fn has(&self, has: &impl Fn(&Self) -> bool) -> bool {
         has(self)
             || match self {
@@ -144,18 +144,30 @@ impl Condition {
     /// Whether the condition depends on the target in force.
     pub fn has_target(&self) -> bool {
         use OfAxis::{Moving, Target};
-        let is_target = |leaf: &Leaf| {
-            let What::OfAxis { quantity, .. } = leaf.what else { return false };
+        self.has_quantity(&|quantity| {
             matches!(quantity, Target | Moving(Quantity::FollowingError | Quantity::TargetStep))
+        })
+    }
+
+    /// Whether the condition depends on a velocity.
+    pub fn has_velocity(&self) -> bool {
+        self.has_quantity(&|quantity| quantity == OfAxis::Moving(Quantity::Velocity))
+    }
+
+    fn has_quantity(&self, is_it: &impl Fn(OfAxis) -> bool) -> bool {
+        let is_leaf = |leaf: &Leaf| match leaf.what {
+            What::OfAxis { quantity, .. } => is_it(quantity),
+            What::Literal { .. } | What::State | What::StateWord(_) | What::Fifo => false,
         };
         self.has(&|condition| match condition {
-            Self::Compare { left, right, .. } => left.any_leaf(&is_target) || right.any_leaf(&is_target),
-            _ => false,
+            Self::Compare { left, right, .. } => left.any_leaf(&is_leaf) || right.any_leaf(&is_leaf),
+            Self::Any(_) | Self::All(_) | Self::Not(_) | Self::Flag { .. } | Self::Gap => false,
         })
     }
 }
 
-/// Joins conditions of which one that is `decides` decides. What is not known counts only if it may decide.
+/// Joins conditions: the result is `decides` if any condition has this value, else the opposite. It is unknown (`None`)
+/// if an unknown condition could have changed it.
 fn joined(all: &[Condition], decides: bool, holds: impl Fn(&Condition) -> Option<bool>) -> Option<bool> {
     let mut joined = Some(!decides);
     for condition in all {
@@ -185,7 +197,7 @@ impl Number {
         }
     }
 
-    /// All leaves, from left to right.
+    /// All leaves of this number, from left to right.
     pub fn leaves(&mut self) -> Vec<&mut Leaf> {
         match self {
             Self::Leaf(leaf) => vec![leaf],

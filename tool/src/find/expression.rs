@@ -1,4 +1,4 @@
-//! The expressions of `ecmsk find`: reads them. A number is compared with a number, and conditions are joined by `and`, `or`
+//! Parses the expressions of `ecmsk find`. A number is compared with a number, and conditions are joined by `and`, `or`
 //! and `not`.
 
 use ecmsk::machine_file::{MachineFile, Unit};
@@ -9,23 +9,23 @@ use super::measure::{self, Measure};
 use super::words::{COMPARISONS, FLAGS, OF_AXIS, unknown};
 use crate::board::AxisWord;
 
-/// \[OURS] How deep parentheses and `not` may be nested: more would need an unbounded stack.
+/// \[OURS] The largest depth of nested parentheses and `not`, so that the recursive parser cannot overflow the stack.
 const DEPTH_MAX: usize = 50;
 
-/// What is wrong with an expression, and where.
+/// An error in an expression, with its position.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("column {column} of the expression: {why}")]
 pub struct ExpressionError {
-    /// The character of the expression, from 1.
+    /// The position in the expression, in characters from 1.
     pub column: usize,
     /// What is wrong, and what to write.
     pub why: String,
 }
 
-/// Reads an expression. Axes by name are those of the machine file.
+/// Parses an expression. `machine` is needed for axes that are given by name.
 ///
 /// # Errors
-/// [`ExpressionError`] at the first place where the text is no expression, names an axis that is not known, or compares
+/// [`ExpressionError`] at the first position where the text is no expression, names an unknown axis, or compares
 /// quantities of different kinds.
 pub fn parse(text: &str, machine: Option<&MachineFile>) -> Result<Condition, ExpressionError> {
     let mut parser = Parser { text, at: 0, depth: 0, machine };
@@ -37,7 +37,7 @@ pub fn parse(text: &str, machine: Option<&MachineFile>) -> Result<Condition, Exp
     parser.condition(whole)
 }
 
-/// A part of an expression, with the place where it begins.
+/// A part of an expression, with its position in bytes.
 struct Part {
     at: usize,
     is: Is,
@@ -50,7 +50,7 @@ enum Is {
 
 struct Parser<'t> {
     text: &'t str,
-    /// The place of the next character, in bytes.
+    /// The position of the next character, in bytes.
     at: usize,
     depth: usize,
     machine: Option<&'t MachineFile>,
@@ -76,7 +76,7 @@ impl<'t> Parser<'t> {
         takes
     }
 
-    /// The word at the next place; empty if there is none.
+    /// The word at the present position, which is not consumed; empty if there is no word.
     fn word(&mut self) -> &'t str {
         self.skip_blanks();
         let rest = self.rest();
@@ -94,7 +94,7 @@ impl<'t> Parser<'t> {
     fn condition(&self, part: Part) -> Result<Condition, ExpressionError> {
         match part.is {
             Is::Condition(condition) => Ok(condition),
-            // An alarm alone is a state, and compared it is a code.
+            // `alarm(1)` alone is a state of the axis. In a comparison it is the error code.
             Is::Number(Number::Leaf(Leaf { what: What::OfAxis { quantity: OfAxis::Alarm, slave, .. }, .. })) => {
                 Ok(Condition::Flag { flag: Flag::Fault, slave: Some(slave) })
             }
@@ -114,7 +114,7 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Conditions that are joined by a word, each read by `next`.
+    /// Parses conditions that are joined by `word`. `next` parses each of them, and `join` makes one condition of them.
     fn joined(
         &mut self,
         word: &str,
@@ -237,7 +237,7 @@ impl<'t> Parser<'t> {
         self.named(at, word)
     }
 
-    /// What stands between parentheses, the first of which is taken.
+    /// Parses the expression between parentheses. The opening parenthesis was already consumed.
     fn inside(&mut self) -> Result<Part, ExpressionError> {
         let part = self.deeper(Self::or)?;
         if self.takes(")") { Ok(part) } else { Err(self.error(self.at, "`)` is missing; close each `(`".to_owned())) }
@@ -261,7 +261,7 @@ impl<'t> Parser<'t> {
         Ok(Part { at, is: Is::Number(Number::Leaf(leaf)) })
     }
 
-    /// The unit behind a number, if there is one.
+    /// The unit after a number, if there is one.
     fn unit(&mut self) -> Result<Option<Measure>, ExpressionError> {
         if self.takes("%") {
             return Ok(Some(Measure::Percent));
@@ -278,7 +278,7 @@ impl<'t> Parser<'t> {
         Err(self.error(self.at, format!("`{word}` is no unit; there are {units}, each with /s for speeds, and %")))
     }
 
-    /// What a word at `at` names, which is taken.
+    /// Interprets the word at the position `at`, which was already consumed.
     fn named(&mut self, at: usize, word: &str) -> Result<Part, ExpressionError> {
         let leaf = |what| Ok(Part { at, is: Is::Number(Number::Leaf(Leaf { at, what, divisor: 1.0 })) });
         let lower = word.to_lowercase();
@@ -318,8 +318,8 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// The axis between parentheses: the number of its slave, and whether it is given by its name. `None` without
-    /// parentheses.
+    /// Parses the axis between parentheses. Returns its slave number, and whether it is given by its name. `None` if
+    /// there are no parentheses.
     fn axis(&mut self) -> Result<Option<(u8, bool)>, ExpressionError> {
         if !self.takes("(") {
             return Ok(None);
@@ -337,7 +337,7 @@ impl<'t> Parser<'t> {
             )
         })?;
         let slave = word.slave("find", self.machine).map_err(|error| {
-            // The verb stands before the text of the error, and here the column does.
+            // The text of the error begins with the verb. It is removed, because here the column comes first.
             let text = error.to_string();
             self.error(at, text.strip_prefix("find: ").unwrap_or(&text).to_owned())
         })?;
@@ -354,7 +354,7 @@ mod tests {
     use super::*;
     use crate::motion::Quantity;
 
-    /// Axis 1 stands at 1000 and has its target at 1200; nothing is known of others.
+    /// Values in which axis 1 is at position 1000 with the target 1200, and nothing is known about other axes.
     struct Standing;
 
     impl Values for Standing {
@@ -388,7 +388,8 @@ mod tests {
         parse(text, None).unwrap_or_else(|error| panic!("{text}: {error}")).holds(&Standing, false)
     }
 
-    /// `not` binds tighter than `and`, that tighter than `or`; signs of sums bind tighter than comparisons.
+    /// `not` has a higher precedence than `and`, and `and` a higher one than `or`. Plus and minus have a higher
+    /// precedence than comparisons.
     #[test]
     fn conditions_hold_as_they_are_written() {
         for text in [
@@ -416,7 +417,7 @@ mod tests {
         }
     }
 
-    /// What is not known makes a condition unknown, unless the rest of it decides.
+    /// An unknown value makes a condition unknown, unless the known values alone decide the result.
     #[test]
     fn what_is_not_known_neither_holds_nor_fails() {
         for text in ["position(2) > 5", "not (position(2) > 5)", "enabled(2) and enabled(1)", "enabled(2) or homing"] {
@@ -427,7 +428,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any text is read or refused with a column inside it, however long it is.
+        /// Any text, however long, is either parsed or refused with a column inside the text.
         #[test]
         fn any_text_is_read_or_refused(text in "([a-z_]{1,8}|[0-9.x%]{1,4}|[()<>=!+-]|and|or|not|abs|position\\(1\\)|mm|/s| |\\PC){0,40}") {
             if let Err(error) = parse(&text, None) {
@@ -436,7 +437,7 @@ mod tests {
         }
     }
 
-    /// Long chains and deep nesting need no more stack than others.
+    /// Long chains and deep nesting need no more stack than other expressions.
     #[test]
     fn long_expressions_are_no_deep_ones() {
         let long = ["fault"; 20_000].join(" or ");

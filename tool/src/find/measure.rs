@@ -1,5 +1,5 @@
-//! Units in the comparisons of `ecmsk find`. An axis by name has the unit of the machine file, and one by number counts. A unit
-//! behind a number says it for the whole comparison.
+//! Units in the comparisons of `ecmsk find`. An axis given by name has the unit of the machine file, and one given by
+//! slave number has counts. A unit after a literal number applies to the whole comparison.
 
 use ecmsk::machine_file::{MachineFile, Unit};
 
@@ -7,7 +7,7 @@ use super::condition::{Leaf, Number, OfAxis, What};
 use crate::machine_option::label;
 use crate::motion::Quantity;
 
-/// What a number with a unit measures.
+/// What a literal number with a unit measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measure {
     Distance(Unit),
@@ -15,7 +15,7 @@ pub enum Measure {
     Percent,
 }
 
-/// Numbers that may be compared.
+/// A kind of number; only numbers of the same kind may be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Distance,
@@ -40,7 +40,7 @@ impl Kind {
 }
 
 impl Leaf {
-    /// `None`: a number without a unit, which is of any kind.
+    /// The kind of the number; `None` for a literal number without a unit, which fits any kind.
     const fn kind(&self) -> Option<Kind> {
         Some(match self.what {
             What::Literal { measure: None, .. } => return None,
@@ -58,7 +58,7 @@ impl Leaf {
         })
     }
 
-    /// The unit that stands behind a number of distances or speeds.
+    /// The unit after a literal number of a distance or a speed.
     const fn written(&self) -> Option<Unit> {
         match self.what {
             What::Literal { measure: Some(Measure::Distance(unit) | Measure::Speed(unit)), .. } => Some(unit),
@@ -66,7 +66,7 @@ impl Leaf {
         }
     }
 
-    /// The axis of a quantity, and whether it is given by its name.
+    /// The axis of a quantity, and whether the axis is given by its name.
     const fn axis(&self) -> Option<(u8, bool)> {
         match self.what {
             What::OfAxis { slave, is_named, .. } => Some((slave, is_named)),
@@ -75,10 +75,10 @@ impl Leaf {
     }
 }
 
-/// Converts all values of a comparison, which begins at `at`, to one unit.
+/// Converts all values of a comparison to one unit. `at` is the position of the comparison in the expression.
 ///
 /// # Errors
-/// The place, and why the numbers cannot be compared.
+/// The position, and why the numbers cannot be compared.
 pub fn settle(at: usize, sides: [&mut Number; 2], machine: Option<&MachineFile>) -> Result<(), (usize, String)> {
     let mut leaves: Vec<&mut Leaf> = sides.into_iter().flat_map(Number::leaves).collect();
     if leaves.iter().all(|leaf| matches!(leaf.what, What::Literal { .. } | What::StateWord(_))) {

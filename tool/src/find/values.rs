@@ -1,7 +1,8 @@
-//! The values of axes and board at each report of a recording, for the conditions of `ecmsk find`.
+//! The values of the axes and the board at each report of a recording, for the conditions of `ecmsk find`.
 
 use ecmsk::cia402::DriveState;
 use ecmsk::link::Dir;
+use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::MAX_SLAVES;
 use ecmsk::sk::{CommandId, DriveResponse, FIFO_ENTRIES, MasterResponse, MasterState, RawSlot, SlaveKind, StateByte};
 
@@ -11,27 +12,30 @@ use crate::plot::series::answers_abort_home;
 use crate::plot::states::Homing;
 use crate::recording::Framed;
 
-/// The values at the last report, while frames are read.
+/// Processes frames, and has the values at the last report.
 pub struct Watch {
     axes: Axes,
     slaves: Vec<Slave>,
     state: StateByte,
     fifo: Option<u16>,
+    /// The kinds of the slaves, where no command has said them.
+    known: Kinds,
 }
 
 /// The values of a slave at the last report.
 #[derive(Debug, Default)]
 struct Slave {
-    /// The slot of an axis with process data; `None` if it has none, or the slave is no axis.
+    /// The decoded slot of an axis with process data; `None` if there is no process data, or the slave has no axis.
     drive: Option<DriveResponse>,
-    /// Whether the slot has torque and error code, which an HSP has not.
+    /// Whether the slot has a torque and an error code; the slot of an HSP has neither.
     is_drive: bool,
     homing: Homing,
     /// The slot of the last report.
     slot: RawSlot,
-    /// Whether the slave may be lost: the board is in state 0x18, and the slot has not changed since the report before it.
+    /// Whether the slave may be lost: the board is in state 0x18, and the slot has not changed since the last report
+    /// before it.
     is_lost: bool,
-    /// What the report shows of each [`Quantity`].
+    /// The value of each [`Quantity`] in the last report.
     moving: [Option<i64>; Quantity::ALL.len()],
 }
 
@@ -43,11 +47,17 @@ impl Watch {
             slaves: (0..MAX_SLAVES).map(|_| Slave::default()).collect(),
             state: StateByte::default(),
             fifo: None,
+            known: Kinds::new(None),
         }
     }
 
-    /// Adds the next frame; frames are sorted by time. Returns what a report shows about the execution of commands; `None` for
-    /// a command frame.
+    /// Sets the kinds of the slaves, for frames without the commands that say them.
+    pub fn set_kinds(&mut self, kinds: Kinds) {
+        self.known = kinds;
+    }
+
+    /// Processes the next frame; frames must be sorted by time. For a report, returns what it shows about the execution
+    /// of commands; for a command frame, `None`.
     pub fn frame(&mut self, framed: &Framed) -> Option<Execution> {
         let (frame, size) = (&framed.recorded.frame, framed.size);
         if framed.recorded.dir == Dir::Write {
@@ -63,7 +73,7 @@ impl Watch {
         slaves.iter_mut().for_each(|slave| slave.moving = Default::default());
         let execution = axes.frame(framed, &mut |Value { slave, quantity, value, .. }| {
             let Some(slave) = slaves.get_mut(slave - 1) else { return };
-            // A report may show the steps of several targets, of which the largest counts.
+            // A report may show the steps of several targets; the largest one counts.
             let now = &mut slave.moving[quantity as usize];
             if now.is_none_or(|before| before.unsigned_abs() < value.unsigned_abs()) {
                 *now = Some(value);
@@ -79,11 +89,12 @@ impl Watch {
             let slot = frame.slot(size, number);
             let is_same = std::mem::replace(&mut slave.slot, slot) == slot;
             slave.is_lost = is_op && board.state.is_failed() && is_same && (slave.is_lost || !before.is_failed());
-            let is_axis = match self.axes.kind(number) {
+            let kind = self.axes.kind(number).or(self.known.of(number));
+            let is_axis = match kind {
                 Some(kind) => matches!(kind, SlaveKind::Drive | SlaveKind::Step | SlaveKind::Hsp),
                 None => CommandId::from_code(slot.id).is_for_axes(),
             };
-            slave.is_drive = self.axes.kind(number) != Some(SlaveKind::Hsp);
+            slave.is_drive = kind != Some(SlaveKind::Hsp);
             slave.drive = (has_data && is_axis).then(|| DriveResponse::decode(&slot));
             match &slave.drive {
                 Some(drive) if is_op && !slave.is_lost => {

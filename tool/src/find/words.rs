@@ -1,4 +1,4 @@
-//! The words and signs of the expressions of `ecmsk find`.
+//! The words and operators of the expressions of `ecmsk find`.
 
 use std::cmp::Ordering;
 
@@ -32,10 +32,10 @@ pub const FLAGS: [(&str, Flag); 10] = [
     ("internal_limit", Flag::Bit(Statusword::INTERNAL_LIMIT)),
 ];
 
-/// The words of the board and of the language.
+/// All other words of the language, for [`unknown`].
 const WORDS: [&str; 8] = ["state", "fifo", "gap", "abs", "and", "or", "not", "OP"];
 
-/// The signs of comparisons; those that begin like another one come before it.
+/// The comparison operators. An operator that begins with another one, such as `<=`, comes before that one.
 pub const COMPARISONS: [(&str, Comparison); 7] = [
     ("<=", Comparison { orders: &[Ordering::Less, Ordering::Equal] }),
     (">=", Comparison { orders: &[Ordering::Greater, Ordering::Equal] }),
@@ -46,9 +46,9 @@ pub const COMPARISONS: [(&str, Comparison); 7] = [
     ("=", Comparison { orders: &[Ordering::Equal] }),
 ];
 
-/// The error for a word that is not known, with one like it if there is one, otherwise all.
+/// The error for an unknown word. It suggests the most similar word, or lists all words if none is similar.
 pub fn unknown(word: &str) -> String {
-    /// How similar a word has to be to be shown alone, as clap has it.
+    /// The smallest similarity at which a word is suggested; clap uses the same value.
     const SIMILAR: f64 = 0.7;
     let words = || OF_AXIS.iter().map(|(name, _)| *name).chain(FLAGS.iter().map(|(name, _)| *name)).chain(WORDS);
     let lower = word.to_lowercase();

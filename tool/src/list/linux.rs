@@ -1,4 +1,4 @@
-//! Lists boards on USB, SPI devices and network cards, on Linux.
+//! Lists USB boards, SPI devices and network cards on Linux.
 
 use std::path::PathBuf;
 
@@ -26,12 +26,12 @@ pub struct SystemArgs {
     scan: Option<String>,
 }
 
-/// The network card of `--scan`, whose slaves are listed too.
+/// The network card of `--scan`, whose slaves are to be listed too.
 pub fn scanned(args: &SystemArgs) -> Option<&str> {
     args.scan.as_deref()
 }
 
-/// A row for each USB board, SPI device and network card.
+/// Returns a row for each USB board, SPI device and network card.
 pub fn rows(args: &SystemArgs) -> Vec<Row> {
     let machine = Machine::below(&args.root);
     usb(&machine).chain(spi(&machine)).chain(cards(&machine)).collect()
@@ -67,7 +67,8 @@ fn usb_row(device: &UsbDevice, findings: Vec<Finding>) -> Row {
         what,
         obstacle: blocking.first().map(|finding| finding.found.clone()).or(obstacle.map(|why| why.to_string())),
         but: others.iter().map(|finding| finding.found.clone()).collect(),
-        // Of several obstacles only the first one shows its next step, because the others may follow from it.
+        // If there are several obstacles, only the first one shows its next step, because the others may be its
+        // consequences.
         next: blocking.into_iter().take(1).chain(others).filter_map(|finding| finding.next).collect(),
         facts,
     }

@@ -1,4 +1,4 @@
-//! Lists boards on USB that Windows' HID driver knows.
+//! Lists the USB boards that the HID driver of Windows has found.
 
 use ecmsk::link::keys::Scheme;
 use ecmsk::machine::{Board, Machine};
@@ -13,12 +13,12 @@ pub const NONE: &str = "no board on USB";
 #[derive(clap::Args)]
 pub struct SystemArgs {}
 
-/// There are no network cards for slaves on Windows.
+/// Always `None`: slaves on a network card are not supported on Windows.
 pub const fn scanned(_: &SystemArgs) -> Option<&str> {
     None
 }
 
-/// All devices with the board's vendor and product id, or a row with the error.
+/// A row for each device with the vendor and product id of the board, or a single row with the error.
 pub fn rows(_: &SystemArgs) -> Vec<Row> {
     match Machine::here().boards() {
         Ok(boards) => boards.iter().map(row).collect(),

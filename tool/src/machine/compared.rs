@@ -1,4 +1,4 @@
-//! Where a network differs from a machine file.
+//! Compares the slaves of a network with those of a machine file.
 
 use std::fmt;
 
@@ -12,9 +12,9 @@ use super::network::FoundSlave;
 /// A difference between the slaves of a machine file and those that answer on the network.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Difference {
-    /// The machine file has a slave with this number, and the network has fewer slaves.
+    /// The machine file has a slave with this number, but the network has fewer slaves.
     Missing { slave: usize },
-    /// The network has a slave with this number, and the machine file has fewer slaves.
+    /// The network has a slave with this number, but the machine file has fewer slaves.
     Unexpected { slave: usize, vendor: u32, product: u32 },
     /// The slave on the network has another vendor, product code or revision than in the machine file.
     Identity { slave: usize, what: &'static str, file: u32, found: u32 },
@@ -61,7 +61,7 @@ impl Difference {
     }
 }
 
-/// The differences, in the order of the slave numbers; unexpected slaves come last.
+/// Returns the differences, sorted by slave number; unexpected slaves come last.
 pub fn differences(machine: &MachineFile, found: &[FoundSlave]) -> Vec<Difference> {
     let mut all = Vec::new();
     for (slave, expected) in (1..).zip(&machine.slaves) {

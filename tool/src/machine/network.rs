@@ -1,4 +1,4 @@
-//! The slaves of a network or behind a board, as far as they say what they are.
+//! Identifies the slaves of a network, or behind a board, as far as their objects and EEPROMs allow it.
 
 use ecmsk::bus::{self, BusError, Network};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -8,7 +8,7 @@ use ecmsk::link::uri::LinkUri;
 
 use super::MachineVerbError;
 
-/// Device type: the device profile, and in its upper half the kind of device (CiA 401, CiA 402).
+/// The object "device type": the lower half is the device profile (CiA 401 or 402), the upper half the kind of device.
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
 /// Vendor id, product code and revision number: sub-indices 1 to 3 of the identity object.
 const IDENTITY: [ObjectAddress; 3] =
@@ -20,18 +20,19 @@ pub struct FoundSlave {
     pub vendor: u32,
     pub product: u32,
     pub revision: u32,
-    /// The slave's name from its EEPROM; empty if it has none, and behind a board, which does not show EEPROMs.
+    /// The name of the slave in its EEPROM; empty if it has none, and always behind a board, which does not give access
+    /// to EEPROMs.
     pub name: String,
-    /// The kind of the slave by its name or device type; `None` if neither tells it.
+    /// The kind of the slave, from its name or its device type; `None` if neither shows it.
     pub kind: Option<SlaveModel>,
 }
 
-/// The slaves in network order.
+/// Finds the slaves of a network or behind a board, in network order.
 ///
 /// # Errors
 /// [`MachineVerbError::NoSlave`] if no slave answers; errors of the network or the board.
 pub fn slaves(link: &LinkUri) -> Result<Vec<FoundSlave>, MachineVerbError> {
-    crate::recording_end::opens(link);
+    crate::recording_end::note_opened(link);
     let link = link.to_string();
     let found = match bus::open(&link) {
         Ok(network) => of_network(network)?,
@@ -44,7 +45,7 @@ pub fn slaves(link: &LinkUri) -> Result<Vec<FoundSlave>, MachineVerbError> {
 fn of_network(mut network: Box<dyn Network>) -> Result<Vec<FoundSlave>, MachineVerbError> {
     let found = network.scan()?;
     let one = |slave: bus::FoundSlave| {
-        // A slave without a mailbox has no device type, which is no error.
+        // A slave without a mailbox has no device type. This is no error; the device type is then 0.
         let answer = network.upload(slave.slave, DEVICE_TYPE, SdoScope::Entry).unwrap_or_default();
         let device_type = answer.iter().take(4).rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
         let identity = slave.identity;
@@ -54,8 +55,8 @@ fn of_network(mut network: Box<dyn Network>) -> Result<Vec<FoundSlave>, MachineV
     Ok(found.into_iter().map(one).collect())
 }
 
-/// The slaves behind a board, by SDOs. A board does not say how many slaves it has, so slaves are asked one after the other
-/// until one does not answer.
+/// Finds the slaves behind a board by SDOs. A board does not report the number of its slaves, so each slave is queried
+/// in turn until one does not answer.
 fn of_board(ecm: &Ecm) -> Result<Vec<FoundSlave>, MachineVerbError> {
     let mut found = Vec::new();
     for slave in 1..=ecm.slot_size()?.max_slaves() as u8 {
@@ -76,8 +77,8 @@ fn of_board(ecm: &Ecm) -> Result<Vec<FoundSlave>, MachineVerbError> {
     Ok(found)
 }
 
-/// The kind of a slave: that of its name, if it is the name of a simulated slave, otherwise that of its device type.
-/// CiA 402 is a stepper or a servo drive, CiA 401 an IO slave. The device type of a pulse module is that of a stepper.
+/// The kind of a slave. If its name is that of a simulated slave, the name decides, otherwise the device type. CiA 402
+/// is a stepper or a servo drive, CiA 401 an IO slave. A pulse module has the device type of a stepper.
 fn kind(name: &str, device_type: u32) -> Option<SlaveModel> {
     let by_name = SlaveModel::ALL.into_iter().find(|model| model.name().eq_ignore_ascii_case(name));
     by_name.or(match (device_type & 0xFFFF, device_type >> 16 & 0xFF) {

@@ -1,4 +1,4 @@
-//! The text of a new machine file: what the network tells, and comments on what a person has to add.
+//! The text of a new machine file: what the network shows, and comments about what the user has to add.
 
 use std::fmt::Write as _;
 
@@ -7,16 +7,17 @@ use ecmsk::link::uri::LinkUri;
 
 use super::network::FoundSlave;
 
-/// The text of a new machine file: with the link, and with the slaves that were found behind it.
+/// The text of a new machine file, with the link and the slaves that were found on it.
 pub fn text(link: &LinkUri, slaves: &[FoundSlave]) -> String {
     let link = link.to_string().replace('\\', "\\\\").replace('"', "\\\"");
+    let kinds = SlaveModel::ALL.map(SlaveModel::name).join(", ");
     let mut text = format!(
         "# A machine file of ecmsk, see docs/MACHINE.md. `ecmsk machine check` checks it, with --link against the network;\n\
          # `ecmsk machine schema` prints the schema for an editor.\n\
          format = 1\n\
          link = \"{link}\"\n\
          # cycle_us = 1000\n\n\
-         # The slaves in the order of the cable, and which devices they have to be. kind: drive, io, step, dp3cl, hsp, hsp2,\n\
+         # The slaves in the order of the cable, and which devices they have to be. kind: {kinds},\n\
          # or none for one that is not used. mode = \"csv\" or \"cst\" if its axis does not run in CSP.\n"
     );
     for (number, slave) in (1..).zip(slaves) {
@@ -69,8 +70,7 @@ mod tests {
 
     use super::*;
 
-    /// A new file is valid, whatever name a slave has. It is also valid if the comments with examples are made lines of
-    /// the file.
+    /// A new file is valid, whatever name a slave has. It is also valid if its commented examples are made active.
     #[test]
     fn a_new_file_is_a_machine_file() {
         let slave = |name: &str, kind| FoundSlave {

@@ -1,4 +1,5 @@
-//! Compares the machine file of this machine with that of the server of a link: which positions the same words mean.
+//! Compares the local machine file with that of the server of a link: the same command could mean different positions
+//! there.
 
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
@@ -7,21 +8,22 @@ use ecmsk::machine_file::{MachineAxis, MachineFile};
 use super::served;
 use crate::stderr::say;
 
-/// Two scales are the same if they differ by no more than this part: a fraction and its decimal number do. \[OURS]
+/// Two scales are equal if their relative difference is at most this, so that a fraction equals its rounded decimal
+/// number. \[OURS]
 const SCALE_PART_MAX: f64 = 1e-9;
 
-/// What two machine files say differently of an axis.
+/// A difference between two machine files for one axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AxisDifference {
-    /// The slave that the axis has in the file of this machine.
+    /// The slave of the axis in the local machine file.
     pub slave: u8,
     /// The name of the axis, what differs, and the values of both files.
     pub text: String,
 }
 
-/// Where a machine file says something else of an axis than that of the server of the link, in slave, scale or limits. A note is
-/// printed for each. Empty also if the link is no `tcp:`, the server has no such file, or it cannot be had: opening the link
-/// reports that.
+/// The axes for which the local machine file differs from that of the link's server, in slave, scale or limits. A
+/// warning is printed for each. Empty if the link is not `tcp:`, if the server has no machine file, or if the file
+/// cannot be read; opening the link then reports the reason.
 pub fn note_differences(own: &MachineFile, link: &LinkUri) -> Vec<AxisDifference> {
     if link.scheme() != Scheme::Tcp {
         return Vec::new();
@@ -49,7 +51,7 @@ fn between(own: &MachineFile, served: &MachineFile) -> Vec<AxisDifference> {
         }
         if !is_same_scale(axis, other) {
             differs(format!("a count is {} in {here}, {} in {there}", count(axis), count(other)));
-            // Limits in other units mean other places in any case.
+            // With different scales, equal limits in counts mean different positions, so the limits are not compared.
             continue;
         }
         for (word, limits) in [("min", [axis, other].map(min)), ("max", [axis, other].map(max))] {
@@ -68,13 +70,13 @@ fn is_same_scale(axis: &MachineAxis, other: &MachineAxis) -> bool {
     axis.unit == other.unit && (own - served).abs() <= own.abs() * SCALE_PART_MAX
 }
 
-/// How long a count is, in the unit of its axis.
+/// The length of a count as text, in the unit of the axis.
 fn count(axis: &MachineAxis) -> String {
     format!("{} {}", 1.0 / axis.scale.counts_per_unit, axis.unit)
 }
 
-/// The limit that the file calls `min`, in counts; `None` if there is none. With a unit in the opposite direction it is the
-/// greatest count.
+/// The limit that the file calls `min`, in counts; `None` if there is none. If the axis counts backwards, this is the
+/// upper limit in counts.
 fn min(axis: &MachineAxis) -> Option<i32> {
     if axis.scale.counts_per_unit < 0.0 { highest(axis) } else { lowest(axis) }
 }
@@ -129,7 +131,7 @@ mod tests {
             said(&own.replace("slave = 2", "slave = 3").replace("X =", "x =")),
             one(2, "axis Y: it is on slave 2 in a.toml, on slave 3 in b.toml")
         );
-        // An axis of another name on the same slave is compared, too.
+        // An axis with another name on the same slave is compared too.
         assert_eq!(said(&own.replace("Y =", "Z =").replace("slave = 2", "slave = 2, max = 5")).len(), 1);
         assert!(said("Q = { slave = 3 }\n[slaves.1]\nkind = \"drive\"").is_empty());
     }

@@ -1,4 +1,4 @@
-//! The result of `ecmsk migrate` as one JSON object. Programs rely on its field names, so they do not change;
+//! The result of `ecmsk migrate` as a JSON object. Programs rely on its field names, so they must not change;
 //! docs/TOOL-RECORDINGS.md lists them.
 
 use ecmsk::migrate::{Ahead, HostTiming, Item, Needs, Packets, Place, Plan, Refused, SeenBy, Spread, Start, Verdict};

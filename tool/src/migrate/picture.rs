@@ -1,6 +1,7 @@
-//! Draws two diagrams over time: how many frames wait in the board's FIFO, and for how many cycles the host pauses. A line in
-//! the first one shows how many sets of outputs a chip would buffer; a line in the second one, for how many cycles these would
-//! last. Both are for the value of `ahead=` that `ecmsk migrate` proposes for the chip's link.
+//! Draws two diagrams over time: the number of frames that wait in the board's FIFO, and the length of the host's
+//! pauses in cycles. Both have a line for the value of `ahead=` that `ecmsk migrate` proposes for the chip's link. In
+//! the first diagram it is the number of output sets that the chip would buffer, in the second the number of cycles for
+//! which these would last.
 
 use ecmsk::migrate::{Seen, Stretch};
 use ecmsk::sk::{CycleTime, FIFO_ENTRIES};
@@ -15,7 +16,7 @@ use crate::plot::{COLUMNS, Window, seconds, style};
 /// The height of a diagram in pixels.
 const HEIGHT: u32 = 190;
 
-/// Collects the lines of the picture, frame by frame.
+/// Collects the curves of the picture while frames are processed.
 pub struct Picture {
     window: Window,
     cycle_ns: f64,
@@ -25,7 +26,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// An empty picture over the time in OP.
+    /// Creates a picture without curves, for the time in OP.
     pub fn new(op: Stretch, cycle: CycleTime) -> Self {
         let window = Window::of_times(op.from_ns, op.to_ns);
         Self {
@@ -37,7 +38,7 @@ impl Picture {
         }
     }
 
-    /// Adds the values of the next frame.
+    /// Processes the values of the next frame.
     pub fn frame(&mut self, at_ns: i64, seen: &Seen) {
         if let Some(level) = seen.level {
             self.level.push(at_ns, level.into());

@@ -14,12 +14,12 @@ use ecmsk::xf::DataSize;
 use super::Report;
 use crate::output::counted;
 
-/// The page with the table of differences between the board and an ECM-XF.
+/// The document with the table of differences between the board and an ECM-XF.
 const PAGE: &str = "docs/MIGRATION.md";
 
 /// The result of `ecmsk migrate` as text.
 pub fn of(report: &Report) -> String {
-    // Writing to memory does not fail.
+    // Writing to a String does not fail, so its results are ignored.
     let mut text = String::new();
     head(&mut text, report);
     items(&mut text, report);

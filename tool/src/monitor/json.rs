@@ -1,4 +1,4 @@
-//! Prints a view as one JSON object. Its slots have the form of `ecmsk dump --json`.
+//! Formats a view as a JSON object. Its slots have the same form as in `ecmsk dump --json`.
 
 use ecmsk::engine::Counters;
 use ecmsk::sk::dump::{SlaveData, SlotLine, SlotMeaning};
@@ -8,7 +8,7 @@ use super::rows::has_position;
 use super::watched::View;
 use crate::dump::slot_json::SlotJson;
 
-/// The JSON object with a line feed. Reports are counted per second of the board's time.
+/// The JSON object, followed by a line feed. `reports_per_s` refers to the board's clock.
 pub fn line(view: &View) -> String {
     let velocity = |(i, line): &(usize, SlotLine)| {
         let counts_per_s = view.velocities.get(*i).copied().flatten()?;
@@ -38,7 +38,8 @@ pub fn line(view: &View) -> String {
     format!("{object}\n")
 }
 
-/// The axis of a slot in its unit; `None` unless the machine file has it and the slot a position.
+/// The axis of a slot, with its position in the unit of the machine file. `None` if the machine file does not have the
+/// axis, or the slot has no position.
 fn axis_json(slot: usize, line: &SlotLine, view: &View) -> Option<Value> {
     let SlotMeaning::SlaveResponse(reading) = &line.meaning else { return None };
     let axis = view.axis(slot)?;
@@ -77,7 +78,7 @@ fn counters_json(counters: &Counters) -> Value {
 mod tests {
     use super::*;
 
-    /// Each counter has its own value under its own name.
+    /// Each counter is shown with its own value under its own name.
     #[test]
     fn each_counter_has_its_value() {
         let counters = Counters {

@@ -1,4 +1,4 @@
-//! The rows of the table: one for each axis or IO slave.
+//! The rows of the monitor's table: one for each axis or IO slave.
 
 use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::link::slaves;
@@ -15,7 +15,7 @@ pub enum Highlight {
     /// A slave without alarm that is not an enabled axis.
     #[default]
     Plain,
-    /// The axis is enabled: its motor holds torque.
+    /// The axis is in Operation enabled: its motor has torque.
     On,
     /// The slave has a fault or an error code.
     Alarm,
@@ -26,7 +26,7 @@ pub enum Highlight {
 pub struct Row {
     /// The number of the slave.
     pub slave: String,
-    /// The name of the axis in the machine file; else the kind of slave, with a question mark if it is guessed.
+    /// The name of the axis in the machine file; else the kind of the slave, with a question mark if it is guessed.
     pub kind: String,
     /// The CiA 402 state of the drive in words.
     pub state: String,
@@ -40,7 +40,7 @@ pub struct Row {
     pub torque: String,
     /// The error code, 0x603F.
     pub error: String,
-    /// The inputs of the slave, or outputs if its slot has those, as bits.
+    /// The inputs of the slave as bits, or its outputs in the answer to IO_WR.
     pub bits: String,
     /// The command that the slot answers, with its index or the mode of operation.
     pub answers: String,
@@ -124,7 +124,7 @@ fn slave(i: usize, line: &SlotLine, view: &View, rows: &mut Vec<Row>) {
     }
 }
 
-/// A speed in the unit of an axis, with as many digits as the column has room for: `-9.9 deg/s`.
+/// A speed in the unit of an axis, with as many digits as fit into the column: `-9.9 deg/s`.
 fn speed(axis: &MachineAxis, counts_per_s: f64) -> String {
     let speed = counts_per_s / axis.scale.counts_per_unit;
     let decimals = usize::from(speed.abs() < 9.95);
@@ -146,7 +146,7 @@ impl Row {
     }
 }
 
-/// Whether the slot of a slave has a position, so that the slave is an axis.
+/// Whether the slot of a slave has a position, which only axes have.
 pub fn has_position(line: &SlotLine) -> bool {
     matches!(&line.meaning, SlotMeaning::SlaveResponse(reading) if matches!(reading.data, SlaveData::Drive(_) | SlaveData::Hsp(_)))
 }

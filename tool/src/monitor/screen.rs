@@ -1,4 +1,4 @@
-//! Draws the table, on a terminal of any size or as text.
+//! Draws the monitor's view, on a terminal of any size or as text.
 
 use ecmsk::link::keys::Scheme;
 use ecmsk::sk::dump::SlotRole;
@@ -15,11 +15,11 @@ use super::rows::{Highlight, Row, rows};
 use super::watched::View;
 use crate::visible::visible;
 
-/// The number of lines above the rows: name, board, FIFO, SDO, counters, a blank line, the names of the columns.
+/// The number of lines above the rows: name, board, FIFO, SDO, counters, an empty line, and the column names.
 const HEAD: u16 = 7;
 /// The width of the table as text, with all columns.
 const WIDTH: u16 = 106;
-/// The width of the bar of the FIFO in characters.
+/// The width of the FIFO level bar in characters.
 const BAR: u16 = 32;
 
 /// A column of the table: its name, its width in characters, whether its texts are right-aligned, and the text of a row.
@@ -28,7 +28,7 @@ struct Column {
     width: u16,
     right: bool,
     text: fn(&Row) -> &str,
-    /// The smallest width of the terminal with which the column is shown.
+    /// The smallest terminal width at which the column is shown.
     from_width: u16,
 }
 
@@ -45,7 +45,7 @@ const COLUMNS: [Column; 10] = [
     Column { name: "answers", width: 13, right: false, text: |row| &row.answers, from_width: 106 },
 ];
 
-/// Draws a view, with its rows from `scroll` on. Returns the largest useful value of `scroll`.
+/// Draws a view, with its rows from the row `scroll` on. Returns the largest useful value of `scroll`.
 pub fn draw(frame: &mut Frame, view: &View, scroll: usize) -> usize {
     let foot = 1;
     let [head, table, keys] =
@@ -131,7 +131,7 @@ fn head(view: &View) -> Vec<Line<'static>> {
             counters.rejected_total(),
             counters.idle_cycles
         );
-        // These counters exist only with a chip or a network card.
+        // These counters are above 0 only for a board that uses a chip or a network card, so they are shown only then.
         for (what, count) in [
             ("sets of outputs lost", counters.outputs_lost),
             ("answers lost", counters.answers_lost),
@@ -169,7 +169,7 @@ pub fn text(view: &View) -> String {
     }
 }
 
-/// The characters of a buffer as text, without its last `without` lines.
+/// The characters of a buffer as text, except its last `without` lines.
 fn lines(buffer: &Buffer, without: u16) -> String {
     let area = buffer.area();
     let mut text = String::new();
@@ -191,7 +191,8 @@ mod tests {
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 
-    /// A board in OP with 40 drives, whose positions are 1000 times their numbers; the seventh has an alarm.
+    /// A view of a board in OP with 40 drives. The position of each drive is 1000 times its number, and drive 7 has an
+    /// alarm.
     fn forty() -> View {
         let mut watched = Watched::new("board".to_owned(), Some(&[SlaveKind::Drive; 40]));
         let mut report = ecmsk::sk::Frame::new();
@@ -220,12 +221,12 @@ mod tests {
         (terminal.backend().buffer().clone(), last)
     }
 
-    /// A small terminal shows a part of forty slaves. The table can be scrolled to any of them, and no further.
+    /// A small terminal shows only some of 40 slaves. The table can be scrolled up to the last slave, but not further.
     #[test]
     fn forty_slaves_scroll() {
         let view = forty();
         let (top, last) = screen(&view, (80, 18), 0);
-        // The table has 7 lines above and one below.
+        // There are 7 lines above the rows of the table and one line below.
         assert_eq!(last, 30);
         let text = lines(&top, 0);
         let rows: Vec<&str> = text.lines().collect();
@@ -245,7 +246,7 @@ mod tests {
         }
     }
 
-    /// An alarm and an axis that is on are highlighted; narrow terminals keep the most important columns.
+    /// An alarm and an enabled axis are highlighted. Narrow terminals still show the most important columns.
     #[test]
     fn an_alarm_and_an_axis_that_is_on_are_highlighted() {
         let view = forty();

@@ -1,4 +1,5 @@
-//! The source of reports: a board, which is read by a thread of its own so that no report is missed, or a recording.
+//! The source of the frames that the monitor shows: a board or a recording. A separate thread reads it, so that no
+//! report of a board is missed.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,28 +17,28 @@ use super::{CliError, MonitorError};
 use crate::lock::lock;
 use crate::recording::{self, Framed, Frames};
 
-/// Longest wait for one report, so that the thread notices the end of the monitor. \[OURS]
+/// The longest wait for one report. After it the thread checks whether the monitor has ended. \[OURS]
 const READ_WAIT_MAX: Duration = Duration::from_millis(200);
 
-/// A callback that gets each report: its time in nanoseconds on the board's clock, the frame, and the size of its
-/// slots. It must not block, since it delays the reading of reports.
+/// A callback for each report. Its arguments are the time in nanoseconds on the board's clock, the frame, and the slot
+/// size. It must not block, since this would delay the reading of reports.
 pub type Each = Box<dyn FnMut(i64, &Frame, SlotSize) + Send>;
 
-/// A function that may wrap the link of the board.
+/// A function that may wrap the link of the board before it is used.
 pub type Around = Box<dyn FnOnce(Arc<dyn Link>) -> Arc<dyn Link>>;
 
-/// A board or a recording that a thread reads, and the state that the thread has collected.
+/// A board or a recording that a thread reads, and the state that the thread collects.
 pub struct Feed {
     watched: Arc<Mutex<Watched>>,
     stop: Arc<AtomicBool>,
     link: Option<Arc<dyn Link>>,
-    /// The error with which the thread has ended.
+    /// The error that has ended the thread, until [`Self::view`] returns it.
     failed: Arc<Mutex<Option<EcmError>>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Feed {
-    /// Opens a board; nothing is sent to it. `each` is called with each report.
+    /// Opens a board, and sends nothing to it. `each` is called with each report.
     pub fn board(
         uri: &LinkUri,
         slot: Option<SlotSize>,
@@ -65,12 +66,12 @@ impl Feed {
         })
     }
 
-    /// Opens a recording and plays it in real time, by its recorded times.
+    /// Opens a recording and plays it at its recorded speed.
     pub fn recording(file: PathBuf, slot: Option<SlotSize>, watched: Watched) -> Result<Self, MonitorError> {
         Self::start(watched, None, Arc::default(), move |watched, stop| {
             let (began, mut first_ns) = (Instant::now(), None);
             let played = walk(&file, slot, |framed| {
-                // The time before the first frame is not waited for: after it a part of a long run would begin hours late.
+                // Playing begins with the first frame. Otherwise a section of a long recording would begin hours later.
                 let since_ns = framed.time_ns.saturating_sub(*first_ns.get_or_insert(framed.time_ns));
                 let due = began + Duration::from_nanos(since_ns.max(0).unsigned_abs());
                 while Instant::now() < due && !stop.load(Ordering::Relaxed) {
@@ -100,14 +101,14 @@ impl Feed {
         Ok(Self { watched, stop, link, failed, thread: Some(thread.map_err(MonitorError::Thread)?) })
     }
 
-    /// The slaves and units of the network, which the server of a link reports and may change while the link is open;
-    /// `None` for a recording, or if the link reports none.
+    /// The slaves and units of the network, as reported by the server of a link; they may change while the link is
+    /// open. `None` for a recording, or if the link does not report them.
     #[cfg(feature = "web")]
     pub fn network(&self) -> Option<KnownNetwork> {
         self.link.as_ref()?.network()
     }
 
-    /// The present view, and why the source has ended, if it has.
+    /// The present view, and the error that has ended the source, if there is one. An error is returned only once.
     pub fn view(&self) -> (View, Option<MonitorError>) {
         let counters = self.link.as_ref().and_then(|link| link.stats().board);
         let mut watched = lock(&self.watched);
@@ -124,7 +125,7 @@ impl Drop for Feed {
             link.cancel(Dir::Read);
         }
         if let Some(thread) = self.thread.take() {
-            // The result is ignored: a panic of the thread was printed already.
+            // The result is ignored, because a panic of the thread was already printed.
             let _ = thread.join();
         }
     }
@@ -155,7 +156,8 @@ fn read(
             watched.counts.bad_crc = stats.bad_crc;
         }
         if virtual_time {
-            // Virtual time advances only in calls, so the thread waits between them to keep up with real time.
+            // Virtual time advances only in calls of the link. The thread waits between them, so that virtual time runs
+            // no faster than real time.
             let at = Duration::from_nanos(snapshot.meta.at.0);
             let (since, first) = *began.get_or_insert((Instant::now(), at));
             thread::sleep(at.saturating_sub(first).saturating_sub(since.elapsed()).min(READ_WAIT_MAX));
@@ -164,7 +166,7 @@ fn read(
     Ok(())
 }
 
-/// Adds a frame of a recording to the state.
+/// Processes a frame of a recording.
 pub fn take(watched: &mut Watched, framed: &Framed) {
     if let Some(firmware) = recording::firmware(framed.meta.as_deref()) {
         watched.firmware = firmware;
@@ -175,8 +177,8 @@ pub fn take(watched: &mut Watched, framed: &Framed) {
     }
 }
 
-/// Calls `show` with the frames of a recording, sorted by time, until it returns false. Returns why the recording ends early,
-/// or what it lacks; `None` if it is complete or `show` has ended it.
+/// Calls `show` with the frames of a recording, sorted by time, until `show` returns false. Returns why the recording
+/// ends early or what it lacks; `None` if it is complete, or if `show` has returned false.
 pub fn walk(
     file: &Path,
     slot: Option<SlotSize>,

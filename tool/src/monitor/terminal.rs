@@ -1,7 +1,7 @@
-//! Runs the monitor on a terminal: drawing, keys, signals. However it ends, the terminal is restored.
+//! Runs the monitor on a terminal: drawing, keys, signals. The terminal is restored however the monitor ends.
 //!
-//! Keys are read by a thread of its own, because the crate that reads them never returns from a terminal that was
-//! closed, and the monitor must not wait for it when it ends.
+//! A separate thread reads the keys. The crate for terminals never returns from reading a closed terminal, and the
+//! monitor must be able to end even then.
 
 use std::io;
 use std::process::ExitCode;
@@ -18,17 +18,17 @@ use super::source::Feed;
 use super::{MonitorError, screen};
 use crate::signals;
 
-/// Interval at which signals and the end of the terminal are checked. \[OURS]
+/// The interval at which signals and the closing of the terminal are checked. \[OURS]
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Most keys that are buffered; further ones wait in the terminal. \[OURS]
+/// The largest number of keys that this process buffers; further ones stay in the terminal's own buffer. \[OURS]
 const KEYS_BUFFERED: usize = 64;
-/// How long the process may take to restore the screen after a signal; then a watchdog thread ends it. A terminal that takes no
-/// output may block it forever. \[OURS]
+/// The longest time for restoring the screen after a signal. After it a watchdog thread ends the process, because a
+/// terminal that accepts no output could block it forever. \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_secs(1);
 /// The number of rows that a page key scrolls. \[OURS]
 const PAGE_ROWS: usize = 10;
 
-/// What the user requests with a key.
+/// The action that a key requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum KeyAction {
     End,
@@ -36,19 +36,19 @@ enum KeyAction {
     Nothing,
 }
 
-/// Shows the feed until a key, a signal or the time limit ends it; returns the exit code.
+/// Shows the feed until a key, a signal or the time limit ends the monitor. Returns the exit code.
 pub fn run(feed: &Feed, interval: Duration, limit: Option<Duration>) -> Result<ExitCode, MonitorError> {
     let signal = Arc::new(AtomicUsize::new(0));
     signals::note(&signal).map_err(MonitorError::Terminal)?;
-    // From here on a panic restores the terminal as well.
+    // From here on, a panic restores the terminal too.
     let mut terminal = ratatui::try_init().map_err(MonitorError::Terminal)?;
     start_watchdog(Arc::clone(&signal)).map_err(MonitorError::Terminal)?;
     let shown = keys().and_then(|keys| show(&mut terminal, feed, interval, limit, &signal, &keys));
     let restored = ratatui::try_restore();
     if is_gone() {
-        // Dropping the terminal would print an error to standard error, which is closed as well, and so panic.
+        // Dropping the terminal would print an error to standard error. That is closed too, so printing would panic.
         std::mem::forget(terminal);
-        // The error would be that of a closed terminal, which cannot be shown there. So only the exit code says it.
+        // The error would be that of a closed terminal, where it cannot be shown. So only the exit code reports it.
         let number = signal.load(Ordering::Relaxed);
         return Ok(ended_by(if number == 0 { signals::HANG_UP } else { number }));
     }
@@ -56,7 +56,7 @@ pub fn run(feed: &Feed, interval: Duration, limit: Option<Duration>) -> Result<E
     shown
 }
 
-/// Starts the thread that reads keys. Nobody waits for its end, because it may block in a read: it ends with the process.
+/// Starts the thread that reads keys. The thread may block in a read, so it is never joined: it ends with the process.
 fn keys() -> Result<Receiver<io::Result<Event>>, MonitorError> {
     let (sender, keys) = sync_channel(KEYS_BUFFERED);
     let read = move |sender: SyncSender<io::Result<Event>>| while sender.send(event::read()).is_ok() {};
@@ -69,8 +69,8 @@ fn is_gone() -> bool {
     signals::has_hung_up(&io::stdout())
 }
 
-/// Starts a thread that ends the process some time after a signal, or after the terminal was closed, whatever the
-/// process is doing then.
+/// Starts a watchdog thread. It ends the process [`END_WAIT_MAX`] after a signal, or after the terminal was closed,
+/// even if the process is blocked.
 fn start_watchdog(signal: Arc<AtomicUsize>) -> io::Result<()> {
     let watch = move || {
         let number = loop {
@@ -81,14 +81,14 @@ fn start_watchdog(signal: Arc<AtomicUsize>) -> io::Result<()> {
             }
         };
         thread::sleep(END_WAIT_MAX);
-        // The sequences that restore the screen are left out, because the terminal takes no output.
+        // The escape sequences that restore the screen are not sent, because the terminal accepts no output.
         let _ = disable_raw_mode();
         std::process::exit(i32::from(128_u8.saturating_add(number as u8)));
     };
     thread::Builder::new().name("end".into()).spawn(watch).map(drop)
 }
 
-/// The exit code after a signal: 128 + its number.
+/// The exit code after a signal: 128 plus the number of the signal.
 fn ended_by(signal: usize) -> ExitCode {
     ExitCode::from(128_u8.saturating_add(signal as u8))
 }
@@ -121,8 +121,8 @@ fn show(
             }
             let now = Instant::now();
             if now >= next {
-                // An error of the feed does not end the loop: the view shows it, and keeps the board's last values on the
-                // screen.
+                // An error of the feed does not end the loop. The view shows the error, and the last values of the
+                // board stay on the screen.
                 (view, _) = feed.view();
                 next = (next + interval).max(now);
                 break;

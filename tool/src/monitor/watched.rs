@@ -1,4 +1,4 @@
-//! The state of a board as far as its frames have shown it, and the views of it that are displayed.
+//! Collects the state of a board from its frames, and makes the views that the monitor shows.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ use ecmsk::sk::{Frame, MasterResponse, SlaveKind, SlotSize};
 
 use crate::machine_option::alarm_words;
 
-/// A board that has made no report for this long is shown as silent. \[OURS]
+/// A board that has sent no report for longer than this is shown as silent. \[OURS]
 const SILENT: Duration = Duration::from_secs(1);
 
 /// A report with its time, its slot size, and the number of reports read so far.
@@ -39,35 +39,37 @@ pub struct Watched {
     name: String,
     kinds: Kinds,
     newest: Option<Sample>,
-    /// The newest report at the previous view. Rates and velocities are computed from the change since then.
+    /// The latest report at the time of the previous view. Rates and velocities are computed from the change since
+    /// then.
     shown: Option<Sample>,
     heard: Instant,
-    /// The firmware, which decides the meaning of byte 1 of a slave's slot.
+    /// The firmware version of the board, which decides the meaning of byte 1 of a slave's slot.
     pub firmware: Firmware,
-    /// How many reports were read, lost or damaged.
+    /// The numbers of reports that were read, lost or damaged.
     pub counts: Counts,
     /// The board's own counters; `None` if the link does not know them.
     pub counters: Option<Counters>,
-    /// Why no more reports come, such as the end of the recording; `None` while they do.
+    /// Why the source has ended, for example at the end of the recording; `None` while it delivers reports.
     pub end: Option<String>,
-    /// The machine file, by which axes and alarms are named.
+    /// The machine file with the names of axes and the texts of alarms.
     pub machine: Option<Arc<MachineFile>>,
-    /// Whether silence of the board is shown: not after the end of a recording.
+    /// Whether the source is a board. Only then missing reports are shown as silence.
     pub live: bool,
 }
 
-/// The state of the board at one moment, ready to be displayed.
+/// The state of the board at one moment, to be displayed.
 #[derive(Clone, Debug)]
 pub struct View {
     /// The URI of the link, or the name of the recording.
     pub name: String,
-    /// The board's own part of the newest report, slot 0, with state and FIFO; `None` before the first report.
+    /// Slot 0 of the latest report, with state and FIFO; `None` before the first report.
     pub board: Option<MasterResponse>,
-    /// The time of the newest report in nanoseconds, on the board's clock or in the recording's time.
+    /// The time of the latest report in nanoseconds, on the board's clock or in the recording's time.
     pub at_ns: i64,
-    /// Reports per second since the previous view, on the clock of [`Self::at_ns`]; `None` in the first view.
+    /// The number of reports per second since the previous view, on the clock of [`Self::at_ns`]; `None` in the first
+    /// view.
     pub rate: Option<f64>,
-    /// How many reports were read, lost or damaged.
+    /// The numbers of reports that were read, lost or damaged.
     pub counts: Counts,
     /// The board's own counters.
     pub counters: Option<Counters>,
@@ -75,27 +77,27 @@ pub struct View {
     pub trouble: Option<String>,
     /// The slots to show, each with its number, slot 0 first.
     pub lines: Vec<(usize, SlotLine)>,
-    /// The velocity of each slot's position since the previous view, in counts per second. The index is the slot number.
+    /// The velocity of each slot's position since the previous view, in counts per second. The index is the slot
+    /// number.
     pub velocities: Vec<Option<f64>>,
     /// The machine file, with the names of axes and the texts of alarms; `None` if there is none.
     pub machine: Option<Arc<MachineFile>>,
 }
 
 impl View {
-    /// The axis that the machine file has for the slave of a slot; `None` without a machine file, or if the slave has
-    /// no axis there.
+    /// The axis in the machine file for the slave of a slot; `None` if there is no machine file, or no such axis in it.
     pub fn axis(&self, slot: usize) -> Option<&MachineAxis> {
         self.machine.as_ref()?.axis_of(u8::try_from(slot).ok()?)
     }
 
-    /// What an error code of a slot's slave means: as the machine file says it, else as CiA 402 does.
+    /// The meaning of an error code of a slot's slave, from the machine file or else from CiA 402.
     pub fn alarm_text(&self, slot: usize, code: u16) -> &str {
         alarm_words(self.machine.as_deref(), u8::try_from(slot).unwrap_or(u8::MAX), code)
     }
 }
 
 impl Watched {
-    /// The state before the first frame. `kinds` are the kinds of the slaves, if they are known.
+    /// Creates the state before the first frame. `kinds`: the kinds of the slaves, if they are known.
     pub fn new(name: String, kinds: Option<&[SlaveKind]>) -> Self {
         Self {
             name,
@@ -112,13 +114,12 @@ impl Watched {
         }
     }
 
-    /// Adds a command frame that another program has sent.
+    /// Processes a command frame that another program has sent.
     pub fn command(&mut self, frame: &Frame, size: SlotSize) {
         self.kinds.command(frame, size);
     }
 
-    /// Takes over a report as the newest one. `at_ns` is its time, on the board's clock or since the recording's first
-    /// frame.
+    /// Processes a report. `at_ns` is its time, on the board's clock or since the first frame of the recording.
     pub fn report(&mut self, at_ns: i64, frame: &Frame, size: SlotSize) {
         self.kinds.response(frame, size);
         self.counts.reports += 1;
@@ -126,7 +127,7 @@ impl Watched {
         self.newest = Some(Sample { at_ns, frame: frame.clone(), size, reports: self.counts.reports });
     }
 
-    /// Makes a view. The rates of the next view are relative to it.
+    /// Makes a view. The rates of the next view refer to the time since this one.
     pub fn view(&mut self) -> View {
         let silent = self.live && self.heard.elapsed() > SILENT;
         let silence = || format!("no report for {:.1} s", self.heard.elapsed().as_secs_f64());
@@ -172,7 +173,7 @@ impl Watched {
         let sdo = sample.size.sdo_slot();
         let line = |i: usize| {
             let line = if self.kinds.of(i).is_some() { given.line(i) } else { unknown.line(i) }?;
-            // A slave whose kind is known is shown even if its slot is empty; one that does not exist is never shown.
+            // A slave of known kind is shown even if its slot is empty. A slave of kind "none" is never shown.
             let shown = match self.kinds.of(i) {
                 Some(SlaveKind::None) => i == 0 || i == sdo,
                 Some(_) => true,

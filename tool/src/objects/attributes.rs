@@ -1,12 +1,12 @@
-//! Blanks out attributes that the ESI reader does not use, in XML elements that have very many. The XML parser compares each
-//! attribute of an element with all before it, so such a file would take it very long.
+//! Replaces unused attributes by blanks, in XML elements with a very large number of attributes. The XML parser
+//! compares each attribute of an element with all previous ones, so such a file would take it very long.
 
 use std::collections::HashSet;
 
-/// Elements with at most this many attributes stay as they are. \[OURS] Elements of an ESI file have at most ten.
+/// Elements with at most this many attributes are not changed. \[OURS] Elements of an ESI file have at most ten.
 const ATTRIBUTES_MAX: usize = 64;
 
-/// The error that an attribute occurs twice in an element, which XML forbids.
+/// The error for an attribute that occurs twice in an element, which XML forbids.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Twice {
     /// The name of the attribute.
@@ -15,11 +15,11 @@ pub struct Twice {
     pub line: u32,
 }
 
-/// Replaces the attributes whose names are not in `read` by blanks, in elements with more than [`ATTRIBUTES_MAX`] attributes.
-/// `None` if no element has so many. Text that is not XML stays as it is.
+/// In elements with more than [`ATTRIBUTES_MAX`] attributes, replaces the attributes whose names are not in `read` by
+/// blanks. Returns `None` if there is nothing to replace. Text that is not XML is not changed.
 ///
 /// # Errors
-/// [`Twice`], checked only in elements with so many attributes; the parser checks the others.
+/// [`Twice`]. It is checked only in these elements, because the parser checks all others.
 pub fn without_unread(text: &str, read: &[&str]) -> Result<Option<String>, Twice> {
     let mut blanks: Vec<(usize, usize)> = Vec::new();
     let mut at = 0;
@@ -67,7 +67,7 @@ fn find(text: &str, from: usize, what: &str) -> Option<usize> {
 /// An attribute: its name, and the byte range from the name to the byte after the value.
 type Attribute<'a> = (&'a str, (usize, usize));
 
-/// The attributes of the start tag whose name begins at `at`, and the position after them.
+/// The attributes of a start tag, and the position after them. `at` is the position of the tag's name.
 fn attributes(text: &str, at: usize) -> (Vec<Attribute<'_>>, usize) {
     let bytes = text.as_bytes();
     let skip = |mut at: usize, goes_on: fn(u8) -> bool| {
@@ -98,8 +98,8 @@ fn attributes(text: &str, at: usize) -> (Vec<Attribute<'_>>, usize) {
 mod tests {
     use super::*;
 
-    /// In an element with very many attributes, those that are read stay on their lines and the others become blanks. Other
-    /// elements, comments and texts stay as they are.
+    /// In an element with very many attributes, the used attributes stay on their lines and all others are replaced by
+    /// blanks. Other elements, comments and texts are not changed.
     #[test]
     fn attributes_that_nobody_reads_are_taken_out() {
         let many: String = (0..100).map(|n| format!(" a{n}='>'\n")).collect();

@@ -1,18 +1,18 @@
-//! Reads the objects of a real drive by SDO over a link.
+//! Reads the objects of a drive behind a board, by SDO.
 
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Close, Ecm, EcmError};
 use ecmsk::slave::dictionary::Access;
 use ecmsk::slave::{ManufacturerObject, ManufacturerType, ManufacturerValue, Mappable};
 
-/// Reads all readable objects with these indexes; nothing is written to the drive. `found` is called with each object, `at`
-/// with each index before it is read.
+/// Reads all readable objects with these indexes, and writes nothing to the drive. `found` is called with each object,
+/// and `at` with each index before it is read.
 ///
-/// SDO answers show neither the data type nor the access of an object. So all objects are [`ManufacturerType::Any`] and
-/// `rw`, except those that the drive reports as write-only.
+/// SDO answers show neither the data type nor the access rights of an object. So all objects get
+/// [`ManufacturerType::Any`] and `rw`, except those that the drive reports as write-only.
 ///
 /// # Errors
-/// [`EcmError`], for example if the slave does not answer any more; errors of `found`.
+/// [`EcmError`], for example if the slave no longer answers; errors of `found`.
 pub fn read<E: From<EcmError>>(
     link: &str,
     slave: u8,
@@ -25,7 +25,7 @@ pub fn read<E: From<EcmError>>(
     Ok(ecm.close(Close::Leave)?)
 }
 
-/// Like [`read`], on a board that is open already.
+/// Like [`read`], on a board that is already open.
 ///
 /// # Errors
 /// As [`read`].
@@ -45,8 +45,8 @@ pub fn read_from<E: From<EcmError>>(
         if !is_readable {
             continue;
         }
-        // Sub-index 0 of a record or an array is its highest sub-index; that of a plain object is its value, and
-        // there is no other.
+        // In a record or an array, sub-index 0 is the highest sub-index. In a simple object it is the value, and there
+        // are no other sub-indexes.
         for sub in (1..=count.min(254) as u8).take_while(|_| count <= 254) {
             match upload(ecm, slave, index, sub)? {
                 Some(object) => found(object)?,
@@ -72,8 +72,8 @@ fn upload(ecm: &Ecm, slave: u8, index: u16, sub: u8) -> Result<Option<Manufactur
     match ecm.sdo_read::<u32>(slave, address) {
         Ok(bits) => Ok(Some(object(Access::ReadWrite, bits))),
         Err(EcmError::SdoAborted { code: AbortCode::WRITE_ONLY, .. }) => Ok(Some(object(Access::WriteOnly, 0))),
-        // A timeout: the slave does not exist or does not answer any more. Other abort codes mean that this object cannot be
-        // read.
+        // A timeout means that the slave does not exist or no longer answers. Other abort codes mean that this object
+        // cannot be read.
         Err(error @ EcmError::SdoAborted { code: AbortCode::TIMEOUT, .. }) => Err(error),
         Err(EcmError::SdoAborted { .. }) => Ok(None),
         Err(error) => Err(error),

@@ -1,4 +1,4 @@
-//! Decodes an XML file, in the encoding of its byte order mark or declaration (XML 1.0, appendix F).
+//! Decodes an XML file from the encoding in its byte order mark or declaration (XML 1.0, appendix F).
 
 use std::borrow::Cow;
 
@@ -23,7 +23,7 @@ pub enum EncodingError {
     },
 }
 
-/// Decodes a file: in the encoding of its byte order mark, otherwise the declared one, otherwise UTF-8.
+/// Decodes a file from the encoding of its byte order mark, else from the declared encoding, else from UTF-8.
 ///
 /// # Errors
 /// [`EncodingError`] if the declared encoding is unknown, or if the bytes are not valid text in the encoding.
@@ -37,8 +37,8 @@ pub fn decoded(bytes: &[u8]) -> Result<Cow<'_, str>, EncodingError> {
             Some(label) => {
                 let known = Encoding::for_label(label);
                 let known = known.ok_or_else(|| EncodingError::Unknown(String::from_utf8_lossy(label).into_owned()))?;
-                // A declaration that can be read byte by byte proves that the file is not in UTF-16, whatever it
-                // declares.
+                // The declaration was read byte by byte, so the file is not in UTF-16, even if it declares this
+                // encoding.
                 let known = if [UTF_16LE, UTF_16BE].contains(&known) { UTF_8 } else { known };
                 (known, "it declares", bytes)
             }
@@ -48,7 +48,7 @@ pub fn decoded(bytes: &[u8]) -> Result<Cow<'_, str>, EncodingError> {
     text.ok_or(EncodingError::Malformed { encoding: encoding.name(), why })
 }
 
-/// The encoding in the XML declaration.
+/// The name of the encoding in the XML declaration.
 fn declared(bytes: &[u8]) -> Option<&[u8]> {
     let rest = bytes.strip_prefix(b"<?xml")?;
     let end = rest.windows(2).position(|pair| pair == b"?>")?;
@@ -71,7 +71,7 @@ mod tests {
         text.encode_utf16().flat_map(to_bytes).collect()
     }
 
-    /// A byte order mark has priority over the declaration, and the declaration over UTF-8. A declaration of UTF-16
+    /// A byte order mark takes precedence over the declaration, and the declaration over UTF-8. A declaration of UTF-16
     /// that can be read byte by byte is ignored.
     #[test]
     fn a_text_is_read_in_its_encoding() {
@@ -93,15 +93,15 @@ mod tests {
             utf_16(&with("UTF-16BE"), be),
         ] {
             let text = decoded(&bytes).unwrap_or_else(|why| panic!("{:?}: {why}", String::from_utf8_lossy(&bytes)));
-            // The byte 0xB5 before the `s` is not compared: it is the micro sign in ISO-8859-1 and another letter in
-            // ISO-8859-15.
+            // The byte 0xB5 before the `s` is not compared, because it is a micro sign in ISO-8859-1 and another
+            // character in ISO-8859-15.
             assert!(text.contains("Pr\u{FC}fwerk 1") && text.ends_with("s</a>"), "{text}");
         }
         let cp1252 = decoded(b"<?xml version=\"1.0\" encoding=\"cp1252\"?><a>\x80</a>").unwrap();
         assert!(cp1252.ends_with("<a>\u{20AC}</a>"));
     }
 
-    /// A file that is not in its declared encoding is refused. The error says what the user can do about it.
+    /// A file that is not in its declared encoding is refused, and the error says what the user can do.
     #[test]
     fn a_wrong_encoding_is_told() {
         let unknown = decoded(b"<?xml version=\"1.0\" encoding=\"klingon\"?><a/>").unwrap_err().to_string();

@@ -12,12 +12,13 @@ use roxmltree::{Document, Node};
 use super::attributes::{Twice, without_unread};
 use super::encoding::{EncodingError, decoded};
 
-/// The longest chain of data types, each of which refers to the next \[OURS]. The limit ends circular references.
+/// The longest chain of data types that refer to each other \[OURS]. The limit ends circular references.
 const DEPTH_MAX: usize = 8;
-/// The first index of an object. Lower indexes are data types (ETG.1000.6 table 63).
+/// The first index of an object. Lower indexes define data types (ETG.1000.6 table 63).
 const FIRST_INDEX: u16 = 0x1000;
 
-/// The XML attributes that this module reads. In elements with very many attributes the others are blanked before parsing.
+/// The XML attributes that this module reads. In elements with very many attributes all others are blanked before
+/// parsing.
 const ATTRIBUTES: [&str; 1] = ["ProductCode"];
 
 /// Why no objects can be read from a file.
@@ -35,15 +36,16 @@ pub enum EsiError {
          ESI file"
     )]
     NoDictionary,
-    /// The file has several devices and the user has named none of them. The field has the names of all devices in the file.
+    /// The file has several devices, but the user has not chosen one. The field has the names of all devices in the
+    /// file.
     #[error("it has several devices; choose one with --device: {}", .0.join(", "))]
     Several(Vec<String>),
     /// The file has no device with the name that the user has given.
     #[error("it has no device `{wanted}`; allowed: {}", .devices.join(", "))]
     NoDevice {
-        /// The device that was named.
+        /// The device that the user has requested.
         wanted: String,
-        /// The devices of the file.
+        /// The names of the devices in the file.
         devices: Vec<String>,
     },
     /// The content does not follow ETG.2000.
@@ -64,8 +66,9 @@ pub struct Esi {
     pub objects: Vec<ManufacturerObject>,
 }
 
-/// Reads the objects of a device from the bytes of a file, in the encoding that it declares. `wanted` is the type, the name or
-/// the product code of the device. Of several revisions of the device, the last one in the file is read.
+/// Reads the objects of a device from the bytes of a file, in the encoding that the file declares. `wanted` is the
+/// type, the name or the product code of the device. If the file has several revisions of the device, the last one is
+/// read.
 ///
 /// # Errors
 /// [`EsiError`] if the encoding of the file is unknown or wrong, if it is not XML or does not follow ETG.2000, if none of its
@@ -87,8 +90,8 @@ pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
     names.dedup();
     let device = match (chosen.as_slice(), wanted) {
         _ if with_objects.is_empty() => return Err(EsiError::NoDictionary),
-        // Devices with the same name are revisions of one device. They follow each other in the file, the newest last [OURS],
-        // so the last one is read.
+        // Devices with the same name are revisions of one device. They are in ascending order in the file [OURS], so
+        // the last one is the newest and is read.
         ([.., last], _) if chosen.iter().all(|device| name_of(*device) == name_of(*last)) => *last,
         ([], Some(wanted)) => return Err(EsiError::NoDevice { wanted: wanted.to_owned(), devices: names }),
         _ => return Err(EsiError::Several(names)),
@@ -107,7 +110,7 @@ pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
     Ok(Esi { device: name_of(device), objects })
 }
 
-/// The objects that the device's PDO descriptions contain. They count as mappable even if the dictionary does not say so.
+/// The objects in the device's PDO descriptions. They count as mappable even if the dictionary does not say so.
 fn mapped(device: Node<'_, '_>) -> HashMap<ObjectAddress, Mappable> {
     let mut mapped = HashMap::<_, Mappable>::new();
     let number = |entry, name| text(entry, name).and_then(whole);
@@ -141,8 +144,8 @@ fn is_called(device: Node<'_, '_>, wanted: &str) -> bool {
         || code.is_some() && code == whole(wanted)
 }
 
-/// A data type of a dictionary. Its properties are read once and not for each object of the type, so that the time for a
-/// file is linear in its length.
+/// A data type of a dictionary. Its properties are read only once, not again for each object of this type. So the time
+/// for reading a file is linear in its length.
 struct DataType<'a, 'i> {
     base: Option<&'a str>,
     bits: Option<u64>,
@@ -166,8 +169,8 @@ impl<'a, 'i> DataType<'a, 'i> {
     }
 }
 
-/// The data types of a dictionary by name; of several with the same name the first one. A map, because files may have
-/// thousands.
+/// The data types of a dictionary by name; if several have the same name, the first one. It is a map, because a file
+/// may have thousands of types.
 type Types<'a, 'i> = HashMap<&'a str, DataType<'a, 'i>>;
 
 fn types<'a, 'i>(dictionary: Node<'a, 'i>) -> Types<'a, 'i> {
@@ -180,7 +183,7 @@ fn types<'a, 'i>(dictionary: Node<'a, 'i>) -> Types<'a, 'i> {
     types
 }
 
-/// A sub-index of a record or an array, as its data type describes it.
+/// A sub-index of a record or an array, as described by its data type.
 struct Part {
     sub: u8,
     name: String,
@@ -240,7 +243,7 @@ fn put_object(
     Ok(())
 }
 
-/// The sub-indexes of a record or an array, each once; none for a plain type.
+/// The sub-indexes of a record or an array, without duplicates; empty for a simple type.
 fn parts_of<'t>(kind: &str, types: &'t Types<'_, '_>) -> &'t [Part] {
     let Some(data_type) = types.get(kind.trim()) else { return &[] };
     data_type.parts.get_or_init(|| parts(data_type, types))
@@ -262,7 +265,7 @@ fn parts(data_type: &DataType<'_, '_>, types: &Types<'_, '_>) -> Vec<Part> {
         };
         match text(item, "SubIdx").and_then(whole).and_then(|sub| u8::try_from(sub).ok()) {
             Some(sub) => put(sub, None, kind),
-            // One item without a sub-index describes the elements of an array.
+            // A single item without a sub-index describes all elements of an array.
             None => {
                 let Some(array) = types.get(kind) else { continue };
                 let of = array.base.unwrap_or_default().trim();
@@ -277,8 +280,8 @@ fn parts(data_type: &DataType<'_, '_>, types: &Types<'_, '_>) -> Vec<Part> {
     parts
 }
 
-/// Converts the name of a data type in ETG.2000 or IEC 61131-3 to the data type of a file of objects. Types that the ESI
-/// file defines are replaced by their base types, or chosen by their length.
+/// Converts the name of a data type in ETG.2000 or IEC 61131-3 to the data type of a list of objects. A type that the
+/// ESI file defines is replaced by its base type, or else chosen by its length.
 fn manufacturer_type(kind: &str, types: &Types<'_, '_>, depth: usize) -> ManufacturerType {
     match kind.trim() {
         "BOOL" | "BIT" => ManufacturerType::Bool,
@@ -320,15 +323,16 @@ fn access_of(node: Node<'_, '_>) -> Option<Access> {
     }
 }
 
-/// Into which PDOs an object may be mapped. The element `PdoMapping` has `T` for TxPDOs, `R` for RxPDOs, or both letters.
+/// The PDO directions for which an object is mappable. The element `PdoMapping` has `T` for TxPDOs, `R` for RxPDOs, or
+/// both.
 fn mappable_of(node: Node<'_, '_>) -> Option<Mappable> {
     let letters = text(child(node, "Flags")?, "PdoMapping")?;
     let has = |letter: [char; 2]| letters.contains(letter);
     Some(Mappable { rx: has(['R', 'r']), tx: has(['T', 't']) })
 }
 
-/// The default value of an object: `DefaultData`, bytes in hexadecimal digits, lowest first; `DefaultString`; or
-/// `DefaultValue`, a number. A value is truncated to a type of fixed size; a text is kept whole.
+/// The default value of an object. It is in `DefaultData` (hexadecimal bytes, lowest first), `DefaultString`, or
+/// `DefaultValue` (a number). A value is truncated to a type of fixed size; a text is kept completely.
 fn value_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> ManufacturerValue {
     let (bytes, bits) = default_of(info, data);
     match data.bytes() {
@@ -341,11 +345,11 @@ fn value_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> ManufacturerV
     }
 }
 
-/// The default value of an object, as bytes and as a number, of which one is set. The bytes are set for DefaultData,
-/// DefaultString and texts; then the number is 0. Otherwise the bytes are empty and the number is the value, or 0 if the file
-/// has no default.
+/// The default value of an object, either as bytes or as a number. For DefaultData, DefaultString and texts, the result
+/// is the bytes and the number 0. Otherwise the bytes are empty and the number is the value, or 0 if the file has no
+/// default.
 fn default_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> (Vec<u8>, u64) {
-    // An XML comment inside an element splits its text into several nodes.
+    // The text parts are joined, because an XML comment inside an element splits its text into several nodes.
     let default = |name| {
         let node = info.and_then(|info| child(info, name))?;
         Some(node.children().filter(Node::is_text).filter_map(|part| part.text()).collect::<String>())
@@ -365,7 +369,7 @@ fn default_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> (Vec<u8>, u
     (Vec::new(), whole(value).unwrap_or_else(|| value.parse::<i64>().map_or(0, |number| number as u64)))
 }
 
-/// The bytes of a text: in ISO-8859-1 as VISIBLE_STRING has them, or in UTF-8 if it has other letters \[OURS].
+/// The bytes of a text: in ISO-8859-1, as in a VISIBLE_STRING, or in UTF-8 if it has other characters \[OURS].
 fn octets(text: &str) -> Vec<u8> {
     let latin: Option<Vec<u8>> = text.chars().map(|letter| u8::try_from(letter).ok()).collect();
     latin.unwrap_or_else(|| text.as_bytes().to_vec())
@@ -410,7 +414,7 @@ mod tests {
         (0..count).map(text).collect()
     }
 
-    /// ESI files that are long for one reason each: `n` attributes, objects, types or elements.
+    /// ESI files that are long for different reasons: each has `n` attributes, objects, types or elements.
     fn shapes(n: usize) -> [(&'static str, String); 6] {
         let object = |kind: &str| format!("<Object><Index>#x2000</Index><Name>o</Name><Type>{kind}</Type></Object>");
         let item = |n| format!("<SubItem><SubIdx>{}</SubIdx><Name>s{n}</Name><Type>UINT</Type></SubItem>", n % 8);
@@ -431,8 +435,8 @@ mod tests {
         ]
     }
 
-    /// The number of allocations grows in proportion to the length of the file, for each of the [`shapes`]: no list is built
-    /// again for each element of another list.
+    /// For each of the [`shapes`], the number of allocations is proportional to the length of the file. So no list is
+    /// built again for each element of another list.
     #[test]
     fn a_file_is_read_in_a_time_that_grows_as_it_does() {
         for ((name, once), (_, twice)) in shapes(1000).into_iter().zip(shapes(2000)) {

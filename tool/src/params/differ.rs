@@ -37,7 +37,8 @@ pub fn diff(path: &Path, with: &Other, place: &Place) -> Result<bool, ParamsErro
     }
 }
 
-/// The axis that a word names which may be a file, too: there is no such file, and the machine file has that axis.
+/// The axis that `word` names, if it is no file and the machine file has an axis with that name. `word` may name a file
+/// or an axis.
 fn axis(word: &Path, place: &Place) -> Result<Option<AxisWord>, ParamsError> {
     let name = word.to_str().filter(|_| !word.exists()).and_then(AxisWord::parse).filter(AxisWord::is_name);
     name.map_or(Ok(None), |name| Ok(place.has_axis(&name)?.then_some(name)))
@@ -94,8 +95,8 @@ fn files(reporter: &Reporter, first: &ManufacturerObjects, second: &Manufacturer
     Ok(differ)
 }
 
-/// Compares a drive with a file. `is_allowed`: whether the file may be of another product than the drive; if not, that is an
-/// error.
+/// Compares a drive with a file. `is_allowed`: whether the file may be of another product than the drive. If it may
+/// not, a file of another product is an error.
 ///
 /// # Errors
 /// [`ParamsError::OtherProduct`], or the drive does not answer.
@@ -128,7 +129,7 @@ pub fn compare_with(
     Ok(compared)
 }
 
-/// How the device that a file names differs from the drive that was found, as text; `None` if it does not.
+/// The difference between the device that the file names and the drive that was found, as text; `None` if they agree.
 fn other_device(of_file: Option<&Device>, found: &Device) -> Option<String> {
     let Some(device) = of_file else {
         return Some(format!("the file does not say of which device it is; the drive is {found}"));

@@ -1,4 +1,4 @@
-//! Reads and writes the objects of a drive: on a network that this process runs itself, or behind a board.
+//! Reads and writes the objects of a drive, either on a network that this process runs itself, or behind a board.
 
 use std::ops::RangeInclusive;
 
@@ -18,31 +18,31 @@ use super::kept::{Carries, Kept};
 /// The answer of a drive to an SDO request: a value, or an abort code.
 pub type Answer<T> = Result<T, AbortCode>;
 
-/// A drive on any link. The outer error of a method means that the drive or its link does not answer.
+/// A drive on any kind of link. The outer error of a method means that the drive or its link does not answer.
 pub trait Drive {
     /// The numbers of the slaves.
     fn slaves(&mut self) -> Result<Vec<u8>, ParamsError>;
 
-    /// Chooses the slave, from 1, for all following calls. Behind a board a slave that is missing shows when its first object
-    /// is read.
+    /// Chooses the slave, from 1, for all following calls. Behind a board, a missing slave is detected only when its
+    /// first object is read.
     fn choose(&mut self, slave: u8) -> Result<(), ParamsError>;
 
-    /// Reads an object. Behind a board the result is always 4 bytes, little-endian. A shorter value is the first of them,
-    /// and a longer value is cut.
+    /// Reads an object. Behind a board the result is always 4 bytes, little-endian: a shorter value is padded with
+    /// zeros, and a longer value is cut.
     fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError>;
 
-    /// Writes an object. The inner error is the abort code of the drive. Behind a board the value has 1, 2 or 4 bytes;
-    /// another length is answered with [`AbortCode::LENGTH`].
+    /// Writes an object. The inner error is the abort code of the drive. Behind a board the value must have 1, 2 or 4
+    /// bytes; any other length gives [`AbortCode::LENGTH`].
     fn write(&mut self, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError>;
 
-    /// Reads all parameters of the drive, without a list of its maker's objects; they are sorted by address. `at` is called with
-    /// each index before it is read.
+    /// Reads all parameters of the drive without a list of its objects from the manufacturer; the result is sorted by
+    /// address. `at` is called with each index before it is read.
     fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Kept, ParamsError>;
 
-    /// The values that the link transfers whole.
+    /// Which values the link can transfer completely.
     fn carries(&self) -> Carries;
 
-    /// Reads the identity of the drive from its objects. Numbers that it does not have are 0, texts are empty.
+    /// Reads the identity of the drive from its objects. Missing numbers are 0, and missing texts are empty.
     fn device(&mut self) -> Result<Device, ParamsError> {
         let mut number = |sub| -> Result<u32, ParamsError> {
             let bytes = self.read(ObjectAddress::new(IDENTITY, sub))?.unwrap_or_default();
@@ -60,15 +60,15 @@ pub trait Drive {
     }
 }
 
-/// A drive on a network of this process. All of its objects are found by its SDO information service.
+/// A drive on a network that this process runs. Its objects are listed by its SDO information service.
 pub struct OnNetwork {
     pub network: Box<dyn Network>,
-    /// The slaves that the scan has found.
+    /// The numbers of the slaves that the scan has found.
     pub slaves: Vec<u8>,
     pub slave: u8,
 }
 
-/// Turns an SDO abort code from the drive into an [`Answer`], because the drive has replied. Any other error is returned.
+/// Turns an SDO abort code into an [`Answer`], because the drive has answered. Any other error is returned as an error.
 fn answered<T>(done: Result<T, BusError>) -> Result<Answer<T>, ParamsError> {
     match done {
         Ok(value) => Ok(Ok(value)),
@@ -131,7 +131,7 @@ const fn has_values(code: ObjectCode) -> bool {
     !matches!(code, ObjectCode::Domain | ObjectCode::DefType | ObjectCode::DefStruct)
 }
 
-/// The parameter without its value, which has this length in bytes.
+/// Describes a parameter, still without its value. `bytes` is the length of the value.
 fn parameter(object: &Object, entry: &Entry, bytes: usize) -> ManufacturerObject {
     let name = match entry.name.as_str() {
         "" => object.name.clone(),
@@ -156,26 +156,29 @@ pub struct BehindBoard {
 
 /// The device type, which every slave has.
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
-/// The indexes that are tried if no file lists the objects: manufacturer-specific objects, and those of CiA 402 for one axis.
+/// The indexes that are tried if no file lists the objects: the manufacturer-specific objects, and the CiA 402 objects
+/// of one axis.
 const TRIED: [RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x67FF];
 
-/// Makes an abort code of the drive an [`Answer`]; any other error of the board stays an error.
+/// Turns an SDO abort code into an [`Answer`], because the drive has answered. Any other error of the board is returned
+/// as an error.
 fn told<T>(done: Result<T, EcmError>) -> Result<Answer<T>, ParamsError> {
     match done {
         Ok(value) => Ok(Ok(value)),
-        // The board reports an SDO timeout as an abort code too: the slave does not exist or does not answer any more.
+        // The board also reports an SDO timeout as an abort code. It means that the slave does not exist or no longer
+        // answers.
         Err(EcmError::SdoAborted { code, .. }) if code != AbortCode::TIMEOUT => Ok(Err(code)),
         Err(error) => Err(error.into()),
     }
 }
 
-/// Whether an abort code means that the value does not have the length of the object.
+/// Whether an abort code means that the length of the value is not that of the object.
 const fn is_length(code: AbortCode) -> bool {
     matches!(code, AbortCode::LENGTH | AbortCode::TOO_LONG | AbortCode::TOO_SHORT)
 }
 
 impl Drive for BehindBoard {
-    /// Asks the slaves one after the other, up to the first that does not answer.
+    /// Reads the device type of the slaves in order, up to the first slave that does not answer.
     fn slaves(&mut self) -> Result<Vec<u8>, ParamsError> {
         let mut found = Vec::new();
         for slave in 1..=self.ecm.slot_size()?.max_slaves() as u8 {
@@ -208,8 +211,8 @@ impl Drive for BehindBoard {
         }
     }
 
-    /// Reads the objects of [`TRIED`] that exist. Their types are not known, nor whether they can be written. Of a longer
-    /// value the first 4 bytes are kept, since a board does not show the length.
+    /// Reads the objects of [`TRIED`] that exist. It is not known what type they have or whether they can be written.
+    /// Of a longer value only the first 4 bytes are kept, since a board does not report the length.
     fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Kept, ParamsError> {
         let mut kept = Kept::default();
         let mut keep = |object: ManufacturerObject| {
@@ -227,8 +230,8 @@ impl Drive for BehindBoard {
     }
 }
 
-/// Writes a value whose length in the drive is not known: first with all bytes. If the drive rejects the length, 2 bytes and 1
-/// byte are tried, as long as only zeros are cut off.
+/// Writes a value whose length in the drive is not known. First all bytes are written. If the drive rejects the length,
+/// 2 bytes and 1 byte are tried, provided that only zeros are cut off.
 pub fn write_any(drive: &mut dyn Drive, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError> {
     let mut answer = drive.write(object, value)?;
     for len in [2, 1] {

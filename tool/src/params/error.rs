@@ -20,10 +20,10 @@ pub enum ParamsError {
     /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// The link that `ECMSK_LINK` or a configuration file gives is invalid, or the file cannot be used.
+    /// The link from `ECMSK_LINK` or a configuration file is invalid, or that file cannot be used.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// The machine file has no axis of that name, or there is no machine file.
+    /// The machine file has no axis with that name, or there is no machine file.
     #[error(transparent)]
     // Boxed, because every error is as large as its largest variant.
     Axis(#[from] Box<BoardError>),
@@ -36,7 +36,7 @@ pub enum ParamsError {
     /// A parameter file or a file of objects cannot be read.
     #[error(transparent)]
     File(#[from] ManufacturerObjectsError),
-    /// The parameter file has an invalid line, or no object.
+    /// The parameter file has an invalid line, or contains no object.
     #[error("cannot take the parameters of {}: {reason}; name a file that `ecmsk params backup` made", file.display())]
     Content {
         /// The path of the file.
@@ -52,7 +52,7 @@ pub enum ParamsError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The file cannot be written, or is there and stays.
+    /// The file cannot be written, or exists and may not be replaced.
     #[error(transparent)]
     NewFile(#[from] OutputFileError),
     /// An error of the network or of a slave.
@@ -70,8 +70,8 @@ pub enum ParamsError {
         /// The state of the network.
         state: String,
     },
-    /// A chip runs its network in SafeOP or OP for another program, so that drives may be moving. Parameters are not written
-    /// then.
+    /// The network of a chip is in SafeOP or OP, so another program runs it and drives may be moving. Parameters are
+    /// not written then.
     #[error(
         "nothing was written: slave {slave} is in {state}, where drives may move; end the program that runs the network of this chip, \
          or say `ecmsk xf state preop`"
@@ -79,10 +79,10 @@ pub enum ParamsError {
     ChipRuns {
         /// The slave, from 1.
         slave: u8,
-        /// The name of its state.
+        /// The name of its EtherCAT state.
         state: &'static str,
     },
-    /// A slave has no SDO information service, and the user names no list of its objects.
+    /// A slave has no SDO information service, and the user has given no list of its objects.
     #[error(
         "slave {slave} does not list its objects (no SDO information); name them with --objects: the ESI file of its maker, or a list \
          of `ecmsk objects`"
@@ -94,13 +94,13 @@ pub enum ParamsError {
     /// The ESI file of `--objects` has no objects of this drive, or cannot be read.
     #[error("{0}; or make a list of its objects, `ecmsk objects from-esi`, and name that with --objects")]
     Esi(#[from] crate::objects::ObjectsError),
-    /// The parameters in the file are those of another product.
+    /// The parameters in the file are from a drive of another product.
     #[error("nothing was written: {what}; give the file of such a drive, or say --force")]
     OtherProduct {
         /// The product in the file, and the product of the drive.
         what: String,
     },
-    /// Parameters differ or are to be stored, and the user has not confirmed it.
+    /// Parameters differ or would be stored, but the user has not confirmed it with `--yes`.
     #[error("nothing was written or stored; look at what differs, and say --yes")]
     NotConfirmed,
     /// The drive or its link was lost before anything was written to it.
@@ -114,19 +114,19 @@ pub enum ParamsError {
     Halfway {
         /// The number of parameters that were written and read back.
         written: usize,
-        /// The number of parameters that the drive has refused, or has with another value.
+        /// The number of parameters that the drive has refused, or reads back with another value.
         failed: usize,
-        /// The number of parameters that may be written, and were not read back.
+        /// The number of parameters that were sent but not read back, so that they may be written or not.
         sent: usize,
         /// The number of parameters that were not written.
         left: usize,
-        /// The error that has ended the restore.
+        /// The error that ended the restore.
         error: Box<ParamsError>,
     },
     /// The drive refuses to store its parameters in non-volatile memory.
     #[error(
-        "slave {slave} was written, and does not store its parameters: object 0x1010:1, aborted with {code}; see its manual on how \
-         they outlast its power"
+        "slave {slave} has the parameters of the file now, and does not store them: object 0x1010:1, aborted with {code}; see its \
+         manual on how they outlast its power"
     )]
     NotStored {
         /// The slave, from 1.
@@ -134,8 +134,8 @@ pub enum ParamsError {
         /// The abort code.
         code: AbortCode,
     },
-    /// An error of `ecmsk params diff` before anything was compared. Its exit code is 2, because 1 means that something
-    /// differs.
+    /// An error of `ecmsk params diff` before anything was compared. Its exit code is 2, because exit code 1 means that
+    /// there are differences.
     #[error(transparent)]
     NotCompared(Box<ParamsError>),
 }
@@ -147,7 +147,7 @@ impl From<BusError> for ParamsError {
 }
 
 impl ParamsError {
-    /// The exit code of `ecmsk params`: 2 for a comparison that was not made or a wrong command line, otherwise 1.
+    /// The exit code of `ecmsk params`: 2 if a comparison was not made or the command line is wrong, otherwise 1.
     pub const fn code(&self) -> u8 {
         match self {
             Self::NotCompared(_) => crate::compare::TROUBLE,

@@ -1,4 +1,5 @@
-//! A parameter file: a file of objects as `ecmsk objects` makes it. Comments at its top name the drive that it was read from.
+//! A parameter file: a list of objects in the format of `ecmsk objects`. Comments at its top identify the drive from
+//! which it was read.
 
 use std::fmt::{self, Write as _};
 use std::path::Path;
@@ -10,7 +11,8 @@ use ecmsk::slave::{MANUFACTURER_FILE_BYTES_MAX, ManufacturerObjects};
 use super::ParamsError;
 use super::kept::Kept;
 
-/// The identity of the drive that parameters were read from: the numbers of object 0x1018, and the texts 0x1008 to 0x100A.
+/// The identity of the drive from which parameters were read: the numbers of object 0x1018, and the texts 0x1008 to
+/// 0x100A.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Device {
     pub vendor: u32,
@@ -23,8 +25,8 @@ pub struct Device {
 
 /// The identity object. Its sub-indexes 1 to 4 are vendor, product, revision and serial number.
 pub const IDENTITY: u16 = 0x1018;
-/// For each entry of [`Device::texts`]: the key before it in the comments of a parameter file, and the object that it is read
-/// from.
+/// For each entry of [`Device::texts`]: its key in the comments of a parameter file, and the object from which it is
+/// read.
 pub const TEXTS: [(&str, ObjectAddress); 3] = [
     ("device", ObjectAddress::new(0x1008, 0)),
     ("hardware", ObjectAddress::new(0x1009, 0)),
@@ -40,12 +42,12 @@ impl Device {
         [("vendor", self.vendor), ("product", self.product), ("revision", self.revision), ("serial", self.serial)]
     }
 
-    /// Whether parameters of the one may be written to the other: they have the same vendor and product.
+    /// Whether parameters of one device may be written to the other: both have the same vendor and product.
     pub const fn is_same_product(&self, other: &Self) -> bool {
         self.vendor == other.vendor && self.product == other.product
     }
 
-    /// The software version of the drive (0x100A); other versions may have other parameters. Empty if it is not known.
+    /// The software version of the drive (0x100A); other versions may have other parameters. Empty if it is unknown.
     pub fn firmware(&self) -> &str {
         &self.texts[2]
     }
@@ -59,18 +61,19 @@ impl fmt::Display for Device {
     }
 }
 
-/// The drive and the objects in a parameter file.
+/// The content of a parameter file: the identity of the drive, and the objects.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParameterFile {
-    /// The drive that the parameters were read from; `None` if the file does not say so, such as a file of `ecmsk objects`.
+    /// The drive from which the parameters were read; `None` if the file does not name it, such as a file of `ecmsk
+    /// objects`.
     pub device: Option<Device>,
     pub objects: ManufacturerObjects,
-    /// How many parameters of the drive the backup has left out, by the comments of the file.
+    /// The number of parameters that the backup has left out, according to the comments of the file.
     pub not_kept: usize,
 }
 
 impl ParameterFile {
-    /// Reads a parameter file, or a file of objects.
+    /// Reads a parameter file, or any other list of objects.
     ///
     /// # Errors
     /// [`ParamsError::File`] if the file cannot be read. [`ParamsError::Content`] if it is not UTF-8, has an invalid line,
@@ -87,7 +90,7 @@ impl ParameterFile {
         Ok(Self { device: device(&text), objects, not_kept })
     }
 
-    /// The text of a parameter file. `source` is the slave and its link, `time` the time of reading it.
+    /// Makes the text of a parameter file. `source` is the slave and its link, `time` the time of reading.
     pub fn text(device: &Device, kept: &Kept, source: &str, time: &str) -> String {
         let line = |text: &str| text.replace(|c: char| c.is_control(), " ");
         let mut text = format!("# parameters of {}, read {time}\n#", line(source));
@@ -110,7 +113,7 @@ impl ParameterFile {
     }
 }
 
-/// The identity in the comments of a parameter file; `None` if there is none.
+/// The identity of the drive from the comments of a parameter file; `None` if there is none.
 fn device(text: &str) -> Option<Device> {
     let comments = || text.lines().filter_map(|line| line.trim_start_matches('\u{FEFF}').strip_prefix("# "));
     let words: Vec<&str> = comments().find(|line| line.starts_with("vendor "))?.split_whitespace().collect();
@@ -146,7 +149,7 @@ mod tests {
         }
     }
 
-    /// A file that was written is read with the same device and objects, and a simulated drive can load it.
+    /// A written file is read back with the same device and objects, and a simulated drive can load it.
     #[test]
     fn a_file_is_read_as_it_was_written() {
         let objects =

@@ -1,5 +1,5 @@
-//! What a backup keeps of a drive, and what it leaves out: the objects that a link does not transfer whole, and those that
-//! the drive does not let read.
+//! Collects the parameters for a backup, and those that it leaves out: objects that the link cannot transfer
+//! completely, and objects that the drive does not allow to be read.
 
 use std::fmt;
 
@@ -12,21 +12,23 @@ use super::ParamsError;
 use super::choice::is_parameter;
 use super::drive::{Answer, Drive};
 
-/// The bytes that a board reads of every object: a shorter value is padded with zeros, a longer one is cut.
+/// The number of bytes that a board returns for every object: a shorter value is padded with zeros, a longer one is
+/// cut.
 pub const BOARD_BYTES: usize = 4;
 
-/// Which values a link transfers whole, in both directions.
+/// Which values a link can transfer completely, in both directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Carries {
     /// Values of at most this many bytes.
     AtMost(usize),
-    /// Those of a board: numbers of 1, 2 or 4 bytes. A read returns [`BOARD_BYTES`] of any object.
+    /// The values that a board transfers: numbers of 1, 2 or 4 bytes. A read returns [`BOARD_BYTES`] bytes of any
+    /// object.
     Board,
 }
 
 impl Carries {
-    /// Why a value of this type and length, in bytes, is not transferred whole; `None` if it is. A value of unknown type may be
-    /// as short as the drive has it.
+    /// Why a value of this type and length (in bytes) cannot be transferred completely; `None` if it can. On a board, a
+    /// value of unknown type may have any length below 4 bytes, because its length in the drive is not known.
     pub fn obstacle(self, data: ManufacturerType, bytes: usize) -> Option<Why> {
         match self {
             Self::AtMost(most) => (bytes > most).then_some(Why::TooLong { bytes, carries: self }),
@@ -36,8 +38,9 @@ impl Carries {
         }
     }
 
-    /// Whether `present`, the value that was read from a drive, is the value `wanted` of a file. Behind a board as many bytes
-    /// are compared as the value in the file has. If the file does not know the length, zeros at the end are ignored.
+    /// Whether `present`, the value read from a drive, equals `wanted`, the value in a file. Behind a board, only as
+    /// many bytes are compared as the value in the file has. If the file does not know the length, trailing zeros are
+    /// ignored.
     pub fn is_same(self, wanted: &ManufacturerObject, present: &[u8]) -> bool {
         let value = wanted.value.bytes();
         match self {
@@ -48,7 +51,7 @@ impl Carries {
     }
 }
 
-/// The bytes without the zeros at the end.
+/// The bytes without the trailing zeros.
 fn without_zeros(bytes: &[u8]) -> &[u8] {
     let len = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
     &bytes[..len]
@@ -57,17 +60,17 @@ fn without_zeros(bytes: &[u8]) -> &[u8] {
 /// Why a parameter is left out of a backup, a comparison or a restore.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Why {
-    /// The link does not transfer a value of this length.
+    /// The link cannot transfer a value of this length.
     TooLong {
         /// The length of the value, or of the part of it that was read.
         bytes: usize,
         carries: Carries,
     },
-    /// The value is a text, of which a board does not tell how long it is.
+    /// The value is a text, and a board does not report the length of a text.
     Text,
-    /// The drive does not let the object be read.
+    /// The drive does not allow the object to be read.
     NotRead(AbortCode),
-    /// The file has entries of a PDO mapping or assignment, and not their number.
+    /// The file has entries of a PDO mapping or assignment, but not their number (sub-index 0).
     NoLength,
 }
 
@@ -123,11 +126,11 @@ impl fmt::Display for LeftOut {
     }
 }
 
-/// The reasons for which parameters were left out, each with its parameters, in the order of the first of them.
+/// Groups the parameters by the reason for which they were left out. A reason comes where its first parameter is.
 pub fn by_reason(left_out: &[LeftOut]) -> Vec<(Why, Vec<&LeftOut>)> {
     let mut reasons: Vec<(Why, Vec<&LeftOut>)> = Vec::new();
     for one in left_out {
-        // Values of different lengths are too long for the same reason, so the texts are compared.
+        // Values of different lengths are too long for the same reason, so the texts of the reasons are compared.
         match reasons.iter_mut().find(|(why, _)| why.to_string() == one.why.to_string()) {
             Some((_, of_reason)) => of_reason.push(one),
             None => reasons.push((one.why, vec![one])),
@@ -136,17 +139,17 @@ pub fn by_reason(left_out: &[LeftOut]) -> Vec<(Why, Vec<&LeftOut>)> {
     reasons
 }
 
-/// What was read of a drive.
+/// The result of reading the parameters of a drive.
 #[derive(Debug, Default)]
 pub struct Kept {
-    /// The parameters with their values, by address.
+    /// The parameters with their values, sorted by address.
     pub objects: Vec<ManufacturerObject>,
     pub left_out: Vec<LeftOut>,
 }
 
 impl Kept {
-    /// Keeps a parameter with the value that a drive has answered, or notes why it is left out. `carries` is what the link
-    /// transfers.
+    /// Adds a parameter with the value that the drive has answered, or the reason why it is left out. `carries`: which
+    /// values the link can transfer.
     pub fn put(&mut self, object: ManufacturerObject, answer: Answer<Vec<u8>>, carries: Carries) {
         let bytes = match answer {
             Ok(bytes) => bytes,
@@ -162,7 +165,7 @@ impl Kept {
     }
 }
 
-/// Reads the parameters of a drive that a list of its maker's objects names. `at` is called with each index before it is read.
+/// Reads the parameters that a manufacturer's list of objects names. `at` is called with each index before it is read.
 ///
 /// # Errors
 /// The drive does not answer.
@@ -178,7 +181,7 @@ pub fn read_listed(
             continue;
         }
         at(object.address.index);
-        // Where a read returns the first bytes alone, the length is that of the list.
+        // Behind a board a read returns only the first bytes of a value, so its length is taken from the list.
         let listed = object.data.bytes().map_or(object.value.bytes().len(), usize::from);
         if carries == Carries::Board
             && let Some(why) = carries.obstacle(object.data, listed)
@@ -200,7 +203,7 @@ mod tests {
         ManufacturerObjects::parse(text).unwrap().objects()[0].clone()
     }
 
-    /// A board transfers numbers of 1, 2 or 4 bytes, and a chip as many bytes as fit its packets.
+    /// A board transfers numbers of 1, 2 or 4 bytes, and a chip as many bytes as fit into its packets.
     #[test]
     fn what_a_link_does_not_transfer_is_an_obstacle() {
         let most = Carries::AtMost(20);
@@ -219,7 +222,7 @@ mod tests {
         }
     }
 
-    /// A read behind a board has 4 bytes. A value of unknown length is the same up to its last byte that is not 0.
+    /// Behind a board a read returns 4 bytes. Values of unknown length are compared without their trailing zeros.
     #[test]
     fn values_are_compared_as_far_as_the_link_reads_them() {
         for (wanted, present, board, whole) in [
@@ -236,7 +239,7 @@ mod tests {
         }
     }
 
-    /// What is left out is named under its reason, whatever the lengths.
+    /// Parameters that are left out are grouped by the reason, whatever their lengths.
     #[test]
     fn what_is_left_out_is_ordered_by_reason() {
         let mut kept = Kept::default();

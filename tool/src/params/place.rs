@@ -1,4 +1,4 @@
-//! The network or board with the drives: the options that name it, and the open link.
+//! The options that name the network or board with the drives, and the open link to it.
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -51,23 +51,24 @@ pub struct Opened {
     pub json: bool,
     /// The file of `--objects`.
     pub objects: Option<PathBuf>,
-    /// On the network of a chip: a slave that is above PreOP, and its state, because a program runs the network.
+    /// On the network of a chip: a slave that is in SafeOP or OP, and the name of this state. Another program runs the
+    /// network then.
     pub runs: Option<(u8, &'static str)>,
     drive: Box<dyn Drive>,
 }
 
 impl Place {
-    /// Opens the link, and finds the slaves of a network; returns the number of the slave `word`, too.
+    /// Opens the link, and scans a network for its slaves. Also returns the number of the slave that `word` names.
     ///
     /// # Errors
-    /// As [`open`](Self::open), and the machine file has no axis of that name.
+    /// As [`open`](Self::open); and an error if the machine file has no axis with that name.
     pub fn open_for(&self, word: &AxisWord) -> Result<(Opened, u8), ParamsError> {
         let (chosen, machine) = ChosenLink::find_for(self.link.as_ref(), self.machine.as_deref(), Some(word))?;
         let slave = word.slave("params", machine.as_ref()).map_err(Box::new)?;
         Ok((self.open_chosen(&chosen)?, slave))
     }
 
-    /// Whether the machine file has an axis of that name.
+    /// Whether the machine file has an axis with that name.
     ///
     /// # Errors
     /// The machine file cannot be used.
@@ -76,7 +77,7 @@ impl Place {
         Ok(name.slave("params", machine.as_ref()).is_ok())
     }
 
-    /// Opens the link, and finds the slaves of a network.
+    /// Opens the link, and scans a network for its slaves.
     ///
     /// # Errors
     /// The command line names no link, it does not open, there is no slave, or the network of a board is above PreOP.
@@ -88,7 +89,7 @@ impl Place {
         if !chosen.is_named() {
             return Err(ParamsError::NoLink);
         }
-        crate::recording_end::opens(&chosen.uri);
+        crate::recording_end::note_opened(&chosen.uri);
         let link = chosen.uri.to_string();
         let opened = match bus::open(&link) {
             Ok(network) => Opened::network(&link, network, self.json)?,
@@ -100,7 +101,7 @@ impl Place {
 }
 
 impl Opened {
-    /// Scans a network.
+    /// Scans a network for its slaves.
     ///
     /// # Errors
     /// There is no slave, or another master runs the network.
@@ -113,7 +114,7 @@ impl Opened {
         Ok(Self { link: link.to_owned(), reporter, json, objects: None, runs, drive })
     }
 
-    /// The slaves behind a board.
+    /// Gives access to the slaves behind a board.
     ///
     /// # Errors
     /// [`ParamsError::Runs`], or the board sends no report.
@@ -127,15 +128,15 @@ impl Opened {
         Ok(Self { link: link.to_owned(), reporter, json, objects: None, runs: None, drive })
     }
 
-    /// The same, with the file of `--objects`.
+    /// Sets the file of `--objects`.
     pub fn with_objects(self, objects: Option<PathBuf>) -> Self {
         Self { objects, ..self }
     }
 
-    /// The numbers of all slaves. A board does not list them, so they are asked one after the other.
+    /// The numbers of all slaves. A board does not list its slaves, so each slave is queried in turn.
     ///
     /// # Errors
-    /// There is none, or the link is lost.
+    /// There is no slave, or the link is lost.
     pub fn slaves(&mut self) -> Result<Vec<u8>, ParamsError> {
         self.drive.slaves()
     }
@@ -149,8 +150,8 @@ impl Opened {
         Ok(&mut *self.drive)
     }
 
-    /// Reads the identity of a slave, and its parameters: those that the file of `--objects` lists, otherwise all that the
-    /// drive has.
+    /// Reads the identity of a slave, and its parameters: those that the file of `--objects` lists, or without it all
+    /// parameters of the drive.
     ///
     /// # Errors
     /// The file cannot be used, the drive lists no objects, or it does not answer.
@@ -169,7 +170,7 @@ impl Opened {
     }
 }
 
-/// A slave above PreOP, and the name of its state; `None` if there is none.
+/// The first slave in SafeOP or OP, and the name of this state; `None` if there is none.
 fn above_preop(found: &[FoundSlave]) -> Option<(u8, &'static str)> {
     found.iter().find_map(|slave| match slave.found.status.state() {
         RequestedState::State(AlState::SafeOp) => Some((slave.slave, "SafeOP")),
@@ -178,7 +179,7 @@ fn above_preop(found: &[FoundSlave]) -> Option<(u8, &'static str)> {
     })
 }
 
-/// Reads the file of `--objects`. Of an ESI file it takes the device with the product code of the drive.
+/// Reads the file of `--objects`. In an ESI file, the device with the product code of the drive is used.
 fn list(file: &Path, device: &Device) -> Result<ManufacturerObjects, ParamsError> {
     if file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("xml")) {
         return Ok(crate::objects::of_esi(file, device.product)?);
@@ -186,7 +187,7 @@ fn list(file: &Path, device: &Device) -> Result<ManufacturerObjects, ParamsError
     Ok(manufacturer_objects::load(file)?)
 }
 
-/// Returns a callback that shows the index being read, if standard error is a terminal.
+/// Returns a callback that shows which index is being read, if standard error is a terminal.
 pub fn progress(reporter: &Reporter, slave: u8) -> impl FnMut(u16) {
     let mut shown = u16::MAX;
     let is_watched = std::io::stderr().is_terminal();
@@ -203,7 +204,7 @@ pub fn progress(reporter: &Reporter, slave: u8) -> impl FnMut(u16) {
 mod tests {
     use super::*;
 
-    /// Behind a chip, whose network another program may run, a slave above PreOP is found.
+    /// On the network of a chip, which another program may run, a slave above PreOP is detected.
     #[test]
     fn a_network_that_runs_is_noticed() {
         use ecmsk::ethercat::registers::AlStatusRegister;

@@ -1,4 +1,4 @@
-//! `params restore`: writes the parameters of a file to a drive, and says what was done with each.
+//! `params restore`: writes the parameters of a file to a drive, and prints the outcome of each.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -15,7 +15,7 @@ use crate::board::{AxisWord, Reporter};
 
 const VERB: &str = "params restore";
 
-/// What the command line allows.
+/// The options of the command line for a restore.
 #[derive(Clone, Copy)]
 pub struct Options {
     pub yes: bool,
@@ -23,19 +23,19 @@ pub struct Options {
     pub store: bool,
 }
 
-/// Writes the parameters of a file that differ to a drive. The exit code is 1 if the drive has refused one, or has another
-/// value afterwards.
+/// Writes the parameters of a file to a drive, as far as they differ. The exit code is 1 if the drive has refused a
+/// parameter, or reads it back with another value.
 ///
 /// # Errors
-/// [`ParamsError`] if the file cannot be read, the link does not open, the drive is of another product or does not answer any
-/// more, or `--yes` is not given.
+/// [`ParamsError`] if the file cannot be read, the link does not open, the drive is of another product or no longer
+/// answers, or `--yes` is not given.
 pub fn restore(path: &Path, word: &AxisWord, place: &Place, options: Options) -> Result<ExitCode, ParamsError> {
     let file = ParameterFile::read(path)?;
     let (mut opened, slave) = place.open_for(word)?;
     put_back(&mut opened, slave, &file, options)
 }
 
-/// Writes the parameters of a file to a drive of an open link, see [`restore`].
+/// Writes the parameters of a file to a drive on an open link, see [`restore`].
 ///
 /// # Errors
 /// As [`restore`].
@@ -80,11 +80,11 @@ pub fn put_back(
     Ok(ExitCode::from(u8::from(failed > 0)))
 }
 
-/// Writes what differs, and prints the outcome of each parameter. Returns how many the drive has refused, or has with another
-/// value.
+/// Writes the parameters that differ, and prints the outcome of each. Returns the number of parameters that the drive
+/// has refused or reads back with another value.
 ///
 /// # Errors
-/// [`ParamsError::Halfway`]: the drive does not answer any more.
+/// [`ParamsError::Halfway`] if the drive no longer answers.
 fn write(opened: &mut Opened, slave: u8, file: &ParameterFile, compared: &Compared) -> Result<usize, ParamsError> {
     let (mut failed, mut restore) = (0, Restore::default());
     let reporter = Reporter::new(opened.json, false);
@@ -110,7 +110,7 @@ fn write(opened: &mut Opened, slave: u8, file: &ParameterFile, compared: &Compar
             Stage::NotWritten => (&mut left, "not_written", ": not written"),
         };
         *count += 1;
-        // If standard output is what failed, the error says so.
+        // A failure is ignored. If standard output was the reason for ending early, `error` already says so.
         let _ = show(&reporter, VERB, slave, difference, word, what);
     }
     let written = compared.different.len() - sent - left - failed;

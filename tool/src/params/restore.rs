@@ -1,4 +1,4 @@
-//! Compares the parameters of a file with those of a drive, and writes what differs.
+//! Compares the parameters of a file with those of a drive, and writes those that differ.
 
 use std::collections::BTreeSet;
 
@@ -10,12 +10,12 @@ use super::choice::{self, Chosen, is_mapping};
 use super::drive::{Answer, Drive, write_any};
 use super::kept::{LeftOut, Why};
 
-/// A parameter whose value on the drive is not that of the file.
+/// A parameter whose value on the drive is not the value in the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// The object of the file, with the value that the drive should have.
+    /// The object in the file, with the value that the drive should have.
     pub wanted: ManufacturerObject,
-    /// The value on the drive, or why it cannot be read.
+    /// The value on the drive, or the abort code if it cannot be read.
     pub present: Answer<Vec<u8>>,
 }
 
@@ -23,16 +23,16 @@ pub struct Difference {
 #[derive(Debug, Default)]
 pub struct Compared {
     pub different: Vec<Difference>,
-    /// How many parameters have the value of the file.
+    /// The number of parameters that have the value in the file.
     pub same: usize,
-    /// Parameters whose values the link does not transfer, which were not compared.
+    /// Parameters that were not compared, each with the reason, such as a value that the link cannot transfer.
     pub left_out: Vec<LeftOut>,
 }
 
-/// Compares a drive with the objects of a file that are parameters.
+/// Compares a drive with those objects of a file that are parameters.
 ///
 /// # Errors
-/// The drive does not answer any more.
+/// The drive no longer answers.
 pub fn compare(
     drive: &mut dyn Drive,
     objects: &[ManufacturerObject],
@@ -57,25 +57,25 @@ pub fn compare(
     Ok(compared)
 }
 
-/// The outcome for a parameter that differed.
+/// The outcome of the restore for a parameter that differed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fate {
-    /// The parameter was written, and reads back with the value of the file.
+    /// The parameter was written, and reads back with the value in the file.
     Written,
     /// The drive has refused the write.
     Refused(AbortCode),
-    /// The parameter was written but reads back with this other value: the drive has limited it, or takes it over only when it
-    /// is switched on.
+    /// The parameter was written but reads back with this other value: the drive has limited it, or applies it only
+    /// after the next power-on.
     ReadsBack(Vec<u8>),
 }
 
-/// Called with a parameter and its outcome.
+/// A callback that is called with each parameter and its outcome.
 pub type Done<'d> = &'d mut dyn FnMut(&Difference, Fate) -> Result<(), ParamsError>;
 
-/// A restore: writes the parameters that differ. If it ends early, it knows which of them were written.
+/// A restore: writes the parameters that differ. If it ends early, it still knows which parameters were written.
 #[derive(Debug, Default)]
 pub struct Restore {
-    /// Parameters for which a write was sent that the drive has not refused.
+    /// Parameters that were sent to the drive and not refused by it.
     sent: BTreeSet<ObjectAddress>,
     decided: BTreeSet<ObjectAddress>,
 }
@@ -83,16 +83,16 @@ pub struct Restore {
 /// How far a restore has come with a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// Its outcome is known.
+    /// The outcome of the parameter is known.
     Decided,
-    /// It may be written, and was not read back.
+    /// The parameter was sent but not read back, so it may be written or not.
     Sent,
-    /// It was not written.
+    /// The parameter was not written.
     NotWritten,
 }
 
 impl Restore {
-    /// How far the restore has come with the parameter at this address.
+    /// The stage of the parameter at this address.
     pub fn stage(&self, address: ObjectAddress) -> Stage {
         match (self.decided.contains(&address), self.sent.contains(&address)) {
             (true, _) => Stage::Decided,
@@ -101,12 +101,12 @@ impl Restore {
         }
     }
 
-    /// Writes the parameters that differ, and calls `done` with the outcome of each. Refused writes are repeated after the
-    /// others as long as at least one of them then succeeds, because a limit may depend on another parameter. The PDO mapping
-    /// comes last.
+    /// Writes the parameters that differ, and calls `done` with the outcome of each. Refused writes are retried after
+    /// the other ones, because a limit may depend on another parameter. Retries go on as long as at least one write
+    /// succeeds. The PDO mapping comes last.
     ///
     /// # Errors
-    /// The drive does not answer any more. [`Self::stage`] then tells for each parameter whether it was written.
+    /// The drive no longer answers. [`Self::stage`] then says for each parameter whether it was written.
     pub fn run(
         &mut self,
         drive: &mut dyn Drive,
@@ -188,7 +188,7 @@ impl Restore {
     }
 }
 
-/// The object of the file, but with the value that the drive had before the restore.
+/// The object of the file with the value that the drive had before the restore, if that is known.
 fn present(object: &ManufacturerObject, different: &[&Difference]) -> ManufacturerObject {
     let difference = different.iter().find(|difference| difference.wanted.address == object.address);
     let bytes = difference.and_then(|difference| difference.present.as_ref().ok());
@@ -208,13 +208,13 @@ mod tests {
 
     type Refuses = fn(&Table, ObjectAddress, &[u8]) -> Option<AbortCode>;
 
-    /// A fake drive: its values, and the writes that it refuses.
+    /// A fake drive, with its values and the writes that it refuses.
     #[derive(Default)]
     struct Table {
         values: BTreeMap<ObjectAddress, Vec<u8>>,
-        /// Decides whether the drive refuses a write, from its present values.
+        /// Decides from the present values whether the drive refuses a write.
         refuses: Option<Refuses>,
-        /// The number of calls after which the drive no longer answers; `None`: it always answers.
+        /// The number of calls after which the drive no longer answers; `None` if it always answers.
         calls_left: Option<usize>,
         writes: Vec<(ObjectAddress, Vec<u8>)>,
     }
@@ -277,7 +277,7 @@ mod tests {
         }
     }
 
-    /// What became of each parameter, by its address.
+    /// The outcome of each parameter, with its address.
     type Fates = Vec<(String, Fate)>;
 
     fn run(drive: &mut Table, file: &str) -> (Fates, Result<(), ParamsError>) {
@@ -285,7 +285,7 @@ mod tests {
         (fates, result)
     }
 
-    /// Also returns the stage of each parameter that differs, in the order of the file.
+    /// As `run`; also returns the stage of each parameter that differs, in the order of the file.
     fn run_staged(drive: &mut Table, file: &str) -> (Fates, Vec<Stage>, Result<(), ParamsError>) {
         let objects = ManufacturerObjects::parse(file).unwrap();
         let compared = compare(drive, objects.objects(), &mut |_| ()).unwrap();
@@ -307,8 +307,8 @@ mod tests {
         assert_eq!(drive.writes, [(ObjectAddress::new(0x2001, 0), vec![5, 0, 0, 0])]);
     }
 
-    /// The lower limit 0x2000 must not be above the upper limit 0x2001, which comes later in the file. So it is refused at
-    /// first and written in a second pass.
+    /// The lower limit 0x2000 must not be above the upper limit 0x2001, which comes later in the file. So the lower
+    /// limit is refused at first and written when it is retried.
     #[test]
     fn what_depends_on_a_later_object_is_tried_again() {
         let mut drive = Table::of("0x2000:0 u8 rw 1\n0x2001:0 u8 rw 2\n0x2002:0 u8 rw 0\n");
@@ -323,12 +323,12 @@ mod tests {
         assert_eq!(fates, [refused, written("0x2001:0"), written("0x2000:0")]);
     }
 
-    /// If the drive is lost during a restore, each parameter is decided, may be written, or is not written, whenever that is.
+    /// Whenever the drive is lost during a restore, each parameter is decided, possibly written, or not written.
     #[test]
     fn a_drive_that_vanishes_leaves_each_parameter_at_a_stage() {
         use Stage::{Decided, NotWritten, Sent};
         let file = "0x1600:0 u8 rw 1\n0x1600:1 u32 rw 8\n0x2000:0 u8 rw 8\n0x2001:0 u8 rw 9\n0x2002:0 u8 rw 7\n";
-        // Five reads of the comparison come first. 0x2002 is refused.
+        // The comparison makes five reads before the restore. The drive refuses 0x2002.
         for (calls, stages) in [
             (0, [NotWritten, Sent, NotWritten, NotWritten]),
             (1, [NotWritten, Sent, Sent, NotWritten]),
@@ -350,8 +350,8 @@ mod tests {
         }
     }
 
-    /// A file from which the number of entries was cut leaves the lists of the drive as they are. What a list has beyond its
-    /// number of entries means nothing, and what can only be read is not written.
+    /// If the numbers of entries are missing in a file, the lists in the drive are not changed. Entries beyond the
+    /// number of entries have no meaning, and read-only objects are not written.
     #[test]
     fn lists_without_a_length_stay() {
         let drive = "0x1600:0 u8 rw 2\n0x1600:1 u32 rw 8\n0x1600:2 u32 rw 9\n0x1C12:0 u8 rw 1\n0x1C12:1 u16 rw 0x1600\n\
@@ -370,8 +370,8 @@ mod tests {
         }
     }
 
-    /// A file that was read behind a board has values of type `any` with 4 bytes each. They are written with the length of the
-    /// object.
+    /// A file that was read behind a board has values of type `any` with 4 bytes each. They are written with the length
+    /// of the object in the drive.
     #[test]
     fn a_value_of_unknown_length_fits_a_shorter_object() {
         let mut drive = Table::of("0x2000:0 u16 rw 1\n0x2001:0 u8 rw 7\n0x2002:0 u32 rw 1\n");
@@ -393,7 +393,7 @@ mod tests {
         assert_eq!(fates, [("0x2000:0".to_owned(), Fate::Written), ("0x1600:1".to_owned(), Fate::Written)]);
         let order: Vec<String> = drive.writes.iter().map(|(object, _)| object.to_string()).collect();
         assert_eq!(order, ["0x2000:0", "0x1C12:0", "0x1600:0", "0x1600:1", "0x1600:0", "0x1C12:1", "0x1C12:0"]);
-        // The old mapping comes back if the new one is refused.
+        // If the new mapping is refused, the old one is restored.
         drive.refuses = Some(|_, object, value| {
             (object == ObjectAddress::new(0x1600, 1) && value[2] == 0x60).then_some(AbortCode::NOT_MAPPABLE)
         });

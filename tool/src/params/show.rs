@@ -1,4 +1,4 @@
-//! Prints what the verbs of `ecmsk params` show: differences, and values by their types.
+//! Prints the output of the verbs of `ecmsk params`: differences, and values in the notation of their types.
 
 use ecmsk::slave::{ManufacturerObject, ManufacturerType};
 use serde_json::{Value as Json, json};
@@ -11,8 +11,8 @@ use super::restore::{Compared, Difference};
 use crate::board::Reporter;
 use crate::hex::hex;
 
-/// Prints a difference. `word` is its outcome in JSON, such as `written`. `what` is the end of its line in text, such as
-/// the reason of a refusal.
+/// Prints a difference. `word` is its outcome in JSON, such as `written`. `what` is appended to the line of text, such
+/// as the reason of a refusal.
 pub fn show(
     reporter: &Reporter,
     verb: &str,
@@ -30,7 +30,7 @@ pub fn show(
     reporter.result(format_args!("{:<10}  {from} -> {to}{name}{what}", wanted.address.to_string()), &json)
 }
 
-/// Prints how many parameters differ, how many do not, and which were not compared and why.
+/// Prints how many parameters differ, how many are equal, and which were not compared and why.
 ///
 /// # Errors
 /// Standard output cannot be written to.
@@ -50,7 +50,8 @@ pub fn summarise(opened: &Opened, verb: &str, slave: u8, compared: &Compared) ->
     Ok(())
 }
 
-/// Prints a note for each reason for which parameters were left out, with their names. `what` begins it: `not kept`.
+/// Prints a note for each reason for which parameters were left out, with their names. `what` is the beginning of the
+/// note, such as `not kept`.
 pub fn show_left_out(reporter: &Reporter, what: &str, left_out: &[LeftOut]) {
     for (why, which) in by_reason(left_out) {
         let names: Vec<String> = which.iter().map(|one| one.to_string().trim().to_owned()).collect();
@@ -58,7 +59,7 @@ pub fn show_left_out(reporter: &Reporter, what: &str, left_out: &[LeftOut]) {
     }
 }
 
-/// The number as text: `1 parameter`, `3 parameters`.
+/// The number of parameters as text: `1 parameter`, `3 parameters`.
 pub fn parameters(count: usize) -> String {
     format!("{count} {}", if count == 1 { "parameter" } else { "parameters" })
 }
@@ -80,15 +81,16 @@ pub fn put_answer(json: &mut Json, key: &str, answer: &Answer<Vec<u8>>) {
     }
 }
 
-/// The value as in [`shown`]; if the drive has aborted the read, the abort code in parentheses.
+/// The value as text, see [`shown`]; if the drive has aborted the read, the abort code in parentheses.
 pub fn answer_shown(object: &ManufacturerObject, answer: &Answer<Vec<u8>>) -> String {
     answer.as_ref().map_or_else(|code| format!("({code})"), |bytes| shown(object, bytes))
 }
 
-/// A value as a decimal number or as a text. Mapping entries are in hexadecimal, because they contain object indexes.
+/// A value as text: a decimal number or a quoted text. Mapping entries are hexadecimal, because they contain object
+/// indexes.
 pub fn shown(object: &ManufacturerObject, bytes: &[u8]) -> String {
     let data = object.data;
-    // Behind a board a read returns 4 bytes, also of a shorter object.
+    // Behind a board a read always returns 4 bytes, so a shorter object is cut to its own length.
     let bytes = data.bytes().and_then(|len| bytes.get(..len.into())).unwrap_or(bytes);
     let raw = || bytes.iter().rev().fold(0_u64, |number, byte| number << 8 | u64::from(*byte));
     match data {

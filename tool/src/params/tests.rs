@@ -1,4 +1,5 @@
-//! A drive is kept, changed, compared and put back on each kind of link, in virtual time, and has the same parameters then.
+//! Tests on each kind of link, in virtual time: parameters are backed up, changed, compared and restored. After that
+//! the drive must have the same parameters as before.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -16,8 +17,8 @@ use super::*;
 
 const WRITE: Options = Options { yes: true, force: false, store: false };
 
-/// Objects of a maker with values of 2, 4 and 8 bytes and a text. The ESI file is of a device with the product code of simulated
-/// drives.
+/// Manufacturer-specific objects with values of 2, 4 and 8 bytes and a text. The ESI file is of a device with the
+/// product code of simulated drives.
 const ESI: &str = r##"<EtherCATInfo><Descriptions><Devices>
 <Device><Type ProductCode="#x1">Other</Type><Name>Other</Name></Device>
 <Device><Type ProductCode="#x53455256">SV2</Type><Name>SV2</Name><Profile><Dictionary><DataTypes/><Objects>
@@ -36,19 +37,19 @@ fn on_network(link: &str) -> Opened {
 
 fn behind_board(slaves: &str) -> Opened {
     static NEXT: AtomicU32 = AtomicU32::new(0);
-    // A name of its own: a board in this process is found again by its link.
+    // Each link has a unique name, because a second link with the same name would open the same board of this process.
     let link = format!("sim:?slaves={slaves}&clock=virtual&name=params-{}", NEXT.fetch_add(1, Ordering::Relaxed));
     Opened::board(&link, Ecm::open(&link).unwrap(), false).unwrap()
 }
 
-/// Keeps slave 1 in a file.
+/// Backs up slave 1 to a file.
 fn kept(opened: &mut Opened, file: &Path) -> ParameterFile {
     backup_one(opened, 1, Some(file), true).unwrap();
     ParameterFile::read(file).unwrap()
 }
 
-/// Keeps slave 1, changes an object, and puts the file back. Checks that the change is found, that nothing differs afterwards, and
-/// that the drive has the parameters that it had. Returns the file.
+/// Backs up slave 1, changes an object, and restores the backup. Checks that the change is found, that nothing differs
+/// afterwards, and that the drive has its original parameters. Returns the backup.
 fn round_trip(mut opened: Opened, folder: &Path, object: ObjectAddress, value: &[u8]) -> ParameterFile {
     let (first, second) = (folder.join("first.params"), folder.join("second.params"));
     let before = kept(&mut opened, &first);
@@ -62,7 +63,8 @@ fn round_trip(mut opened: Opened, folder: &Path, object: ObjectAddress, value: &
     before
 }
 
-/// A DP3CL and a drive with the objects of an ESI file, on a network, behind a chip, and behind a board.
+/// A DP3CL, and a drive with the objects of an ESI file, are backed up and restored on a network, behind a chip, and
+/// behind a board.
 #[test]
 fn what_was_kept_is_put_back_on_every_link() {
     let folder = tempfile::tempdir().unwrap();
@@ -83,26 +85,27 @@ fn what_was_kept_is_put_back_on_every_link() {
         assert_eq!(file.not_kept, 0, "{scheme}");
         assert!(file.objects.objects().iter().any(|object| object.address == nickname), "{scheme}");
     }
-    // A list makes the network of a drive that has no list of its own the same.
+    // With a list of its objects, a drive on a network is backed up without its SDO information service.
     let opened = on_network(&format!("sim:?slaves={of_esi}")).with_objects(Some(esi.clone()));
     let file = round_trip(opened, folder, ObjectAddress::new(0x2002, 0), &[9; 8]);
     assert_eq!((file.objects.objects().len(), file.not_kept), (4, 0));
 
-    // A board has no list of its own. The file from a network is one.
+    // A board does not list the objects. The file from a network serves as the list.
     let list = folder.join("dp3cl.params");
     let listed = kept(&mut on_network("sim:?slaves=dp3cl"), &list);
     let file = round_trip(behind_board("dp3cl").with_objects(Some(list)), folder, speed, &value);
     assert_eq!(file.objects.objects().len() + file.not_kept, listed.objects.objects().len());
     let opened = behind_board(&of_esi).with_objects(Some(esi));
     let file = round_trip(opened, folder, ObjectAddress::new(0x2001, 0), &value);
-    // The text and the value of 8 bytes are named.
+    // The text and the value of 8 bytes cannot be transferred; they are listed in the comments of the file.
     assert_eq!((file.objects.objects().len(), file.not_kept), (2, 2));
     let text = std::fs::read_to_string(folder.join("first.params")).unwrap();
     assert!(text.contains("\n# not kept: 0x2002:0 Way: a board transfers values of 1, 2 or 4 bytes\n"), "{text}");
     assert!(text.contains("\n# not kept: 0x2003:0 Nickname: a board transfers no texts\n"), "{text}");
 }
 
-/// With the smallest packets a chip transfers 20 bytes of a value. Longer values are named, and the others are kept.
+/// With the smallest packets a chip transfers values of up to 20 bytes. Longer values are listed as left out, and the
+/// others are kept.
 #[test]
 fn a_chip_names_what_does_not_fit_its_packets() {
     let folder = tempfile::tempdir().unwrap();
@@ -117,14 +120,14 @@ fn a_chip_names_what_does_not_fit_its_packets() {
     assert_eq!(file.not_kept, 1);
     let has = |index| file.objects.objects().iter().any(|object| object.address.index == index);
     assert!(!has(0x2000) && has(0x2001));
-    // A file from elsewhere, with the long one.
+    // A file that was read with larger packets also has the long value.
     let whole = kept(&mut on_network(&link.replace("&n=32&use_n=32", "")), &folder.path().join("b.params"));
     assert_eq!(whole.not_kept, 0);
     let compared = differ::compare_with(&mut on_network(&link), 1, &whole, true).unwrap();
     assert_eq!((compared.different.len(), compared.left_out.len()), (0, 1));
 }
 
-/// Nothing is written to slaves that another program runs behind a chip.
+/// Nothing is written to the slaves of a chip while another program runs their network.
 #[test]
 fn a_chip_that_runs_its_network_is_left_alone() {
     let folder = tempfile::tempdir().unwrap();
@@ -136,13 +139,13 @@ fn a_chip_that_runs_its_network_is_left_alone() {
     assert!(!differs(&mut opened, 1, &file).unwrap(), "it is compared all the same");
 }
 
-/// The slaves behind a board are found by asking them.
+/// The slaves behind a board are found by querying each of them in turn.
 #[test]
 fn the_slaves_behind_a_board_are_counted() {
     assert_eq!(behind_board("dp3cl,drive,io").slaves().unwrap(), [1, 2, 3]);
 }
 
-/// If a drive is lost at any time of a restore, the error says for all parameters whether they were written.
+/// If a drive is lost at any time during a restore, the counts of the error cover all parameters.
 #[test]
 fn a_drive_that_is_lost_at_any_time() {
     let folder = tempfile::tempdir().unwrap();

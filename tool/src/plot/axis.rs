@@ -10,30 +10,30 @@ use super::decimate::{Line, Pieces};
 use super::speed::Speed;
 use super::states::{Change, Span, States};
 
-/// The curves of an axis. Targets are drawn at the cycle that executed them.
+/// The curves of an axis. A target is drawn at the cycle in which the board executed it.
 pub struct AxisLines {
     /// The number of the slave.
     pub axis: u8,
-    /// The counts per unit of positions.
+    /// The number of counts per position unit.
     pub scale: Scale,
     /// The executed targets, in units.
     pub target: Pieces,
     /// The actual positions, in units.
     pub position: Pieces,
-    /// The executed target minus the position, in units, while the drive follows it.
+    /// The executed target minus the actual position, in units; only while the drive is in Operation enabled.
     pub difference: Pieces,
-    /// The velocity of the positions, in units per second.
+    /// The actual velocity, computed from the positions, in units per second.
     pub velocity: Pieces,
-    /// The velocity of the targets, in units per second.
+    /// The commanded velocity, computed from the CSP targets, in units per second.
     pub commanded_velocity: Pieces,
     /// The target velocity of CSV, in the drive's own unit.
     pub target_velocity: Pieces,
     /// The target torque in percent of the rated torque.
     pub target_torque: Pieces,
-    /// The torque in percent of the rated torque.
+    /// The actual torque in percent of the rated torque.
     pub torque: Pieces,
-    /// The time spans in which the drive was not enabled, homing, lost or in fault, and those in which the FIFO was empty
-    /// during its motion.
+    /// The time spans in which the drive was not enabled, homing, lost or in fault, and the gaps: spans in which the
+    /// axis was moving and the FIFO was empty.
     pub states: Vec<Span>,
     /// The time at which homing last gave the position a new zero, in seconds.
     pub zeroed: Option<f64>,
@@ -47,12 +47,13 @@ impl AxisLines {
     }
 }
 
-/// The curves of an axis while frames are read.
+/// Builds the curves of an axis while the frames of a recording are read.
 pub struct Axis {
     /// The number of the slave.
     pub number: u8,
     scale: Scale,
-    /// The ids of `--commands`: the axis is drawn only while its slot has one of them. If empty, it is always drawn.
+    /// The command ids of `--commands`: the axis is drawn only while its slot has one of these ids. If empty, it is
+    /// always drawn.
     commands: Vec<u8>,
     target: Line,
     position: Line,
@@ -67,25 +68,26 @@ pub struct Axis {
     speeds: [Speed; 2],
     /// The target that was executed last, in counts.
     in_force: Option<i32>,
-    /// The last reported position in counts, and whether the drive follows a target; `None` while the axis is not drawn.
+    /// The last reported position in counts, and whether the drive is in Operation enabled and so follows targets;
+    /// `None` while the axis is not drawn.
     stands: Option<(i32, bool)>,
-    /// The axis' slot as it was in the first report with state 0x18 (OP with a lost slave), while that state lasts and the
-    /// slot stays the same.
+    /// The slot of the axis in the first report with state 0x18 (OP with a lost slave). `None` once that state ends or
+    /// the slot changes, since the slave is not lost then.
     frozen: Option<Frozen>,
     /// The last slot, and the time at which it last changed.
     before: Option<(RawSlot, i64)>,
-    /// Whether the last report was in state 0x18: OP with a lost slave.
+    /// Whether the last report had state 0x18 (OP with a lost slave).
     failed_before: bool,
     ignores: Option<Ignores>,
     zeroed_ns: Option<i64>,
 }
 
-/// The slot of an axis that may be lost: it has not changed since state 0x18 began.
+/// The slot of an axis that may be lost: the slot has not changed since state 0x18 began.
 #[derive(Debug)]
 struct Frozen {
     slot: RawSlot,
-    /// Whether the slave is certainly lost: its slot would have changed if it were there, because the axis moved just before or
-    /// has got other targets since.
+    /// Whether the slave is certainly lost. The slot of a connected slave would have changed, because the axis moved
+    /// just before state 0x18 or has received a new target since.
     is_lost: bool,
 }
 
@@ -93,7 +95,7 @@ struct Frozen {
 const MOVED_NS: i64 = 20_000_000;
 
 /// A phase in which the board ignores the targets of an axis: from GO_HOME until homing has ended and the mode is
-/// restored (SK-7.26, SK-7.37). After it, the slot answers motion commands again.
+/// restored (SK-7.26, SK-7.37). After this phase the slot answers motion commands again.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ignores {
     /// Whether a report has answered GO_HOME.
@@ -102,11 +104,12 @@ struct Ignores {
     reports: u8,
 }
 
-/// \[OURS] If more reports than this answer motion commands first, GO_HOME counts as not executed.
+/// \[OURS] If more reports than this answer motion commands before any report answers GO_HOME, the board has not
+/// executed GO_HOME.
 const UNANSWERED_MAX: u8 = 3;
 
 impl Axis {
-    /// Starts with empty curves, which are thinned to `columns` pixel columns. `number` is the number of the slave.
+    /// Creates empty curves. They will be thinned to `columns` pixel columns. `number` is the number of the slave.
     pub fn new(number: u8, scale: Scale, window: Window, columns: u32, commands: Vec<u8>) -> Self {
         let line = || Line::new(window, columns);
         let held = || Line::holding(window, columns);
@@ -135,23 +138,23 @@ impl Axis {
         }
     }
 
-    /// Adds a command for the axis, at the time when the host sends it.
+    /// Processes a command for the axis at the time when the host sends it.
     pub fn sent(&mut self, order: Option<&SlaveCommand>) {
         if order == Some(&SlaveCommand::GoHome) {
             self.states.go_home();
         }
     }
 
-    /// Adds a cycle that found the FIFO empty.
+    /// Processes a cycle in which the board found the FIFO empty.
     pub const fn idle(&mut self, at_ns: i64) {
         self.gaps.idle(at_ns);
     }
 
-    /// Adds a command for the axis, at the time when the board executes it. If the command ends a gap in the motion (cycles
-    /// that found the FIFO empty), returns the time at which the gap began.
+    /// Draws a command for the axis at the time when the board executes it. If the command ends a gap in the motion
+    /// (cycles in which the FIFO was empty), returns the time at which the gap began.
     pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) -> Option<i64> {
         let shown = self.shows(order.id().code()) && self.frozen.is_none();
-        let is_motion = matches!(order, SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_));
+        let is_motion = order.id().is_motion();
         if let Some(Frozen { slot, is_lost }) = self.frozen.as_mut().filter(|_| is_motion) {
             *is_lost |= match order {
                 SlaveCommand::Csp(motion) => motion.first.target != slot.data1.cast_signed(),
@@ -193,8 +196,8 @@ impl Axis {
         }
     }
 
-    /// Looks for signs in a report in OP that the slave of this axis is lost: its slot stays the same while the board is in
-    /// state 0x18 (`failed`). This is called before the commands that were executed in that cycle are drawn.
+    /// Checks a report in OP for signs that the slave of this axis is lost: its slot does not change while the board is
+    /// in state 0x18 (`failed`). Must be called before [`Self::executed`] for the commands of the same cycle.
     pub fn look(&mut self, at_ns: i64, slot: &RawSlot, failed: bool) {
         let changed_ns = match self.before {
             Some((before, changed_ns)) if before == *slot => changed_ns,
@@ -216,7 +219,7 @@ impl Axis {
         self.failed_before = failed;
         let id = CommandId::from_code(slot.id);
         if let Some(ignores) = &mut self.ignores {
-            let is_motion = matches!(id, CommandId::Csp | CommandId::Csv | CommandId::Cst);
+            let is_motion = id.is_motion();
             ignores.answered |= id == CommandId::GoHome;
             ignores.reports += u8::from(is_motion && !ignores.answered);
             let goes_on = is_motion && !self.states.is_homing();
@@ -226,8 +229,8 @@ impl Axis {
         }
     }
 
-    /// Ends the suspicion that the slave is lost. `was_lost`: it was lost and is back; otherwise its slot has changed, so it
-    /// was never lost.
+    /// Ends the suspicion that the slave is lost. `was_lost`: state 0x18 has ended, so the slave was lost and is back.
+    /// Otherwise its slot has changed during state 0x18, so the slave was never lost.
     fn is_there(&mut self, at_ns: i64, was_lost: bool) {
         if was_lost {
             return self.interrupt(at_ns);
@@ -236,17 +239,18 @@ impl Axis {
         self.frozen = None;
     }
 
-    /// Adds the axis' slot of a report in OP. `aborted`: the report answers ABORT_HOME. `is_drive`: the slot has a torque and
-    /// an error code. `certain`: it is known which target was executed.
+    /// Draws the slot of the axis from a report in OP. `aborted`: the report answers ABORT_HOME. `is_drive`: the slot
+    /// has a torque and an error code. `certain`: it is known which target the board has executed.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, is_drive: bool, certain: bool) {
         if self.frozen.is_some() {
-            // The slot only repeats its last values, so nothing is drawn.
+            // The slot only repeats old values, so nothing is drawn.
             return self.break_lines(at_ns);
         }
         let was_homing = self.states.is_homing();
         let change = self.states.report(at_ns, drive, aborted, is_drive);
         if was_homing && !self.states.is_homing() {
-            // After a successful homing this position is relative to a new zero.
+            // Homing may have given the position a new zero, so the curve must not connect the positions before and
+            // after it.
             self.position.break_off(at_ns);
             let word = drive.statusword.0;
             if word & Statusword::BIT13 == 0 && word & Statusword::TARGET_REACHED != 0 {
@@ -261,7 +265,7 @@ impl Axis {
             self.speeds[0].reset();
         }
         if !self.shows(drive.head.id) {
-            // `--commands` excludes this command, so the curves have a gap here.
+            // `--commands` does not list this command, so the curves have a gap here.
             return self.break_lines(at_ns);
         }
         let follows = drive.statusword.is_enabled();
@@ -293,7 +297,8 @@ impl Axis {
         }
     }
 
-    /// Forgets the executed target: it is no longer valid, or it is unknown which target is.
+    /// Forgets the last executed target, because it is no longer valid or it is not known which target was executed
+    /// last.
     pub fn forget_target(&mut self, at_ns: i64) {
         self.in_force = None;
         self.gaps.reset();
@@ -302,7 +307,7 @@ impl Axis {
         targets.into_iter().for_each(|line| line.interrupt(at_ns));
     }
 
-    /// Interrupts all curves, because the state of the axis is unknown from here on.
+    /// Interrupts all curves, because the state of the axis is unknown from `at_ns` on.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.forget_target(at_ns);
         self.speeds[0].reset();
@@ -332,7 +337,7 @@ impl Axis {
         self.stands.filter(|(_, follows)| *follows).and(self.in_force).map(|target| self.scale.to_units(target))
     }
 
-    /// The position in units; `None` during homing, which moves the zero.
+    /// The position in units; `None` during homing, since homing moves the zero.
     pub fn stands(&self) -> Option<f64> {
         self.stands.filter(|_| !self.states.is_homing()).map(|(position, _)| self.scale.to_units(position))
     }

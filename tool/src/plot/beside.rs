@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use ecmsk::ecm::Scale;
-use ecmsk::recording::Address;
+use ecmsk::recording::{Address, RecordError};
 use ecmsk::sk::SlotSize;
 
 use super::decimate::Pieces;
@@ -15,7 +15,7 @@ use crate::error::CliError;
 use crate::filter::Times;
 use crate::recording::{self, Frames, Walked};
 
-/// The room for the second recording's name in a legend, in pixels.
+/// The space for the name of the second recording in a legend, in pixels.
 const NAME_WIDTH: u32 = 330;
 
 /// The curves of the second recording, with their times converted to those of the first one.
@@ -31,20 +31,23 @@ pub struct Beside {
     pub zeroed: Vec<(u8, f64)>,
 }
 
-/// The second recording after it was read once, to survey it.
+/// The second recording after its first reading, which determines its slaves and its time in OP.
 pub struct Other {
     file: PathBuf,
     size: Option<SlotSize>,
     device: Option<Address>,
     survey: Survey,
-    /// The offset that aligns the beginning of its time in OP with that of the first recording.
+    /// What has ended the recording before its end; `None` if it is whole.
+    damage: Option<RecordError>,
+    /// The offset that is added to the times of the second recording, so that OP begins at the same time in both, ns.
     later_ns: i64,
-    /// The range of its time in OP, after adding [`Self::later_ns`].
+    /// The time range of the second recording in OP, with [`Self::later_ns`] added.
     window: Window,
 }
 
 impl Other {
-    /// Reads the second recording. `first` is the first recording's time in OP, with which it is aligned.
+    /// Reads the second recording for the first time. `first` is the time range of the first recording in OP; the
+    /// second one is aligned with it.
     pub fn read(file: &Path, size: Option<SlotSize>, first: Window) -> Result<Self, CliError> {
         let mut survey = Survey::default();
         let device = recording::board(file, None)?;
@@ -56,23 +59,28 @@ impl Other {
         };
         let later_ns = first.from_ns - op.from_ns;
         let window = Window::of_times(op.from_ns + later_ns, op.to_ns + later_ns);
-        Ok(Self { file: file.to_owned(), size, device, survey, later_ns, window })
+        Ok(Self { file: file.to_owned(), size, device, survey, damage, later_ns, window })
     }
 
-    /// Restricts the recording to `times`, which are times of the first recording; `None` if nothing is left.
+    /// Restricts the second recording to `times`, given as times of the first one; `None` if nothing is left.
     pub fn cut(self, times: Times) -> Option<Self> {
         let window = self.window.cut(times)?;
         Some(Self { window, ..self })
     }
 
-    /// The range of its time in OP, converted to times of the first recording.
+    /// What has ended the recording before its end; `None` if it is whole.
+    pub const fn damage(&self) -> Option<&RecordError> {
+        self.damage.as_ref()
+    }
+
+    /// The time range of the second recording in OP, converted to times of the first one.
     pub const fn window(&self) -> Window {
         self.window
     }
 
-    /// Reads the recording a second time, for the positions and faults of these axes.
+    /// Reads the recording again and returns the positions and faults of these axes.
     pub fn lines(&self, axes: &[(u8, Scale)]) -> Result<Beside, CliError> {
-        let Self { file, size, device, survey, later_ns, window } = self;
+        let Self { file, size, device, survey, later_ns, window, .. } = self;
         let own = Window::of_times(window.from_ns - later_ns, window.to_ns - later_ns);
         let mut series = Series::new(&Subject {
             window: own,

@@ -25,7 +25,7 @@ pub struct Caption {
     pub axis: &'static str,
 }
 
-/// A picture: panels below each other. Those with the common time axis come first.
+/// A picture: panels below each other. The panels over time come first and share one time axis.
 pub struct Sheet {
     /// The diagrams, from top to bottom.
     pub panels: Vec<Panel>,
@@ -36,7 +36,7 @@ pub struct Sheet {
 type Area<B> = DrawingArea<B, Shift>;
 
 impl Sheet {
-    /// The height in pixels; the width is [`style::WIDTH`].
+    /// The height of the picture in pixels; its width is [`style::WIDTH`].
     pub fn height(&self) -> u32 {
         let heights = self.panels.iter().enumerate().map(|(i, panel)| style::PANEL_HEAD + panel.height + self.below(i));
         style::HEAD + heights.sum::<u32>()
@@ -76,8 +76,8 @@ fn draw_caption<B: DrawingBackend>(area: &Area<B>, caption: &Caption) -> Result<
     write(area, &about, (20, 46), style::TEXT, style::SOFT_INK, HPos::Left)
 }
 
-/// The sizes of an item of a legend, in pixels: the length of its sample line, and (next constants) the space before its text
-/// and the space after it.
+/// The widths of the parts of a legend item, in pixels: this constant is its sample line, the next ones are the space
+/// before and after its text.
 const SAMPLE: u32 = 22;
 const GAP: u32 = 6;
 const BETWEEN: u32 = 16;
@@ -122,7 +122,8 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
         .build_cartesian_2d(times.clone(), panel.range.clone())
         .map_err(failed)?;
     let (bottom, top) = (panel.range.start, panel.range.end);
-    // Shaded areas are behind the grid and at least one pixel wide.
+    // Shaded areas are drawn first, behind the grid, and are at least one pixel wide, so that short states stay
+    // visible.
     let pixel = (times.end - times.start) / f64::from(width);
     let areas = panel.spans.iter().chain(&panel.other_spans).map(|span| {
         let least = pixel * if span.state == State::Gap { 2.0 } else { 1.0 };
@@ -170,7 +171,7 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
                 .draw_series(pieces.into_iter().map(|piece| PathElement::new(piece.clone(), style)))
                 .map_err(failed)?;
         }
-        // A piece of a line with a single point is drawn as a dot.
+        // A piece with a single sample is drawn as a dot, because a line through one point is invisible.
         let dots = alone.into_iter().flatten().map(|sample| Circle::new(*sample, px(2), style.filled()));
         chart.draw_series(dots).map_err(failed)?;
     }
@@ -202,13 +203,14 @@ fn draw_ends<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), Plo
     Ok(())
 }
 
-/// The distance in pixels of notes on states from the top of a panel; the next constant is for the states of a second
-/// recording.
+/// The distance in pixels from the top of a panel to the notes on states. The next constant is for the states of a
+/// second recording.
 const NOTES: u32 = 10;
 const OTHER_NOTES: u32 = 26;
 
-/// Draws the notes on states in one line, `y` pixels below the top of the panel. Each note begins at the left edge of its
-/// state. A note has its full text if there is room before the next one. A note that would overlap another one is left out.
+/// Draws the notes on states in one line, `y` pixels below the top of the panel. Each note begins at the left edge of
+/// its state. If the full text does not fit before the next note, the brief text is drawn. A note that would overlap an
+/// earlier one is left out.
 fn draw_notes<B: DrawingBackend>(area: &Area<B>, spans: &[Span], y: u32, times: &Range<f64>) -> Result<(), PlotError> {
     let right = style::WIDTH - style::RIGHT;
     let pixels = f64::from(right - style::LEFT) / (times.end - times.start);

@@ -1,15 +1,15 @@
-//! Reduces a curve to the resolution of a picture. Of the samples in one pixel column the first, the smallest, the largest and
-//! the last one are kept, so the drawn curve looks the same, however long the recording is.
+//! Reduces a curve to the resolution of a picture. In each pixel column, only the first, the smallest, the largest and
+//! the last sample are kept. So the drawn curve looks the same, and its size does not grow with the recording.
 
 use super::Window;
 
-/// A curve as pieces without interruptions; each point is a time in seconds and a value.
+/// A curve as a list of pieces, with interruptions between the pieces; each point is a time in seconds and a value.
 pub type Pieces = Vec<Vec<(f64, f64)>>;
 
-/// A sample: nanoseconds, value.
+/// A sample: its time in nanoseconds, and its value.
 type Sample = (i64, f64);
 
-/// A curve while samples are added.
+/// Builds a thinned curve from samples that are added one by one.
 #[derive(Debug)]
 pub struct Line {
     window: Window,
@@ -56,8 +56,8 @@ impl Line {
         Self { hold: true, ..Self::new(window, columns) }
     }
 
-    /// Adds a sample. A time before that of the last sample or interruption is replaced by that time. Samples outside the
-    /// window are not drawn.
+    /// Adds a sample. A time `at_ns` earlier than the last sample or interruption is replaced by the time of the
+    /// latter. Samples outside the window are not drawn.
     pub fn push(&mut self, at_ns: i64, value: f64) {
         let at_ns = at_ns.max(self.latest_ns);
         self.latest_ns = at_ns;
@@ -68,7 +68,7 @@ impl Line {
         self.add((at_ns, value));
     }
 
-    /// Interrupts the curve until the next sample. A shorter interruption than a pixel column is not drawn.
+    /// Interrupts the curve until the next sample. An interruption within one pixel column is not drawn.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.latest_ns = self.latest_ns.max(at_ns);
         self.hold_until(at_ns);
@@ -76,8 +76,8 @@ impl Line {
         self.broken = true;
     }
 
-    /// Interrupts the curve even if the next sample is in the same pixel column, because its value is unrelated to the one
-    /// before.
+    /// Interrupts the curve even if the next sample is in the same pixel column. For a next sample that is unrelated to
+    /// the previous one, such as a position relative to a new zero.
     pub fn break_off(&mut self, at_ns: i64) {
         self.interrupt(at_ns);
         self.close_column();
@@ -91,7 +91,7 @@ impl Line {
         self.segments.into_iter().map(|segment| segment.into_iter().map(seconds).collect()).collect()
     }
 
-    /// Extends a curve with steps up to this time: adds its present value there.
+    /// Extends a curve with steps to the time `at_ns`, by adding its present value there.
     fn hold_until(&mut self, at_ns: i64) {
         let Window { from_ns, to_ns } = self.window;
         let Some((since_ns, value)) = self.held.filter(|(since_ns, _)| *since_ns <= to_ns && at_ns >= from_ns) else {

@@ -13,6 +13,12 @@ pub enum PlotError {
     /// Standard input is named, but a plot reads its recording twice.
     #[error("a plot cannot read standard input; name a file")]
     Stdin,
+    /// `--find` for a picture, which has no list of events.
+    #[error("--find lists events in a page, and a picture has no list; name a page with -o FILE.html")]
+    FindNeedsPage,
+    /// The expression of `--find` is wrong.
+    #[error("--find: {0}; see `ecmsk find --help`")]
+    Find(#[from] crate::find::ExpressionError),
     /// The network was never in OP.
     #[error(
         "{} has no response in OP ({frames} frames), and a plot shows what happens in OP; record a program that goes there, or look at this one with `ecmsk dump`",
@@ -32,12 +38,12 @@ pub enum PlotError {
         /// The range of times in which the network was in OP.
         op: String,
     },
-    /// In the time shown, no slot of the chosen slaves has or answers one of the commands of `--commands`.
+    /// In the time shown, no slot of the chosen slaves has or answers a command listed in `--commands`.
     #[error(
         "nothing is left of {}: no slot asks for or answers {commands} in the time shown; change --commands, --axes, --from or --to", axes_list(.axes)
     )]
     NoSuchCommand {
-        /// The commands of `--commands`.
+        /// The command list of `--commands`.
         commands: String,
         /// The slaves whose slots were searched for the commands.
         axes: Vec<u8>,
@@ -106,7 +112,7 @@ pub enum PlotError {
         /// The option that names the file.
         option: &'static str,
     },
-    /// The output file cannot be written, or is there and stays.
+    /// The output file cannot be written, or exists and may not be replaced.
     #[error(transparent)]
     File(#[from] OutputFileError),
     /// The picture cannot be drawn.
@@ -117,7 +123,7 @@ pub enum PlotError {
     },
 }
 
-/// The axes that the user can request instead, as text.
+/// Says which axes the user can request instead.
 fn others(axes: &[u8]) -> String {
     match axes {
         [] => "leave --axes out, for the FIFO alone".to_owned(),

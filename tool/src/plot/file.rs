@@ -1,4 +1,4 @@
-//! The file of a picture; its name decides the format.
+//! The output file of a picture. The extension of its name decides the format.
 
 use std::path::Path;
 
@@ -17,7 +17,8 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format for the file's extension; without one SVG. `option` is the option that names the file, for the error.
+    /// The format for the extension of the file; SVG if it has no extension. `option` is the command-line option that
+    /// names the file, for the error.
     ///
     /// # Errors
     /// The extension is unknown: a file named `.jpg` must not contain SVG.
@@ -42,11 +43,11 @@ impl Format {
     }
 }
 
-/// Checks the output file before anything is read or drawn: its format, that it is not one of the recordings, and that it may be
-/// written. `option` is the option that names the file.
+/// Checks the output file before anything is read or drawn: its format is known, it is none of the recordings, and it
+/// may be written. `option` is the command-line option that names the file.
 ///
 /// # Errors
-/// The file has an unknown extension, is one of the recordings, or is there and stays.
+/// The file has an unknown extension, is one of the recordings, or exists and may not be replaced.
 pub fn check<'a>(
     file: &'a Path,
     option: &'static str,
@@ -64,10 +65,12 @@ pub fn check<'a>(
     Ok(Picture { output, format })
 }
 
-/// Checks that the output file is not one of the recordings, and may be written.
+/// Checks that the output file is none of the recordings and may be written.
 ///
 /// # Errors
-/// [`PlotError::SameFile`] if the file is one of the recordings; [`PlotError::File`] if it is there and stays.
+/// [`PlotError::SameFile`] if the file is one of the recordings; [`PlotError::File`] if it exists and may not be
+/// replaced.
+#[cfg_attr(not(feature = "web"), allow(dead_code, reason = "only the page uses it"))]
 pub fn check_other(output: &OutputFile, recordings: &[&Path]) -> Result<(), PlotError> {
     check_same(output.file, output.option, recordings)?;
     Ok(output.check()?)

@@ -5,7 +5,7 @@ use ecmsk::sk::{CommandId, IoResponse, SlaveCommand};
 use super::Window;
 use super::decimate::{Line, Pieces};
 
-/// The number of inputs of an IO slave, which is also that of its outputs.
+/// The number of inputs of an IO slave; it has as many outputs.
 const BITS: usize = 16;
 
 /// Whether a bit of an IO slave is an input or an output.
@@ -27,7 +27,7 @@ pub struct Lane {
     pub values: Pieces,
 }
 
-/// The inputs and outputs of one slave while frames are read.
+/// Builds the curves of the inputs and outputs of one slave while the frames of a recording are read.
 pub struct Lanes {
     ways: [Bits; 2],
 }
@@ -41,20 +41,21 @@ struct Bits {
 }
 
 impl Lanes {
-    /// Starts without values, for the range `window`, which is drawn `columns` pixels wide.
+    /// Creates empty curves for the time range `window`, which is drawn `columns` pixels wide.
     pub fn new(window: Window, columns: u32) -> Self {
         let bits = || Bits { lines: std::array::from_fn(|_| Line::holding(window, columns)), used: 0, now: None };
         Self { ways: [bits(), bits()] }
     }
 
-    /// Adds a command for the slave, at the time when the board executes it.
+    /// Draws the outputs that a command sets, at the time when the board executes the command.
     pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) {
         if let SlaveCommand::IoWrite(outputs) = order {
             self.ways[Way::Out as usize].push(at_ns, *outputs);
         }
     }
 
-    /// Adds the slave's slot of a report in OP. The answer to IO_WR contains the outputs and no inputs (SK-3.17).
+    /// Draws the inputs from the slave's slot of a report in OP. The answer to IO_WR contains the outputs and no inputs
+    /// (SK-3.17), so it is not used.
     pub fn report(&mut self, at_ns: i64, slot: &IoResponse) {
         let id = CommandId::from_code(slot.head.id);
         if matches!(id, CommandId::GetStatus | CommandId::IoRead) {
@@ -62,7 +63,7 @@ impl Lanes {
         }
     }
 
-    /// Interrupts the lines, because the bits are unknown from here on.
+    /// Interrupts the curves, because the bits are unknown from `at_ns` on.
     pub fn interrupt(&mut self, at_ns: i64) {
         for bits in &mut self.ways {
             bits.now = None;
@@ -70,7 +71,7 @@ impl Lanes {
         }
     }
 
-    /// The bits that were ever 1, inputs first. The others were 0 or unknown.
+    /// Returns the curves of the bits that were ever 1, inputs first. Bits that were always 0 or unknown are left out.
     pub fn finish(self) -> Vec<Lane> {
         let lanes = [Way::In, Way::Out].into_iter().zip(self.ways).flat_map(|(way, bits)| {
             let used = bits.used;

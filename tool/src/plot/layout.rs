@@ -15,7 +15,7 @@ use super::style;
 use crate::machine_option::label;
 use crate::output::counted;
 
-/// With more axes than this the colours are too similar to tell the axes apart, so other marks are added. \[OURS]
+/// With more axes than this, their colours are too similar to distinguish them, so dashes and labels are added. \[OURS]
 const CROWD: usize = 4;
 /// The height in pixels of a diagram that shows all axes together.
 const SHARED: u32 = 130;
@@ -26,13 +26,13 @@ pub struct Names<'a> {
     pub unit: String,
     /// The machine file, with the names of axes.
     pub machine: Option<&'a MachineFile>,
-    /// Whether each axis has its unit of the machine file.
+    /// Whether each axis has its own unit, from the machine file.
     pub has_own_units: bool,
 }
 
 impl<'a> Names<'a> {
-    /// Names and units of the machine file. If the axes have different units, the panels that show them together call the unit
-    /// `units`.
+    /// Takes the names and units from the machine file. If the axes have different units, the unit in shared panels is
+    /// called `units`.
     pub fn of_machine(axes: &[u8], machine: Option<&'a MachineFile>) -> Self {
         let unit = |axis: &u8| machine.and_then(|machine| machine.axis_of(*axis)).map(|axis| axis.unit);
         let mut units = axes.iter().map(|axis| unit(axis).unwrap_or_default());
@@ -51,7 +51,8 @@ impl<'a> Names<'a> {
     }
 }
 
-/// Makes the panels; curves without data get no panel. `plane` are the two axes of the diagram of their path.
+/// Makes the panels; curves without data get no panel. `plane` gives the two axes whose path is drawn in a diagram of
+/// its own.
 pub fn panels(
     lines: Lines,
     asked: &Asked,
@@ -133,14 +134,15 @@ pub fn panels(
     all
 }
 
-/// The curves of all axes for the panels that they share.
+/// The curves of all axes for the panels that show all axes together.
 #[derive(Default)]
 struct Shared {
-    /// The length of one count in units, of the axis where it is smallest. The vertical axes of shared panels have no finer
+    /// The smallest length of one count among all axes, in units. The vertical axes of shared panels have no finer
     /// steps.
     least: f64,
     legend: Vec<(Look, String)>,
-    /// For each axis the text at the right end of its curve (the axis number) and its colour; empty with few axes.
+    /// For each axis, the text at the right end of its curve (the axis name) and its colour; empty if there are few
+    /// axes.
     ends: Vec<(String, RGBColor)>,
     commanded: Vec<Stroke>,
     velocity: Vec<Stroke>,
@@ -242,7 +244,7 @@ fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64, gaps: Vec<Span>) -> Pan
     Panel { name, height: 110, range, strokes, spans, marks: full, legend, ..Panel::default() }
 }
 
-/// The panel with the path of two axes in their plane, both to the same scale.
+/// The panel with the path of two axes in their plane, both axes drawn to the same scale.
 fn in_the_plane([target, gone]: [Pieces; 2], [x, y]: [u8; 2], names: &Names<'_>, least: f64) -> Option<Panel> {
     let (width, height) = style::PLANE;
     let colour = style::colours([x])[0];

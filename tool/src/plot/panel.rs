@@ -21,22 +21,22 @@ pub struct Panel {
     pub strokes: Vec<Stroke>,
     /// States, drawn as shaded areas behind everything else.
     pub spans: Vec<Span>,
-    /// States of a second recording, drawn like `spans`, with their notes one line lower.
+    /// States of a second recording, drawn like `spans`, but with their notes one line lower.
     pub other_spans: Vec<Span>,
     /// Times in seconds that are marked by vertical lines.
     pub marks: Vec<f64>,
     /// The legend, from left to right.
     pub legend: Vec<(Look, String)>,
-    /// The names of lanes (the bits of an IO slave), from top to bottom; a lane is 1 high on the vertical axis. If empty, the
-    /// axis has numbers.
+    /// The names of lanes (the bits of an IO slave), from top to bottom. Each lane has a height of 1 on the vertical
+    /// axis. If empty, the axis has numbers.
     pub lanes: Vec<String>,
-    /// The horizontal axis, if it is not the common time axis.
+    /// The horizontal axis of this panel, if it is not the common time axis.
     pub across: Option<Across>,
     /// The texts at the right ends of curves: the curve's last value, the text, its colour.
     pub ends: Vec<(f64, String, RGBColor)>,
 }
 
-/// The horizontal axis of a single panel.
+/// The horizontal axis of a panel that does not use the common time axis.
 pub struct Across {
     /// The range of the axis.
     pub range: Range<f64>,
@@ -94,8 +94,8 @@ impl State {
 }
 
 impl Panel {
-    /// A panel whose vertical axis fits the values; `None` if no curve has values. `least` is the smallest possible step of
-    /// a value, so that a constant value does not stretch the axis to rounding errors.
+    /// A panel whose vertical axis fits the values; `None` if no curve has values. `least` is the smallest possible
+    /// step of a value. It keeps the axis of a constant value from being scaled to rounding errors.
     pub fn of(
         name: String,
         height: u32,
@@ -107,8 +107,8 @@ impl Panel {
         Some(Self { name, height, range, strokes, legend, ..Self::default() })
     }
 
-    /// The same panel with a vertical axis that fits only the values from the time `since` (seconds) on. Earlier values outside
-    /// that range are cut off.
+    /// The same panel with its vertical axis scaled to the values from the time `since` (seconds) on. Earlier values
+    /// outside the range of the axis are cut off.
     #[must_use]
     pub fn scaled_since(mut self, since: f64, least: f64) -> Self {
         let later = |piece: &Vec<(f64, f64)>| piece.iter().copied().filter(|(at, _)| *at >= since).collect();
@@ -124,7 +124,7 @@ impl Panel {
     }
 }
 
-/// The parts of a piece of a curve whose values are in the range, cut exactly at its limits.
+/// The parts of a piece of a curve whose values are within the range. Lines that cross a limit are cut exactly there.
 fn within(piece: &[(f64, f64)], range: &Range<f64>) -> Pieces {
     let mut parts = Pieces::new();
     let mut goes_on = false;
@@ -134,7 +134,7 @@ fn within(piece: &[(f64, f64)], range: &Range<f64>) -> Pieces {
     }
     for pair in piece.windows(2) {
         let [(from, a), (to, b)] = [pair[0], pair[1]];
-        // The fraction of the way from point a to point b, 0 to 1, at which the straight line between them has this value.
+        // The fraction of the line from point a to point b, 0 to 1, at which it has this value.
         let at = |value: f64| if a == b { 0.0 } else { (value - a) / (b - a) };
         let (enters, leaves) = match (a == b, is_in(a)) {
             (true, true) => (0.0, 1.0),
@@ -155,19 +155,19 @@ fn within(piece: &[(f64, f64)], range: &Range<f64>) -> Pieces {
     parts
 }
 
-/// The range of all values with some margin; `None` if there are none. `of` selects the coordinate of a point, `least` is the
-/// smallest possible step of a value.
+/// The range of all values with some margin; `None` if there are no values. `of` selects the coordinate of a point,
+/// `least` is the smallest possible step of a value.
 pub fn range(strokes: &[Stroke], of: fn(&(f64, f64)) -> f64, least: f64) -> Option<Range<f64>> {
     let values = || strokes.iter().flat_map(|stroke| stroke.pieces.iter().flatten()).map(of);
     let bottom = values().reduce(f64::min)?;
     let top = values().reduce(f64::max)?;
-    // A constant value is drawn in the middle of five steps on either side.
+    // A constant value is drawn in the middle of a range of ten steps.
     let room = ((top - bottom) * 0.08).max(least * 5.0 * f64::from(u8::from(top == bottom)));
     Some(distinct(bottom - room..top + room))
 }
 
-/// The range, widened if it is so short that floating-point numbers cannot tell the marks of the axis apart; the drawing
-/// library would then draw marks forever.
+/// The range, widened if it is too short for floating-point numbers to distinguish the tick marks of the axis. Without
+/// this, the drawing library would draw tick marks forever.
 pub fn distinct(range: Range<f64>) -> Range<f64> {
     let [start, end] = [range.start, range.end].map(|end| end.clamp(-VALUE_MAX, VALUE_MAX));
     let least = start.abs().max(end.abs()) * 1e-12;
@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(within(&[(0.0, 1.0)], &(0.0..10.0)), [vec![(0.0, 1.0)]]);
     }
 
-    /// Drawing an axis terminates and its marks have different numbers, even for large values that hardly change.
+    /// Drawing an axis terminates and its tick marks have different numbers, even for large values that hardly change.
     #[test]
     fn marks_of_an_axis_show_different_numbers() {
         for range in [9e9..9e9 + 4e-6, 1e300..1e300, -9e9 - 2e-6..-9e9] {

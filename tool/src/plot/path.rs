@@ -1,21 +1,22 @@
 //! Reduces the path of two axes in their plane to the resolution of a picture.
 
-/// The number of points to keep. When there are twice as many, each point that is close to the one before is removed. How close
-/// depends on the extent of the path ([`POINTS_PER_PICTURE`]).
+/// The number of points to keep. When the path has twice as many, each point that is close to the previous one is
+/// removed. The limit for "close" depends on the extent of the path ([`POINTS_PER_PICTURE`]).
 const POINTS_KEPT: usize = 20_000;
-/// \[OURS] Points are merged if their distance is less than the extent of the path divided by this number. That is less than a
-/// pixel, which is about a thousandth of the extent.
+/// \[OURS] Points are merged if their distance is less than the extent of the path divided by this number. That
+/// distance is less than a pixel, which is about a thousandth of the extent.
 const POINTS_PER_PICTURE: f64 = 4000.0;
 
-/// A path while points are added.
+/// Builds a thinned path from points that are added one by one.
 #[derive(Debug, Default)]
 pub struct Path {
     pieces: Vec<Vec<(f64, f64)>>,
-    /// The last point that was added, if it was left out. It is drawn only if the piece ends with it.
+    /// The last added point, if it was left out because it was close to the previous one. It is kept only if the piece
+    /// ends with it.
     last: Option<(f64, f64)>,
     count: usize,
-    /// A point closer than this to the one before is left out, in units of the axes. The larger of the distances in x and y
-    /// counts.
+    /// Points whose distance from the previous one is at most this are left out, in units of the axes. The distance is
+    /// the larger of the distances in x and in y.
     near: f64,
     broken: bool,
 }
@@ -86,7 +87,8 @@ fn distance(a: (f64, f64), b: (f64, f64)) -> f64 {
 mod tests {
     use super::*;
 
-    /// A circle that is repeated a thousand times keeps its shape, its first point and its last point with few points.
+    /// A circle that is repeated a thousand times keeps its shape, its first point and its last point, but only few
+    /// points.
     #[test]
     fn a_long_path_keeps_its_shape_and_its_ends_in_few_points() {
         let mut path = Path::default();
@@ -105,7 +107,7 @@ mod tests {
         assert!(pieces[0].iter().any(|(x, y)| *x < -99_900.0 && y.abs() < 1000.0));
     }
 
-    /// Two pieces are not connected by a line.
+    /// Two pieces of a path are not connected by a line.
     #[test]
     fn no_line_is_drawn_across_a_break() {
         let mut path = Path::default();

@@ -1,4 +1,4 @@
-//! Pictures of several short stretches of a recording, which is read once for all of them.
+//! Pictures of several short sections of a recording. The recording is read only once for all of them.
 
 use std::path::Path;
 
@@ -14,23 +14,23 @@ use super::{COLUMNS, MAX_AXES, Window, layout, svg};
 use crate::error::CliError;
 use crate::recording::Frames;
 
-/// How long before a stretch its frames are read, ns. \[OURS] The FIFO has executed all commands by then that were in it when
-/// the reading began: 160 cycles, of 12.5 ms at most.
+/// How long before the drawn section its frames are read, ns. \[OURS] Within this time the board has executed all
+/// commands that were in the FIFO when reading began: at most 160 cycles of 12.5 ms.
 const LEAD_NS: i64 = 2_000_000_000;
 
-/// A stretch of a recording that is drawn.
+/// A section of a recording that is drawn as one picture.
 pub struct Stretch {
-    /// What is to be seen, for the title.
+    /// What the picture shows, as its title.
     pub title: String,
-    /// The range of times, in nanoseconds of the recording's time.
+    /// The time range of the section in nanoseconds of the recording's time: `from_ns` to `to_ns`.
     pub from_ns: i64,
     pub to_ns: i64,
-    /// The axes, by slave number; of more than a plot has, the first ones are drawn.
+    /// The axes by slave number. If there are more than a plot can show ([`MAX_AXES`]), only the first ones are drawn.
     pub axes: Vec<u8>,
 }
 
-/// Draws the stretches as SVG, with targets, positions, following difference and torque of their axes, and the FIFO. `survey` is
-/// of the same recording. `None` for a stretch without a time in OP.
+/// Draws the sections as SVG: the targets, positions, following difference and torque of their axes, and the FIFO.
+/// `survey` must be of the same recording. The result has `None` for a section without a time in OP.
 ///
 /// # Errors
 /// [`CliError`] if the recording cannot be read, or drawing fails.
@@ -48,7 +48,7 @@ pub fn pictures(
         for drawn in series.iter_mut().flatten() {
             let from_ns = drawn.window.from_ns.saturating_sub(LEAD_NS);
             let is_near = from_ns <= framed.time_ns && framed.time_ns <= drawn.window.read_until_ns();
-            // The commands before OP show what the slaves are.
+            // The frames before OP are read too, because their commands show the kinds of the slaves.
             if is_near || framed.time_ns < op.from_ns {
                 drawn.series.frame(framed);
             }
@@ -61,7 +61,7 @@ pub fn pictures(
         .collect()
 }
 
-/// A stretch while frames are read.
+/// A section whose curves are being collected while frames are read.
 struct Drawn {
     window: Window,
     axes: Vec<u8>,

@@ -18,10 +18,10 @@ use super::style::{self, FINE, px};
 /// The font of all texts. It is embedded, so that a picture does not depend on the installed fonts. Its licence is
 /// `tool/font/LICENSE.txt`.
 static FONT: &[u8] = include_bytes!("../../font/plot.ttf");
-/// \[OURS] The picture points in the file for each pixel of the page, horizontally and vertically. Two keep letters sharp on
-/// paper and on screens with high resolution.
+/// \[OURS] The number of picture points in the file for each pixel of the page, horizontally and vertically. Two points
+/// keep letters sharp on paper and on screens with high resolution.
 const POINTS_PER_PIXEL: u32 = 2;
-/// The grid points for each picture point, horizontally and vertically.
+/// The number of grid points for each picture point, horizontally and vertically.
 const GRID: u32 = FINE / POINTS_PER_PIXEL;
 /// \[OURS] The height of a band in grid rows; a band takes 20 MB.
 const BAND_ROWS: u32 = 1024;
@@ -30,9 +30,9 @@ const POINTS_PER_METRE: u32 = 96 * POINTS_PER_PIXEL * 10_000 / 254;
 /// The drawing library divides a text size by this factor to get the height of an em. This module draws the texts itself,
 /// and does the same.
 const TEXT_SIZE_PER_EM: f64 = 1.24;
-/// Distances from the baseline of a text to its anchor, in ems. A text that is vertically centred at the anchor has the
-/// distance of half the height of the letter x. A text that hangs below the anchor has that of the height of a capital letter
-/// (the next constant).
+/// The distance from the baseline of a text to its anchor, in ems, for a text that is vertically centred at the anchor:
+/// half the height of the letter x. The next constant is for a text that hangs below the anchor: the height of a
+/// capital letter.
 const HALF_X_HEIGHT_EM: f32 = 0.27;
 const CAPITAL: f32 = 0.76;
 
@@ -72,12 +72,12 @@ fn failed(error: impl ToString) -> PlotError {
 struct Canvas {
     width: u32,
     height: u32,
-    /// The grid rows of the present band. Whatever is drawn outside of it is ignored.
+    /// The grid rows of the present band. Everything outside the band is not drawn.
     band: Range<u32>,
     /// The grid points of the band as 0x00RRGGBB, row by row from the top.
     points: Vec<u32>,
-    /// The grid points that the present line covers, and a bit for each grid point of the band that is among them. So each
-    /// point is coloured once, and the line is not darker where it crosses itself.
+    /// The indexes of the grid points that the present line covers. The next field has a bit for each grid point of the
+    /// band, set for these points. So each point is coloured once, and the line is not darker where it crosses itself.
     covered: Vec<u32>,
     is_covered: Vec<u64>,
     font: FontRef<'static>,
@@ -88,7 +88,7 @@ impl Canvas {
         Self { width, height, band: 0..0, points: Vec::new(), covered: Vec::new(), is_covered: Vec::new(), font }
     }
 
-    /// Begins the band with these grid rows, all white.
+    /// Begins a band with these grid rows, all white.
     fn begin(&mut self, band: Range<u32>) {
         let count = self.width as usize * band.len();
         self.points.clear();
@@ -97,8 +97,8 @@ impl Canvas {
         self.band = band;
     }
 
-    /// Scales the band down: each picture point gets the mean colour of its grid points. Returns the bytes red, green and blue
-    /// of each picture point.
+    /// Scales the band down: each picture point gets the mean colour of its grid points. Returns three bytes for each
+    /// picture point: red, green, blue.
     fn smaller(&self) -> Vec<u8> {
         const _: () = assert!(GRID == 2, "the mean is that of two by two");
         /// Selects red and blue, with zeros between them, so that both are summed in one addition. Green is summed separately.
@@ -131,7 +131,7 @@ impl Canvas {
         inside.then(|| (y as u32 - self.band.start) * self.width + x as u32)
     }
 
-    /// Marks the grid points as covered that are nearer to the line between two points than half of its width.
+    /// Marks the grid points whose distance from the line between two points is at most half the line width.
     fn cover(&mut self, (x0, y0): BackendCoord, (x1, y1): BackendCoord, width: u32) {
         let (from, to) = ((f64::from(x0), f64::from(y0)), (f64::from(x1), f64::from(y1)));
         let half = f64::from(width.max(1)) / 2.0;
@@ -140,7 +140,8 @@ impl Canvas {
         let (top, bottom) = ((from.1.min(to.1) - half).floor() as i64, (from.1.max(to.1) + half).ceil() as i64);
         for y in top.max(self.band.start.into())..=bottom.min(i64::from(self.band.end) - 1) {
             let middle = y as f64 + 0.5;
-            // Only columns where the line is close to this row: most of a long flat line is far from it.
+            // Only columns near this row's part of the line are searched, because most of a long flat line is far away
+            // from the row.
             let (least, most) = if dy.abs() < 1e-9 {
                 (from.0.min(to.0), from.0.max(to.0))
             } else {
@@ -244,7 +245,7 @@ impl DrawingBackend for &mut Canvas {
         Ok(())
     }
 
-    /// Places the text as [`plotters::prelude::SVGBackend`] does.
+    /// Places the text where [`plotters::prelude::SVGBackend`] places it.
     fn draw_text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: BackendCoord) -> Done {
         debug_assert!(matches!(style.transform(), FontTransform::None), "no text of a plot stands upright");
         let em = (style.size() / TEXT_SIZE_PER_EM) as f32;
@@ -258,7 +259,7 @@ impl DrawingBackend for &mut Canvas {
         let scale = em * self.font.height_unscaled() / units;
         let font = self.font.clone();
         let scaled = font.as_scaled(scale);
-        // A character that the font does not have is shown by its replacement sign.
+        // A character that the font does not have is drawn as the replacement character.
         let glyph = |letter: char| match scaled.glyph_id(letter) {
             GlyphId(0) => scaled.glyph_id('\u{FFFD}'),
             known => known,

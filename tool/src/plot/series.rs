@@ -18,23 +18,24 @@ use crate::recording::Framed;
 
 pub use super::axis::AxisLines;
 
-/// Which part of the recording is drawn: the times, the slaves and the commands.
+/// The part of the recording that is drawn: the times, the slaves and the commands.
 pub struct Subject<'a> {
     /// The range of times that is shown.
     pub window: Window,
     /// The number of pixel columns to which lines are thinned.
     pub columns: u32,
-    /// The slaves with axes, and the scale of each.
+    /// The slave numbers of the axes, each with its scale.
     pub axes: &'a [(u8, Scale)],
     /// The IO slaves.
     pub ios: &'a [u8],
-    /// The two axes whose path in the plane is drawn, if it is.
+    /// The two axes whose path in the plane is drawn; `None` for no path.
     pub plane: Option<[u8; 2]>,
-    /// The address of the board, in a capture of several boards.
+    /// The address of the board whose frames are drawn, in case a capture has several boards.
     pub board: Option<(u16, u8)>,
     /// The cycle time in nanoseconds.
     pub cycle_ns: i64,
-    /// The ids of `--commands`: an axis is drawn only while its slot has one of them. If empty, it is always drawn.
+    /// The command ids of `--commands`: an axis is drawn only while its slot has one of these ids. If empty, it is
+    /// always drawn.
     pub commands: Vec<u8>,
 }
 
@@ -44,20 +45,22 @@ pub struct Lines {
     pub axes: Vec<AxisLines>,
     /// The inputs and outputs of each IO slave, by slave number.
     pub ios: Vec<(u8, Vec<Lane>)>,
-    /// The commanded path in the plane, and the actual one.
+    /// The path of the two axes of the plane: the commanded path, and the actual one.
     pub plane: Option<[Pieces; 2]>,
     /// The number of free FIFO entries over time.
     pub fifo_free: Pieces,
-    /// The times in seconds at which the full count rose: command frames found the FIFO full and were lost. Times within
-    /// one pixel column are merged.
+    /// The times in seconds at which the full count rose, because command frames found the FIFO full and were lost.
+    /// Times within one pixel column are merged.
     pub full: Vec<f64>,
-    /// The number of reports with a higher full count (frames that found the FIFO full) than the report before.
+    /// The number of reports whose full count (of frames that found the FIFO full) differs from that of the previous
+    /// report.
     pub full_reports: u64,
-    /// The time spans in which the FIFO was empty while an axis was moving, and those in state 0x18: OP with a lost slave.
+    /// The time spans in which the FIFO was empty while an axis was moving, and those in state 0x18 (OP with a lost
+    /// slave).
     pub gaps: Vec<Span>,
 }
 
-/// The curves while frames are read.
+/// Builds the curves while the frames of a recording are read.
 pub struct Series {
     window: Window,
     board: Option<(u16, u8)>,
@@ -181,7 +184,8 @@ impl Series {
         for axis in &mut self.axes {
             let number = usize::from(axis.number);
             let drive = DriveResponse::decode(&frame.slot(size, number));
-            // An HSP has inputs where a drive has its torque, and no error code.
+            // Only a drive has a torque and an error code. An HSP has its inputs where a drive has the torque, and has
+            // no error code.
             let is_drive = self.kinds.of(number) != Some(SlaveKind::Hsp);
             axis.report(at_ns, &drive, aborted, is_drive, certain);
         }
@@ -199,7 +203,7 @@ impl Series {
         }
     }
 
-    /// Records that the board is, or is no longer, in state 0x18 (OP with a lost slave), from a report in OP.
+    /// Processes from a report in OP whether the board is in state 0x18 (OP with a lost slave).
     fn note_failed(&mut self, at_ns: i64, failed: bool) {
         match (failed, self.failed_ns) {
             (true, since) => self.failed_ns = Some((since.map_or(at_ns, |(since_ns, _)| since_ns), at_ns)),
@@ -211,7 +215,8 @@ impl Series {
         }
     }
 
-    /// Draws the commands that were executed up to this report. Returns false if it is not yet known which were executed.
+    /// Draws the commands that were executed up to this report. Returns false if it is not yet known which commands
+    /// were executed.
     fn execute(&mut self, at_ns: i64, master: &MasterResponse) -> bool {
         let (entries, idle_since_ns) = match self.execution.report(at_ns, master) {
             ExecutionReport::Executed { entries, idle_since_ns } => (entries, idle_since_ns),

@@ -1,25 +1,26 @@
-//! Determines the states of a drive from its reports: not enabled, homing, or with a fault. Also gaps in its motion,
-//! and whether the slave is lost.
+//! Determines the states of a drive from its reports: not enabled, homing, or with a fault. It also determines gaps in
+//! the motion, and whether the slave is lost.
 //!
-//! No report says which slave is lost: the board is in state 0x18 then, and the slot of the lost slave keeps its last
-//! values (SK-4.61). So a slave counts as lost from the first report with 0x18 on, as long as the state stays and the
-//! slot does not change. A slave that is there but at rest looks the same until it moves.
+//! No report says which slave is lost. The report only shows state 0x18, and the slot of the lost slave keeps its last
+//! values (SK-4.61). So a slave counts as lost from the first report with 0x18 on, as long as the state lasts and the
+//! slot does not change. A connected slave whose axis is at rest looks the same until the axis moves.
 //!
-//! No field of a report tells that a drive is homing. It is homing from the report that answers GO_HOME until bits 10
-//! and 12 of the statusword report that home is attained, bit 13 that it is not, the drive leaves Operation enabled, or
-//! ABORT_HOME is answered (SK-7). Bits that may still be those of an earlier homing count by the rule of the board:
-//! after bits 12 and 13 were seen clear, or when they have been set for [`SETTLE_NS`].
+//! No field of a report says that a drive is homing. Homing begins with the report that answers GO_HOME. It ends when
+//! bits 10 and 12 of the statusword report that home is attained, bit 13 reports an error, the drive leaves Operation
+//! enabled, or ABORT_HOME is answered (SK-7). Bits 12 and 13 may still be set from an earlier homing. So, as in the
+//! board, they count only after both were clear, or [`SETTLE_NS`] after homing began.
 
 use ecmsk::cia402::{DriveState, ErrorCode, Statusword};
 use ecmsk::sk::{CommandId, DriveResponse};
 
 use super::{Window, seconds, style};
 
-/// How long after the beginning of a homing its result bits count only if they were clear in between: bits that were set from
-/// its first report on may be of an earlier homing. After this time they count in any case, as in the board. \[OURS]
+/// In this time after the beginning of homing, its result bits count only after both were clear. Bits that are set from
+/// the first report on may be of an earlier homing. After this time the bits count in any case, as in the board.
+/// \[OURS]
 const SETTLE_NS: i64 = 20_000_000;
 
-/// A state that is shown. Operation enabled without homing is not shown.
+/// A state that the plot shows. Operation enabled without homing is the normal state and is not shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// Neither in Operation enabled nor with a fault.
@@ -28,7 +29,7 @@ pub enum State {
     Homing,
     /// Fault, or Fault reaction active.
     Fault,
-    /// The FIFO was empty during motion.
+    /// The FIFO was empty while the axis was moving.
     Gap,
     /// The board is in state 0x18, and the slot of the slave does not change.
     Lost,
@@ -70,7 +71,7 @@ pub struct Span {
     pub from: f64,
     /// The end in seconds of the recording's time.
     pub to: f64,
-    /// The note on it, such as the error code.
+    /// The note on the state, such as the error code.
     pub note: Option<Note>,
 }
 
@@ -85,17 +86,17 @@ pub enum Change {
     FollowsNot,
 }
 
-/// The states of one drive while reports are read.
+/// Collects the states of one drive while reports are read.
 #[derive(Debug)]
 pub struct States {
     window: Window,
-    /// Two spans of the same state that are closer together than this are merged, because the gap between them is less than a
+    /// Two spans of the same state are merged if the time between them is less than this, which is the width of one
     /// pixel.
     apart_ns: i64,
     done: Vec<Piece>,
     now: Option<Piece>,
     homing: Homing,
-    /// The time from which on the slave may be lost, in the recording's nanoseconds; `None` if it is there.
+    /// The time from which on the slave may be lost, in nanoseconds of the recording's time; `None` if it is connected.
     lost_since_ns: Option<i64>,
 }
 
@@ -108,13 +109,13 @@ struct Piece {
 }
 
 impl States {
-    /// Starts without reports, for the range `window`, which is drawn `columns` pixels wide.
+    /// Creates an empty list of states for the time range `window`, which is drawn `columns` pixels wide.
     pub fn new(window: Window, columns: u32) -> Self {
         let apart_ns = (window.to_ns.saturating_sub(window.from_ns)) / i64::from(columns.max(1));
         Self { window, apart_ns, done: Vec::new(), now: None, homing: Homing::default(), lost_since_ns: None }
     }
 
-    /// To be called when the host sends GO_HOME.
+    /// Must be called when the host sends GO_HOME.
     pub const fn go_home(&mut self) {
         self.homing.ask();
     }
@@ -140,7 +141,8 @@ impl States {
         if let Some(now) = self.now.as_mut().filter(|now| now.state == State::Fault && now.note.is_none()) {
             now.note = match drive.error_code {
                 _ if !has_code => Some(Note::new("fault")),
-                // The error code may come one cycle later than the state, so 0 means that a later report makes the note.
+                // The error code may come one cycle later than the state, so while it is 0 the note is left to a later
+                // report.
                 0 => None,
                 code => Some(Note::alarm(code)),
             };
@@ -152,15 +154,15 @@ impl States {
         }
     }
 
-    /// From here on the slave may be lost, so the states in its reports are not used.
+    /// The slave may be lost from `at_ns` on, so the states in its reports are not used.
     pub fn may_be_lost(&mut self, at_ns: i64) {
         self.close(at_ns);
         self.homing.interrupt();
         self.lost_since_ns = Some(at_ns);
     }
 
-    /// Ends the suspicion that the slave is lost. `was_lost`: whether it was certainly (`true`) or possibly lost until now;
-    /// `None` if it was never lost.
+    /// Ends the suspicion that the slave is lost. `was_lost`: `Some(true)` if the slave was certainly lost until now,
+    /// `Some(false)` if possibly, `None` if it was never lost.
     pub fn is_there(&mut self, at_ns: i64, was_lost: Option<bool>) {
         if let Some((from_ns, is_certain)) = self.lost_since_ns.take().zip(was_lost) {
             let note = if is_certain { "lost" } else { "lost?" };
@@ -178,7 +180,7 @@ impl States {
         self.homing.is_under_way()
     }
 
-    /// Adds a gap: the FIFO was empty during motion.
+    /// Adds a gap: a time in which the FIFO was empty while the axis was moving.
     pub fn gap(&mut self, from_ns: i64, to_ns: i64) {
         let milliseconds = (to_ns.saturating_sub(from_ns)) as f64 / 1e6;
         let note =
@@ -186,7 +188,7 @@ impl States {
         self.put(Piece { state: State::Gap, from_ns, to_ns, note });
     }
 
-    /// Ends the present state, because the next one is unknown until the next report in OP.
+    /// Ends the present state, because the state is unknown until the next report in OP.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.close(at_ns);
         self.homing.interrupt();
@@ -244,7 +246,7 @@ pub struct Homing {
 }
 
 impl Homing {
-    /// To be called when the host sends GO_HOME.
+    /// Must be called when the host sends GO_HOME.
     pub const fn ask(&mut self) {
         self.asked = true;
     }
@@ -254,8 +256,8 @@ impl Homing {
         self.since_ns.is_some()
     }
 
-    /// Ends the homing, because the reports until the next one in OP do not show it. The slot may still answer the earlier
-    /// GO_HOME after that: this answer does not count as a new homing.
+    /// Ends the homing, because its end cannot be observed until the next report in OP. After that, the slot may still
+    /// answer the earlier GO_HOME; this answer does not count as a new homing.
     pub fn interrupt(&mut self) {
         *self = Self { answered: self.answered, ..Self::default() };
     }

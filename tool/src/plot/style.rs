@@ -4,7 +4,8 @@ use plotters::style::RGBColor;
 
 use crate::visible::is_plain;
 
-/// The number of grid steps per pixel. The drawing library has integer coordinates, so everything is drawn on this finer grid.
+/// The number of grid steps per pixel. The drawing library has integer coordinates, so pictures are drawn on a finer
+/// grid.
 pub const FINE: u32 = 4;
 
 /// Width of the whole picture, in pixels.
@@ -27,7 +28,7 @@ pub const LANE: u32 = 18;
 
 /// Size of most texts, in pixels.
 pub const TEXT: u32 = 13;
-/// Size of texts that stand close together, such as the names of lanes, in pixels.
+/// Size of texts that are close together, such as the names of lanes, in pixels.
 pub const SMALL: u32 = 12;
 /// Size of the title, in pixels.
 pub const TITLE: u32 = 17;
@@ -103,7 +104,7 @@ pub const fn at(pixels: u32) -> i32 {
     px(pixels) as i32
 }
 
-/// Converts a text size in pixels to that of the drawing library.
+/// Converts a text size in pixels to a text size of the drawing library.
 pub fn text_size(pixels: u32) -> f64 {
     f64::from(px(pixels)) * TEXT_FACTOR
 }
@@ -113,7 +114,7 @@ pub fn text_width(text: &str, size: u32) -> u32 {
     (text.chars().count() as f64 * f64::from(size) * LETTER).ceil() as u32
 }
 
-/// The text without control characters, and shortened to this width in pixels.
+/// The text with control and other non-printable characters replaced, shortened to fit into `width` pixels.
 pub fn fitting(text: &str, size: u32, width: u32) -> String {
     let letters = (f64::from(width) / (f64::from(size) * LETTER)) as usize;
     let clean: Vec<char> = text.chars().map(|c| if c.is_control() || !is_plain(c) { '\u{FFFD}' } else { c }).collect();
@@ -140,9 +141,9 @@ pub fn number(value: f64, digits: usize) -> String {
     if part.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{part}") }
 }
 
-/// The number of decimals with which the marks of an axis have different numbers. `span` is the length of the axis.
+/// The number of decimals that the numbers at an axis need to differ from each other. `span` is the length of the axis.
 pub fn digits(span: f64) -> usize {
-    // With a span of 1 the marks are 0.1 or 0.05 apart.
+    // For example, an axis of length 1 has tick marks 0.1 or 0.05 apart and needs 2 decimals.
     (2.0 - span.max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize
 }
 
@@ -172,7 +173,7 @@ mod tests {
         }
     }
 
-    /// Neighbouring marks of an axis have different numbers, however short the axis is.
+    /// Neighbouring tick marks of an axis have different numbers, however short the axis is.
     #[test]
     fn numbers_at_an_axis_differ_however_short_the_axis_is() {
         for (span, mark) in [(4_000_000_000.0, 500_000_000.0), (1.0, 0.05), (0.002, 0.0002), (12.0, 1.0)] {
@@ -187,7 +188,7 @@ mod tests {
         assert_eq!(colours([1, 9, 2]), [COLOURS[0], COLOURS[1], COLOURS[2]]);
     }
 
-    /// Text that is too long ends with dots and fits.
+    /// A text that is too long is cut, ends with dots, and fits.
     #[test]
     fn text_that_is_too_long_is_cut_with_dots() {
         assert_eq!(fitting("short\n", 10, 1000), "short\u{fffd}");

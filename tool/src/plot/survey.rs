@@ -1,4 +1,4 @@
-//! The first reading of a recording: finds when its board was in OP, and which axes were moved.
+//! The first reading of a recording: finds when the board was in OP, and which axes were moved.
 
 use ecmsk::link::Dir;
 use ecmsk::recording::Kinds;
@@ -8,8 +8,8 @@ use ecmsk::sk::{CommandId, Frame, IoResponse, MasterResponse, MasterState, Slave
 use super::Window;
 use crate::recording::{self, Framed};
 
-/// What one reading of the recording has found so far. Of several boards in a capture, the one that is in OP first is used
-/// and the others are ignored.
+/// What the first reading of a recording has found so far. If a capture has several boards, the board that is in OP
+/// first is used and the others are ignored.
 pub struct Survey {
     board: Option<(u16, u8)>,
     size: SlotSize,
@@ -19,19 +19,19 @@ pub struct Survey {
     kinds: Kinds,
     /// Slaves that were sent a drive command such as CSP or SV_ON in OP.
     moved: [bool; MAX_SLAVES],
-    /// Slaves whose slot in OP has the form of a drive.
+    /// Slaves whose slot in OP belongs to a drive (Drive, STEP or HSP).
     drives: [bool; MAX_SLAVES],
-    /// Slaves that are IO slaves, and (next field) those of them with an input or output that was ever 1.
+    /// Slaves that are IO slaves. The next field marks the IO slaves with an input or output that was ever 1.
     ios: [bool; MAX_SLAVES],
     lively_ios: [bool; MAX_SLAVES],
-    /// Slaves whose slot has had anything but zeros in OP, besides its index byte. Without such a slot there is nothing to
-    /// draw.
+    /// Slaves whose slot had a value other than zero in OP, apart from its index byte. For any other slave there is
+    /// nothing to draw.
     seen: [bool; MAX_SLAVES],
     /// The intervals between the first reports in OP.
     intervals_ns: Vec<i64>,
 }
 
-/// The largest number of intervals between reports that are kept to determine the cycle time: the first ones in OP.
+/// The cycle time is determined from the first intervals between reports in OP, at most this many.
 const INTERVALS_KEPT: usize = 1000;
 
 impl Default for Survey {
@@ -70,8 +70,8 @@ impl Survey {
         self.op
     }
 
-    /// The EtherCAT cycle time in nanoseconds: the median interval between reports, since some may be missing and some
-    /// come late.
+    /// The EtherCAT cycle time in nanoseconds. It is the median interval between reports, since some reports may be
+    /// missing or late.
     pub fn cycle_ns(&self) -> i64 {
         let mut intervals = self.intervals_ns.clone();
         intervals.sort_unstable();
@@ -88,12 +88,12 @@ impl Survey {
         self.size
     }
 
-    /// The link in the recording, as text for users; `None` for a capture.
+    /// The name of the link in the recording, as text for users; `None` for a capture.
     pub fn link(&self) -> Option<String> {
         self.link.clone()
     }
 
-    /// The slaves that were moved; if none was, all drives.
+    /// The slaves that were moved; if no slave was moved, all drives.
     pub fn axes(&self) -> Vec<u8> {
         let chosen = if self.moved.contains(&true) { &self.moved } else { &self.drives };
         (1..).zip(chosen).filter(|(n, chosen)| **chosen && !self.is_io(*n)).map(|(n, _)| n).collect()
@@ -142,8 +142,7 @@ impl Survey {
             let slot = frame.slot(size, n);
             let id = CommandId::from_code(slot.id);
             self.lively_ios[n - 1] |= id == CommandId::IoWrite && slot.data1 != 0;
-            *moved |=
-                matches!(id, CommandId::ServoOn | CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::GoHome);
+            *moved |= id.is_motion() || matches!(id, CommandId::ServoOn | CommandId::GoHome);
         }
     }
 
@@ -191,7 +190,7 @@ fn is_empty(frame: &Frame, size: SlotSize, n: usize) -> bool {
     slot[0] == 0 && slot[2..] == [0; 14][..slot.len() - 2]
 }
 
-/// Whether a response is in OP, also with a lost slave (state 0x18).
+/// Whether the frame is a response in OP, with or without a lost slave (state 0x18).
 pub fn is_op(framed: &Framed) -> bool {
     MasterResponse::decode(&framed.recorded.frame.slot(framed.size, 0)).state.state() == Some(MasterState::Op)
 }

@@ -1,4 +1,4 @@
-//! How far a recording is read for a picture of a part of it.
+//! Tests how much of a recording is read to draw a section of it.
 
 use clap::Parser;
 use support::script_client::Client;
@@ -11,8 +11,9 @@ struct Command {
     args: Args,
 }
 
-/// To draw a part of a long recording, it is read twice up to the end of that part, and no further: the rest may be
-/// damaged. Only if nothing can be drawn it is read to its end, for an error that names all of the time in OP.
+/// A section of a long recording is drawn by reading the recording twice, up to the end of the section and no further,
+/// because the rest may be damaged. Only if nothing can be drawn, it is read to its end. The error then names the whole
+/// time in OP.
 #[test]
 fn a_part_of_a_recording_is_read_once_more_up_to_its_end() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -37,7 +38,7 @@ fn a_part_of_a_recording_is_read_once_more_up_to_its_end() {
         recording.walk(i64::MAX, |_| {}).expect("frames").frames
     };
     assert!(all > 20_000, "{all}");
-    // Each reading may continue up to a second after the part, and the sorting by time reads some frames ahead.
+    // Each reading may continue up to a second after the section, and sorting by time reads some frames ahead.
     let most = |seconds: u64| 2 * (all * (seconds + 1) / 20 + 1100 + all / 40);
     for (from, to, seconds) in [("1", "2", 2), ("7.5", "8", 8)] {
         let (read, plotted) = plot(from, to);
@@ -51,7 +52,7 @@ fn a_part_of_a_recording_is_read_once_more_up_to_its_end() {
     let end: f64 = whole.about.split(' ').nth(2).and_then(|end| end.parse().ok()).expect("a time");
     assert!(error.contains(&format!(" to {end:.3} s;")), "{error}: {}", whole.about);
 
-    // What is behind the end of the part is not read.
+    // Frames after the end of the section are not read, so damage there has no effect.
     let bytes = std::fs::read(&file).expect("the recording");
     std::fs::write(&file, &bytes[..bytes.len() / 2 + 7]).expect("half of it");
     assert!(plot("1", "2").1.expect("a plot").1.is_none());

@@ -1,4 +1,4 @@
-//! Pictures of trends: a few numbers over recordings, hours or days, instead of frames over time.
+//! Pictures of trends: a few values per recording, hour or day, instead of every frame over time.
 
 use super::PlotError;
 use super::chart::{Caption, Sheet};
@@ -8,7 +8,7 @@ use super::{style, svg};
 /// The height of a diagram in pixels.
 const HEIGHT: u32 = 150;
 
-/// Diagrams below each other.
+/// A picture of several diagrams below each other, with a common horizontal axis.
 pub struct Picture {
     pub title: String,
     /// The line below the title.
@@ -19,18 +19,18 @@ pub struct Picture {
     pub diagrams: Vec<Diagram>,
 }
 
-/// One diagram.
+/// One diagram of the picture: curves with a common vertical axis.
 pub struct Diagram {
-    /// Its name, with the unit.
+    /// The name of the diagram, with the unit.
     pub name: String,
     pub curves: Vec<Curve>,
     /// The smallest possible step of a value.
     pub least: f64,
 }
 
-/// A line through points, which are marked.
+/// A curve: a line through points, with a dot at each point.
 pub struct Curve {
-    /// Its name in the legend; empty: it has none.
+    /// The name of the curve in the legend; if empty, the curve is not in the legend.
     pub name: String,
     pub points: Vec<(f64, f64)>,
 }
@@ -66,7 +66,7 @@ impl Diagram {
             if !name.is_empty() {
                 legend.push((look, name));
             }
-            // A piece of one point is drawn as a dot.
+            // A piece with a single point is drawn as a dot, so each point is added as a piece of its own.
             let dots = points.iter().map(|point| vec![*point]);
             strokes.push(Stroke { pieces: dots.chain([points.clone()]).collect(), look });
         }

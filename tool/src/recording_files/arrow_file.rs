@@ -1,4 +1,4 @@
-//! A table as a file in the Arrow IPC format (Feather), for pandas, Polars, DuckDB and others.
+//! Writes a table to a file in the Arrow IPC format (Feather), for pandas, Polars, DuckDB and others.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -13,14 +13,15 @@ use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef, TimeUnit};
 
 use super::table::{Column, Format, Head, Row, Type};
 
-/// The rows of a batch, which is compressed by itself. \[OURS] With the 200 columns of 40 axes it takes some megabytes.
+/// The number of rows in a batch; each batch is compressed separately. \[OURS] With the 200 columns of 40 axes a batch
+/// takes a few megabytes.
 const BATCH: usize = 4096;
-/// The time zone of times of the real clock.
+/// The time zone for times of the real clock.
 const UTC: &str = "UTC";
 
-/// See the comment of this file.
+/// A table in an Arrow IPC file.
 pub struct ArrowFile {
-    /// Until the first row, which shows the columns.
+    /// The file until [`Format::begin`], which sets the columns; `None` after that.
     file: Option<File>,
     open: Option<Open>,
 }
@@ -34,7 +35,7 @@ struct Open {
     rows: usize,
 }
 
-/// The numbers of a column in the present batch.
+/// The values of a column in the present batch.
 enum Numbers {
     I32(Int32Builder),
     U16(UInt16Builder),
@@ -42,7 +43,7 @@ enum Numbers {
 }
 
 impl ArrowFile {
-    /// Begins without a row.
+    /// Creates a table without rows.
     pub fn new(file: File) -> Self {
         Self { file: Some(file), open: None }
     }

@@ -1,18 +1,18 @@
-//! A table as CSV: a line with the names of the columns, and a line for each row.
+//! Writes a table as CSV: a line with the names of the columns, and a line for each row.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 
 use super::table::{Format, Head, Row, Type};
 
-/// See the comment of this file.
+/// A table in a CSV file.
 pub struct CsvFile {
     out: BufWriter<File>,
     types: Vec<Type>,
 }
 
 impl CsvFile {
-    /// Begins without a row.
+    /// Creates a table without rows.
     pub fn new(file: File) -> Self {
         Self { out: BufWriter::new(file), types: Vec::new() }
     }

@@ -1,4 +1,4 @@
-//! Why `ecmsk recording` fails.
+//! The errors of `ecmsk recording`.
 
 use std::io;
 use std::path::PathBuf;
@@ -7,11 +7,13 @@ use crate::filter::Times;
 use crate::output_file::OutputFileError;
 use crate::plot::style::list;
 
-/// Why `ecmsk recording` fails.
+use super::export::endings;
+
+/// Why a verb of `ecmsk recording` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingVerbError {
-    /// The extension of the output file names no format.
-    #[error("{} has no ending that names a format; name it .pcapng, .ecmrec, .csv, .mcap, .arrow or .feather", .file.display())]
+    /// The extension of the output file does not name a format.
+    #[error("{} has no ending that names a format; name it {}", .file.display(), endings())]
     Ending {
         /// The output file.
         file: PathBuf,
@@ -22,8 +24,8 @@ pub enum RecordingVerbError {
         /// The recording, which is also the output file.
         file: PathBuf,
     },
-    /// `ecmsk recording export` was to write a capture of another program as a recording. That is not possible, since a capture
-    /// has more than the frames of one board.
+    /// `ecmsk recording export` cannot write a capture of another program as a recording, because a capture contains
+    /// more than the frames of one board.
     #[error(
         "{} is a capture of another program, which has more than frames of a board; verbs read it as it is, and it can be \
          exported as a table, such as .csv",
@@ -49,7 +51,7 @@ pub enum RecordingVerbError {
         /// The error of the system.
         source: io::Error,
     },
-    /// The output file cannot be made, or is there and stays.
+    /// The output file cannot be created, or exists and may not be replaced.
     #[error(transparent)]
     File(#[from] OutputFileError),
     /// `--axes` names a slave for which the table has no columns.
@@ -60,12 +62,12 @@ pub enum RecordingVerbError {
     NoAxis {
         /// The recording.
         file: PathBuf,
-        /// The slave that was asked for.
+        /// The requested slave.
         axis: u8,
         /// The slaves that have columns.
         axes: Vec<u8>,
     },
-    /// `ecmsk recording info --machine-file` for a recording that carries no machine file.
+    /// `ecmsk recording info --machine-file` was used on a recording without a machine file.
     #[error(
         "{} carries no machine file; a verb with --record writes one into its recording if it uses one, and so does `exec`",
         .file.display()
@@ -74,7 +76,7 @@ pub enum RecordingVerbError {
         /// The recording.
         file: PathBuf,
     },
-    /// No report shows the board in OP, so a table would be empty.
+    /// The recording has no report in OP, so a table would be empty.
     #[error(
         "{} has no report in OP ({times}), so that its table has no row; `ecmsk dump` shows its frames",
         .file.display()
@@ -82,20 +84,20 @@ pub enum RecordingVerbError {
     NoRow {
         /// The recording.
         file: PathBuf,
-        /// The times that were asked for.
+        /// The requested times.
         times: Times,
     },
-    /// No frame is within the times, so a copy would be empty.
+    /// No frame is within the requested times, so a copy would be empty.
     #[error("{} has no frame ({times}); `ecmsk recording info` says how long it is", .file.display())]
     NoFrame {
         /// The recording.
         file: PathBuf,
-        /// The times that were asked for.
+        /// The requested times.
         times: Times,
     },
 }
 
-/// Numbers of slaves as text.
+/// The numbers of slaves as text, or `none`.
 fn or_none(slaves: &[u8]) -> String {
     if slaves.is_empty() { "none".to_owned() } else { list(slaves) }
 }

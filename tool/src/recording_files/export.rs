@@ -26,12 +26,33 @@ use super::csv_file::CsvFile;
 use super::mcap_file::McapFile;
 use super::table::{Format, Table, TableError};
 
-/// How much later than `--to` a copy looks for frames, ns: a report that was read late stands behind commands that were sent
-/// after it. \[OURS]
+/// How long after `--to` a copy still reads frames, ns. A report that was read late is in the file after commands that
+/// were sent later than it. \[OURS]
 const LATE_NS: i64 = 1_000_000_000;
 
-/// Begins a table in a file.
+/// A function that begins a table in a file.
 type NewTable = fn(File) -> io::Result<Box<dyn Format>>;
+
+/// The formats of output files by their endings; `None`: a recording.
+const FORMATS: [(&str, Option<NewTable>); 6] = [
+    ("pcapng", None),
+    ("ecmrec", None),
+    ("csv", Some(|file| Ok(Box::new(CsvFile::new(file))))),
+    ("mcap", Some(|file| Ok(Box::new(McapFile::new(file)?)))),
+    ("arrow", Some(new_arrow)),
+    ("feather", Some(new_arrow)),
+];
+
+fn new_arrow(file: File) -> io::Result<Box<dyn Format>> {
+    Ok(Box::new(ArrowFile::new(file)))
+}
+
+/// The endings of [`FORMATS`] for a message: `.pcapng, .csv or .mcap`.
+pub(super) fn endings() -> String {
+    let names = FORMATS.map(|(ending, _)| format!(".{ending}"));
+    let (last, others) = names.split_last().expect("there are formats");
+    format!("{} or {last}", others.join(", "))
+}
 
 /// Write a recording in another format: pcapng for Wireshark, .ecmrec, or a table as CSV, MCAP or Arrow
 ///
@@ -75,22 +96,17 @@ pub struct Args {
 
 /// Runs `ecmsk recording export`.
 ///
-/// # Errors
-/// [`CliError`] if the recording cannot be read, has no report in OP for a table or no frame for a copy, or is a capture of
-/// another program that is to become a recording; if the output file has another extension or cannot be written; if it is stopped
-/// by a signal; or if standard output cannot be written to. The output file is then as it was.
+/// [`CliError`] if the recording cannot be read, if it has no report in OP (for a table) or no frame (for a copy), or
+/// if a copy of a capture of another program is requested. Also if the output file has another extension or cannot be
+/// written, if a signal arrives, or if standard output cannot be written to. The output file is not changed then.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let (input, output) = (&args.input, &args.output);
     if recording::is_same_file(input, output) {
         return Err(RecordingVerbError::SameFile { file: output.clone() }.into());
     }
     let ending = output.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let format: Option<NewTable> = match ending.as_str() {
-        "pcapng" | "ecmrec" => None,
-        "csv" => Some(|file| Ok(Box::new(CsvFile::new(file)))),
-        "mcap" => Some(|file| Ok(Box::new(McapFile::new(file)?))),
-        "arrow" | "feather" => Some(|file| Ok(Box::new(ArrowFile::new(file)))),
-        _ => return Err(RecordingVerbError::Ending { file: output.clone() }.into()),
+    let Some((_, format)) = FORMATS.into_iter().find(|(known, _)| *known == ending) else {
+        return Err(RecordingVerbError::Ending { file: output.clone() }.into());
     };
     args.output_file().check().map_err(RecordingVerbError::from)?;
     let device = recording::board(input, args.device)?;
@@ -108,7 +124,7 @@ impl Args {
         OutputFile { file: &self.output, option: "", kind: Kind::Any, replace: Replace::Asked(self.overwrite) }
     }
 
-    /// Opens the recording: the part for the range of `--from` and `--to`, if either is given.
+    /// Opens the recording. With `--from` or `--to`, only the requested part is read.
     fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read>>, RecordError> {
         let times = self.times.times();
         if times == Times::default() {
@@ -118,16 +134,17 @@ impl Args {
     }
 }
 
-/// The end of the times, ns since the first frame.
+/// The end of the times, in ns since the first frame.
 fn until_ns(times: Times) -> i64 {
     times.to.map_or(i64::MAX, nanoseconds)
 }
 
-/// Copies frames to a recording of another format. Returns the number of frames as text for the user, e.g. `12 frames`.
+/// Copies the frames to a recording of another format. Returns the number of frames as text for the user, e.g. `12
+/// frames`.
 fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walked), CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
     let times = args.times.times();
-    // A recording replaces recordings of ecmsk alone, as with `--record`.
+    // A recording may replace only recordings of ecmsk, as with `--record`.
     let (output, stop) = (args.output_file(), Stop::watch()?);
     check_room(&args.output, args.overwrite).map_err(|error| RecordingVerbError::from(output.failed(error)))?;
     let new = output.begin().map_err(RecordingVerbError::from)?;
@@ -141,7 +158,7 @@ fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walk
         let Some(meta) = framed.meta.clone() else {
             return Err(CliError::from(RecordingVerbError::Capture { file: args.input.clone() }));
         };
-        // Each opening of the board has metadata of its own, and becomes a recording of its own in the output file.
+        // Each opening of the board has its own metadata, and becomes a separate recording in the output file.
         if let Some((_, ended)) = copy.take_if(|(of, _)| *of != meta) {
             ended.end(&Lacks::default()).map_err(failed)?;
         }
@@ -170,8 +187,8 @@ fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walk
     }
 }
 
-/// What the output file lacks, when the input file lacks `lacks`. Damaged stretches of the input are not in the output, so
-/// their frames count as missing there.
+/// What the output file lacks if the input file lacks `lacks`. Damaged sections of the input are not copied, so their
+/// frames count as missing in the output.
 fn inherited(mut lacks: Lacks) -> Lacks {
     if lacks.damage.count > 0 {
         lacks.missing += lacks.damage.whole.packets.max(1);
@@ -206,7 +223,7 @@ fn table(args: &Args, frames: &mut Frames<Box<dyn Read>>, format: NewTable) -> R
     Ok((format!("{rows} rows"), walked))
 }
 
-/// A signal such as Ctrl-C, after which the file beside the output file is removed.
+/// Catches signals such as Ctrl-C. After a signal the export fails, and the unfinished output file is removed.
 struct Stop(Arc<AtomicUsize>);
 
 impl Stop {
@@ -224,7 +241,7 @@ impl Stop {
     }
 }
 
-/// Prints every few seconds how far the reading of a long recording is.
+/// Prints every few seconds how much of a long recording was read.
 pub struct Progress<'a> {
     file: &'a Path,
     said: Instant,
@@ -234,10 +251,10 @@ pub struct Progress<'a> {
 impl<'a> Progress<'a> {
     /// The shortest time between two progress messages. \[OURS]
     const EVERY: Duration = Duration::from_secs(5);
-    /// The clock is read only once in this number of frames, since reading it for every frame would take too long.
+    /// The clock is read only once per this number of frames, since reading it for every frame would be slow.
     const FRAMES: u64 = 4096;
 
-    /// Starts the time until the first progress message, for the reading of `file`.
+    /// Starts the time until the first progress message. `file` is the recording that is read.
     pub fn new(file: &'a Path) -> Self {
         Self { file, said: Instant::now(), frames: 0 }
     }

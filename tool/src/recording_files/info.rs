@@ -39,8 +39,8 @@ pub struct Args {
     json: bool,
 }
 
-/// What `ecmsk recording info` shows of a recording in any format. The blocks, which only a recording in the format .ecmrec
-/// has, are shown besides.
+/// The data that `ecmsk recording info` shows for a recording of any format. For a recording in the format .ecmrec, its
+/// blocks are shown in addition.
 #[derive(Default)]
 struct Info {
     frames: u64,

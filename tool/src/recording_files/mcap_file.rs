@@ -1,5 +1,5 @@
-//! A table as MCAP, for Foxglove and PlotJuggler: a channel for the board and one for each slave. Messages are JSON with a
-//! JSON schema, which both programs read.
+//! Writes a table as MCAP, for Foxglove and PlotJuggler: a channel for the board and one for each slave. The messages
+//! are JSON with a JSON schema, which both programs can read.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -12,25 +12,26 @@ use serde_json::{Map, Value, json};
 
 use super::table::{Column, Format, Group, Head, Part, Row, Type};
 
-/// The least and the most bytes of a chunk before it is compressed. \[OURS] A reader decompresses whole chunks.
+/// The smallest size of a chunk before compression, in bytes, and (next constant) the largest one. \[OURS] A reader
+/// always decompresses whole chunks.
 const CHUNK_MIN: u64 = 1 << 20;
 const CHUNK_MAX: u64 = 64 << 20;
-/// \[OURS] Chunks grow with the file: each has at least this part of the bytes before it. The index of all chunks, of which
-/// each takes a kilobyte with 40 axes, is in memory until the file ends.
+/// \[OURS] Chunks grow with the file: each has at least this fraction of the bytes before it. This limits the memory
+/// for the index of all chunks, which is kept until the file ends. With 40 axes the index needs a kilobyte per chunk.
 const CHUNK_PART: u64 = 1024;
-/// The bytes that a message takes in a chunk besides its text.
+/// The number of bytes of a message in a chunk in addition to its text.
 const MESSAGE_HEAD: u64 = 31;
 
-/// The name of the record with what is known of the recording.
+/// The name of the metadata record about the recording.
 const ABOUT: &str = "ecmsk";
 
-/// See the comment of this file.
+/// A table in an MCAP file.
 pub struct McapFile {
     /// `None` once the file is complete.
     writer: Option<Writer<BufWriter<File>>>,
     channels: Vec<Channel>,
     text: String,
-    /// The bytes of all messages, and those of the chunk that is being written.
+    /// The number of bytes of all messages, and (next field) of the messages in the present chunk.
     bytes: u64,
     chunk: u64,
     rows: u32,
@@ -42,12 +43,12 @@ struct Channel {
 }
 
 impl McapFile {
-    /// Begins without a row.
+    /// Creates a table without rows.
     pub fn new(file: File) -> io::Result<Self> {
         let options = WriteOptions::new()
             .library(format!("ecmsk {}", env!("CARGO_PKG_VERSION")))
             .compression(Some(Compression::Zstd))
-            // Threads would take memory for each.
+            // No compression threads, because each would need additional memory.
             .compression_threads(0)
             .chunk_size(None);
         let writer = options.create(BufWriter::new(file)).map_err(io_error)?;
@@ -113,7 +114,7 @@ impl Format for McapFile {
     }
 }
 
-/// Makes the message of a channel: a JSON object with the values that are known.
+/// Makes the message of a channel: a JSON object with the known values.
 fn put<'a>(text: &mut String, columns: &[Column], values: &mut impl Iterator<Item = &'a Option<i64>>) {
     text.clear();
     text.push('{');
@@ -130,8 +131,8 @@ fn put<'a>(text: &mut String, columns: &[Column], values: &mut impl Iterator<Ite
     text.push('}');
 }
 
-/// The JSON schema of the messages of a channel. A value that is not known is left out of its message: viewers do not know
-/// of numbers that may be null.
+/// The JSON schema of the messages of a channel. An unknown value is left out of its message, because viewers do not
+/// support numbers that may be null.
 fn schema(title: &str, columns: &[Column]) -> Value {
     let property = |column: &Column| {
         let ty = if column.ty == Type::Percent { "number" } else { "integer" };

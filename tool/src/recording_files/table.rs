@@ -1,4 +1,4 @@
-//! The reports of a recording as rows of a table, which a [`Format`] writes.
+//! Converts the reports of a recording to rows of a table, which a [`Format`] writes.
 
 use std::io;
 
@@ -12,12 +12,12 @@ use ecmsk::sk::{
 use crate::filter::Times;
 use crate::recording::{Framed, link_name};
 
-/// The numbers that a column may have.
+/// The type of the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Type {
     I32,
     U16,
-    /// In tenths of a percent; it is written in percent.
+    /// A number of tenths of a percent, which is written in percent.
     Percent,
 }
 
@@ -26,11 +26,11 @@ pub enum Type {
 pub struct Column {
     pub name: &'static str,
     pub ty: Type,
-    /// What it has, with its unit.
+    /// A description of the values, with their unit.
     pub about: &'static str,
 }
 
-/// Of what columns are that belong together.
+/// The kind of a group of columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     Board,
@@ -65,7 +65,7 @@ const OF_PULSE: &[Column] = &[TARGET, POSITION, STATUSWORD];
 const OF_BITS: &[Column] = &[column("bits", Type::U16, "the inputs, or outputs in the answer to IO_WR, a bit each")];
 
 impl Part {
-    /// The columns, in their order.
+    /// The columns of this group, in their order.
     pub const fn columns(self) -> &'static [Column] {
         match self {
             Self::Board => OF_BOARD,
@@ -76,41 +76,41 @@ impl Part {
     }
 }
 
-/// Columns that belong together.
+/// The columns of one slave, or of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Group {
-    /// The slave, from 1; 0: the board.
+    /// The number of the slave, from 1; 0 for the board.
     pub slave: u8,
     pub part: Part,
 }
 
-/// What is known before the first row.
+/// The properties of a table that are known before its first row.
 pub struct Head<'a> {
     pub groups: &'a [Group],
-    /// The link that was recorded; `None`: the recording does not say.
+    /// The link in the recording; `None` if the recording does not name it.
     pub link: Option<String>,
-    /// Whether times are those of a virtual clock. If not they count from 1970-01-01, UTC.
+    /// Whether the times are those of a virtual clock. Otherwise they are relative to 1970-01-01, UTC.
     pub is_virtual: bool,
 }
 
-/// A row: a report in OP.
+/// A row of the table, which is made from a report in OP.
 pub struct Row<'a> {
-    /// The time of the report, ns, with jumps of the clock taken out.
+    /// The time of the report, ns, with jumps of the clock removed.
     pub at_ns: u64,
-    /// The same since the first frame of the recording.
+    /// The time of the report since the first frame of the recording, ns.
     pub time_ns: i64,
-    /// The values of all columns, those of the first group first. `None`: it is not known.
+    /// The values of all columns, in the order of the groups; `None` for an unknown value.
     pub values: &'a [Option<i64>],
 }
 
-/// Writes a table to a file of some format.
+/// Writes a table to a file in a certain format.
 pub trait Format {
     /// Begins the table, before its first row.
     fn begin(&mut self, head: &Head) -> io::Result<()>;
 
     fn row(&mut self, row: &Row) -> io::Result<()>;
 
-    /// Completes the file. `lacks`: what is missing in the recording.
+    /// Completes the file. `lacks` says what is missing in the recording.
     fn finish(&mut self, lacks: Option<String>) -> io::Result<()>;
 }
 
@@ -119,11 +119,11 @@ pub trait Format {
 pub enum TableError {
     /// The file cannot be written.
     Write(io::Error),
-    /// A slave that was asked for has no columns.
+    /// A requested slave has no columns.
     NoAxis {
-        /// The slave.
+        /// The requested slave.
         axis: u8,
-        /// Those that have.
+        /// The slaves that have columns.
         axes: Vec<u8>,
     },
 }
@@ -134,17 +134,18 @@ impl From<io::Error> for TableError {
     }
 }
 
-/// Makes the rows from frames.
+/// Makes the rows of a table from frames.
 pub struct Table {
     format: Box<dyn Format>,
-    /// The numbers of the slaves that the table has columns for; empty: all slaves.
+    /// The numbers of the slaves for which the table has columns; if empty, all slaves.
     asked: Vec<u8>,
     times: Times,
     kinds: Kinds,
-    /// The board, and the slaves that have columns. Empty before the first row, whose slots show which slaves there are.
+    /// The board, and the slaves that have columns. Empty before the first row, because the first report in OP shows
+    /// which slaves there are.
     groups: Vec<Group>,
-    /// The target that was sent last to each slave within the times. \[OURS] Of a part of a recording not all frames
-    /// before it are read, so an earlier target may not be the last one.
+    /// The last target that was sent to each slave within the times. \[OURS] Targets before the times do not count. If
+    /// only a part of a recording is read, not all frames before it are read, so the last earlier target is unknown.
     targets: [Option<i32>; MAX_SLAVES],
     /// The time of the first frame in the file, ns.
     begin_ns: Option<u64>,
@@ -153,8 +154,8 @@ pub struct Table {
 }
 
 impl Table {
-    /// Starts a table of the frames within the times. It has columns for the slaves with the numbers `asked`, or for all
-    /// slaves if `asked` is empty.
+    /// Creates a table of the frames within `times`. It has columns for the slaves `asked`, or for all slaves if
+    /// `asked` is empty.
     pub fn new(format: Box<dyn Format>, asked: Vec<u8>, times: Times) -> Self {
         Self {
             format,
@@ -169,10 +170,10 @@ impl Table {
         }
     }
 
-    /// Adds the next frame; frames are sorted by time.
+    /// Processes the next frame; frames must be sorted by time.
     ///
     /// # Errors
-    /// [`TableError`] if the file cannot be written, or a slave that was asked for is not there.
+    /// [`TableError`] if the file cannot be written, or a requested slave does not exist.
     pub fn frame(&mut self, framed: &Framed) -> Result<(), TableError> {
         self.begin_ns.get_or_insert_with(|| moved(framed.recorded.at_ns, -i128::from(framed.time_ns)));
         match framed.recorded.dir {
@@ -184,7 +185,7 @@ impl Table {
         }
     }
 
-    /// Completes the file, and returns the number of rows. Without a row there is nothing in the file.
+    /// Completes the file, and returns the number of rows. If there are no rows, nothing is written.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -226,7 +227,7 @@ impl Table {
         self.values.clear();
         for Group { slave, part } in &self.groups {
             let n = usize::from(*slave);
-            // A file may have a board with fewer slaves behind the first one.
+            // A file may contain a second board that has fewer slaves than the first one.
             if n > size.max_slaves() {
                 self.values.extend(part.columns().iter().map(|_| None));
                 continue;
@@ -254,7 +255,7 @@ impl Table {
         Ok(self.format.row(&Row { at_ns, time_ns: framed.time_ns, values: &self.values })?)
     }
 
-    /// The groups of columns, by the first report in OP.
+    /// Determines the groups of columns from the first report in OP.
     fn found(&self, framed: &Framed) -> Result<Vec<Group>, TableError> {
         let dump = ResponseDump::new(&framed.recorded.frame, framed.size);
         let guessed = |n: usize| match dump.line(n)?.meaning {
@@ -287,7 +288,7 @@ fn is_virtual(meta: &RecordMeta) -> bool {
     meta.clock == Clock::Virtual
 }
 
-/// A time in the file, moved by some nanoseconds. A damaged file may have any times.
+/// A time moved by some nanoseconds, limited to the range of u64, since a damaged file may contain any times.
 fn moved(at_ns: u64, by_ns: i128) -> u64 {
     (i128::from(at_ns) + by_ns).clamp(0, u64::MAX.into()) as u64
 }

@@ -1,4 +1,4 @@
-//! `ecmsk serve ethercat`: simulated slaves on a network interface, for any EtherCAT master.
+//! `ecmsk serve ethercat`: simulates slaves on a network interface, for any EtherCAT master.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -83,7 +83,7 @@ fn slave_list(text: &str) -> Result<SlaveList, String> {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    // Signals are watched before the slaves answer, so that Ctrl-C always ends the server in an orderly way.
+    // Signals are caught before the slaves answer, so that Ctrl-C always ends the server in an orderly way.
     let system = |what| move |source| ServeError::System { what, source };
     let end_request = signals::EndRequest::watch().map_err(system("catch signals"))?;
     streams::queue().map_err(system("start the thread of standard error"))?;

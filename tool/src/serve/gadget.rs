@@ -88,7 +88,7 @@ const IDENTITY: &str = "How the board shows itself";
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let system = |what| move |source| ServeError::System { what, source };
-    // Signals are watched before anything can move, so that Ctrl-C always ends the server in an orderly way.
+    // Signals are caught before anything can move, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(system("catch signals"))?;
     streams::queue().map_err(system("start the thread of standard error"))?;
     let mut watch = args.watch.begin("gadget")?;

@@ -1,20 +1,22 @@
-//! Reads the heads of HTTP requests, and sends answers. Only what a page and a scrape need is supported: GET, one request
-//! in a connection. `http_server.rs` has the connections.
+//! Reads the heads of HTTP requests, and sends answers. It supports only what a page and a metrics scrape need: GET,
+//! one request per connection. `http_server.rs` manages the connections.
 
 use std::io::{self, Read, Write};
-use std::net::{IpAddr, TcpStream};
+use std::net::IpAddr;
 use std::time::{Duration, Instant};
+
+use super::http_stream::Stream;
 
 /// The longest head of a request in bytes. \[OURS] Browsers send less than 2 KB.
 const HEAD_MAX: usize = 8192;
 /// The largest number of header fields of a request; a request with more is refused. \[OURS]
 const FIELDS_MAX: usize = 64;
-/// How long a client may take for its request. \[OURS]
+/// The time within which a client must have sent its request. \[OURS]
 const REQUEST_WAIT_MAX: Duration = Duration::from_secs(5);
-/// How long a client may take none of the answer, and how far it may fall behind [`RATE_MIN`]. \[OURS]
+/// How long a client may receive nothing of the answer, and how far it may fall behind [`RATE_MIN`]. \[OURS]
 const STALLED_MAX: Duration = Duration::from_secs(5);
-/// How fast a client has to take the answer on average, bytes per second. The page of a long recording has tens of
-/// megabytes, and a tunnel may be slow. \[OURS]
+/// The lowest average rate at which a client must receive the answer, in bytes per second. The page of a long recording
+/// has tens of megabytes, and a tunnel may be slow. \[OURS]
 const RATE_MIN: u64 = 64 * 1024;
 
 /// The parts of an HTTP request that this server uses.
@@ -43,33 +45,31 @@ pub struct Refusal {
     pub text: &'static str,
 }
 
-/// Reads the head of a request.
+/// Reads the head of a request; `None` if the client speaks no TLS though this server does.
 ///
 /// # Errors
 /// The client sends no valid head in time.
-pub fn read(stream: &mut TcpStream) -> io::Result<Request> {
-    let until = Instant::now() + REQUEST_WAIT_MAX;
+pub fn read(stream: &mut Stream) -> io::Result<Option<Request>> {
+    // The time limit is for the whole head, so a client that sends a byte now and then does not get more time.
+    stream.set_until(Some(Instant::now() + REQUEST_WAIT_MAX));
+    if stream.lacks_tls()? {
+        return Ok(None);
+    }
     let (mut bytes, mut piece) = (Vec::new(), [0; 1024]);
     while bytes.len() < HEAD_MAX {
-        // A client that sends a byte now and then does not get more time.
-        let left = until.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            return Err(io::ErrorKind::TimedOut.into());
-        }
-        stream.set_read_timeout(Some(left))?;
         let count = stream.read(&mut piece)?;
         if count == 0 {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
         bytes.extend_from_slice(&piece[..count]);
         if let Some(request) = parse(&bytes)? {
-            return Ok(request);
+            return Ok(Some(request));
         }
     }
     Err(io::ErrorKind::InvalidData.into())
 }
 
-/// Parses a head; `None` if it is not whole yet.
+/// Parses the head of a request; `None` if it is still incomplete.
 fn parse(bytes: &[u8]) -> io::Result<Option<Request>> {
     let mut fields = [httparse::EMPTY_HEADER; FIELDS_MAX];
     let mut head = httparse::Request::new(&mut fields);
@@ -80,8 +80,8 @@ fn parse(bytes: &[u8]) -> io::Result<Option<Request>> {
     let field = |name: &str| {
         let mut found = head.headers.iter().filter(|field| field.name.eq_ignore_ascii_case(name));
         let value = found.next().map(|field| String::from_utf8_lossy(field.value).into_owned());
-        // A field that appears twice counts as missing, because browsers and proxies may differ in which of the two they
-        // use.
+        // A field that appears twice counts as missing, because browsers and proxies may differ in which of the two
+        // values they use.
         value.filter(|_| found.next().is_none())
     };
     let target = head.path.unwrap_or_default();
@@ -103,9 +103,12 @@ fn parse(bytes: &[u8]) -> io::Result<Option<Request>> {
     }))
 }
 
-/// Whether `Host` names this machine. Any other name may resolve to 127.0.0.1, too: the browser then takes this server for
-/// another site, whose scripts could read its answers (DNS rebinding).
+/// Whether the host name in `Host` is this machine. Another name may resolve to 127.0.0.1 as well (DNS rebinding). The
+/// browser then takes this server for another site, whose scripts could read the answers.
 pub fn is_this_machine(host: &str) -> bool {
+    if !is_host(host) {
+        return false;
+    }
     let name = match host.strip_prefix('[') {
         Some(rest) => rest.split(']').next().unwrap_or_default(),
         None => host.split(':').next().unwrap_or_default(),
@@ -113,25 +116,31 @@ pub fn is_this_machine(host: &str) -> bool {
     name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
-/// Whether two texts are equal, in a time that does not show where they differ.
+/// Whether `Host` is a name or an address with an optional port, and nothing else, so that it can be a part of a policy.
+pub fn is_host(host: &str) -> bool {
+    !host.is_empty() && host.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-.:[]".contains(&byte))
+}
+
+/// Whether two texts are equal. The comparison takes constant time, so that its duration does not reveal where they
+/// differ.
 pub fn is_same(a: &str, b: &str) -> bool {
     a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b)) == 0
 }
 
-/// Sends an HTML page. `policy` is the beginning of its `Content-Security-Policy`.
+/// Sends an HTML page. `policy` is the first part of the `Content-Security-Policy`.
 ///
 /// # Errors
-/// The client does not take the page.
-pub fn send_page(stream: &mut TcpStream, html: &str, policy: &str) -> io::Result<()> {
+/// The client does not receive the page.
+pub fn send_page(stream: &mut Stream, html: &str, policy: &str) -> io::Result<()> {
     let policy = format!("Content-Security-Policy: {policy}; frame-ancestors 'none'\r\n");
     send(stream, "200 OK", "text/html", &policy, html)
 }
 
-/// Refuses a request.
+/// Answers a request with an error.
 ///
 /// # Errors
-/// The client does not take the answer.
-pub fn refuse(stream: &mut TcpStream, refusal: Refusal) -> io::Result<()> {
+/// The client does not receive the answer.
+pub fn refuse(stream: &mut Stream, refusal: Refusal) -> io::Result<()> {
     send_text(stream, refusal.status, PLAIN, &format!("{}\n", refusal.text))
 }
 
@@ -141,12 +150,12 @@ pub const PLAIN: &str = "text/plain";
 /// Sends text. `kind` is its `Content-Type` without the charset, which is UTF-8.
 ///
 /// # Errors
-/// The client does not take the text.
-pub fn send_text(stream: &mut TcpStream, status: &str, kind: &str, text: &str) -> io::Result<()> {
+/// The client does not receive the text.
+pub fn send_text(stream: &mut Stream, status: &str, kind: &str, text: &str) -> io::Result<()> {
     send(stream, status, kind, "Content-Security-Policy: default-src 'none'\r\n", text)
 }
 
-fn send(stream: &mut TcpStream, status: &str, kind: &str, fields: &str, body: &str) -> io::Result<()> {
+fn send(stream: &mut Stream, status: &str, kind: &str, fields: &str, body: &str) -> io::Result<()> {
     let length = body.len();
     let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: {kind}; charset=utf-8\r\nContent-Length: {length}\r\n{fields}\
@@ -158,7 +167,7 @@ fn send(stream: &mut TcpStream, status: &str, kind: &str, fields: &str, body: &s
     write_all(stream, body.as_bytes(), &mut progress)
 }
 
-/// How much of an answer a client has taken, and when.
+/// How many bytes of an answer a client has received, and when.
 struct Progress {
     began: Instant,
     newest: Instant,
@@ -175,21 +184,18 @@ impl Progress {
         self.newest = now;
     }
 
-    /// Until when the client has to take more. One that takes a byte now and then does not get more time.
+    /// The time by which the client must receive more. A client that receives a byte now and then does not get more
+    /// time.
     fn until(&self) -> Instant {
         let due = self.began + Duration::from_millis(self.bytes.saturating_mul(1000) / RATE_MIN);
         due.min(self.newest) + STALLED_MAX
     }
 }
 
-/// Writes all bytes, as long as the client takes them.
-fn write_all(stream: &mut TcpStream, mut bytes: &[u8], progress: &mut Progress) -> io::Result<()> {
+/// Writes all bytes, unless the client receives them too slowly.
+fn write_all(stream: &mut Stream, mut bytes: &[u8], progress: &mut Progress) -> io::Result<()> {
     while !bytes.is_empty() {
-        let left = progress.until().saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            return Err(io::ErrorKind::TimedOut.into());
-        }
-        stream.set_write_timeout(Some(left))?;
+        stream.set_until(Some(progress.until()));
         match stream.write(bytes) {
             Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
             Ok(count) => {
@@ -225,8 +231,8 @@ mod tests {
         assert!(parse(b"\x16\x03\x01 TLS").is_err());
     }
 
-    /// A page of 12 MB reaches a browser at the end of a line with 1 MB/s, or 100 KB/s. A client that takes nothing for 5 s is
-    /// given up, and so is one that takes a byte now and then.
+    /// A page of 12 MB is sent completely over a line with 1 MB/s or 100 KB/s. A client that receives nothing for 5 s
+    /// is disconnected, and so is one that receives only a byte now and then.
     #[test]
     fn a_slow_client_gets_the_whole_answer() {
         let began = Instant::now();
@@ -252,7 +258,16 @@ mod tests {
         for host in ["localhost", "LOCALHOST:4714", "127.0.0.1:80", "127.9.9.9", "[::1]:4714"] {
             assert!(is_this_machine(host), "{host}");
         }
-        for host in ["", "example.org:4714", "localhost.example.org", "10.0.0.1", "[::2]", "127.0.0.1.example.org"] {
+        for host in [
+            "localhost; x",
+            "localhost:1 'self'",
+            "",
+            "example.org:4714",
+            "localhost.example.org",
+            "10.0.0.1",
+            "[::2]",
+            "127.0.0.1.example.org",
+        ] {
             assert!(!is_this_machine(host), "{host}");
         }
     }

@@ -1,6 +1,6 @@
-//! The HTTP server of the tool: for the page of `serve web`, and for the metrics of any server. A thread accepts
-//! connections, and each has a thread of its own, up to a limit. Beyond it the oldest connection that has sent no request
-//! makes room for a new one, so that connections that say nothing keep nobody from an answer.
+//! The HTTP server of the tool: for the page of `serve web`, and for the metrics of any server. One thread accepts
+//! connections, and each connection has a thread of its own, up to a limit. Above the limit, the oldest connection that
+//! has sent no request is closed for a new one. So idle connections cannot block other clients.
 
 use std::collections::VecDeque;
 use std::io;
@@ -10,12 +10,21 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use super::http::{self, Request};
+use super::http::{self, Refusal, Request};
+use super::http_stream::{Stream, Tls};
 
-/// The time before the next connection is accepted after an error, such as too many open files. \[OURS]
+/// After an error of accepting a connection, such as too many open files, the server waits this long before it accepts
+/// the next one. \[OURS]
 const AFTER_ERROR: Duration = Duration::from_millis(100);
-/// How many times the limit of connections there may be while those that make room end. \[OURS]
+/// A connection that was closed for a new one still counts until its thread ends. So there may be this many times the
+/// limit of connections for a short time. \[OURS]
 const ENDING_MAX: usize = 4;
+
+/// The answer to who speaks HTTP without TLS to a server with TLS.
+const NO_TLS: Refusal = Refusal {
+    status: "400 Bad Request",
+    text: "This server speaks HTTPS alone: open the address that it has printed, which begins with https.",
+};
 
 /// A running HTTP server.
 pub struct HttpServer {
@@ -25,22 +34,39 @@ pub struct HttpServer {
 }
 
 impl HttpServer {
-    /// Starts to accept connections. `serve` is called with the request of each in a thread of its own, for at most
-    /// `connections_max` at a time. For a further one the oldest that has sent no request yet is closed; without such a
-    /// one it is closed itself. `stop` is set by [`Self::stop`], for calls of `serve` that last.
+    /// Starts to accept connections. `serve` is called with the request of each connection, in a thread of its own. If
+    /// there are `connections_max` connections, the oldest one that has sent no request yet is closed for a new one. If
+    /// all have sent one, the new connection is closed. [`Self::stop`] sets `stop`, which ends long calls of `serve`. With
+    /// `tls` the server speaks HTTPS.
     ///
     /// # Errors
-    /// The system provides no thread, or the listener has no address.
+    /// The system cannot start a thread, or the listener has no address.
     pub fn start(
         listener: TcpListener,
         name: &str,
         connections_max: usize,
+        tls: Option<Tls>,
         stop: Arc<AtomicBool>,
-        serve: impl Fn(TcpStream, Request) -> io::Result<()> + Send + Sync + 'static,
+        serve: impl Fn(Stream, Request) -> io::Result<()> + Send + Sync + 'static,
     ) -> io::Result<Self> {
         let address = listener.local_addr()?;
         let (ends, client) = (Arc::clone(&stop), format!("{name} client"));
-        let serve = Arc::new(serve);
+        // What a connection does, in a thread of its own.
+        let serve = Arc::new(move |socket: TcpStream, heard: &dyn Fn()| {
+            let mut stream = Stream::new(socket, tls.as_ref()).inspect_err(|_| heard())?;
+            let request = http::read(&mut stream);
+            heard();
+            match request? {
+                Some(request) => serve(stream, request),
+                None => {
+                    let mut plain = stream.without_tls();
+                    // Bytes that nobody reads would make the end of the connection a reset, and the answer would be lost.
+                    http::read(&mut plain)?;
+                    http::refuse(&mut plain, NO_TLS)?;
+                    plain.finish()
+                }
+            }
+        });
         let thread = thread::Builder::new()
             .name(name.to_owned())
             .spawn(move || accept(&listener, &client, connections_max, &ends, &serve))?;
@@ -55,16 +81,17 @@ impl HttpServer {
     /// Ends the server.
     pub fn stop(self) {
         self.stop.store(true, Ordering::Relaxed);
-        // The thread waits in `accept` and sees the request to stop after the next connection, so this one wakes it. If the
-        // connection fails, the thread runs until the process ends.
+        // The thread blocks in `accept` and checks the stop flag only after the next connection, so a connection is
+        // made to wake it. If that fails, the thread runs until the process ends.
         if TcpStream::connect_timeout(&reachable(self.address), AFTER_ERROR).is_ok() {
-            // A panic of the thread was printed already.
+            // A panic of the thread was already printed.
             let _ = self.thread.join();
         }
     }
 }
 
-/// An address at which this machine reaches a server that listens on `address`, which may stand for all of its addresses.
+/// An address at which this machine reaches a server that listens on `address`. If `address` means all addresses
+/// (0.0.0.0 or ::), it is replaced by the loopback address.
 fn reachable(address: SocketAddr) -> SocketAddr {
     let ip = match address.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
@@ -74,7 +101,7 @@ fn reachable(address: SocketAddr) -> SocketAddr {
     SocketAddr::new(ip, address.port())
 }
 
-/// The connections that have sent no request yet, with their numbers, oldest first.
+/// The connections that have sent no request yet, each with its number, oldest first.
 #[derive(Default)]
 struct Silent(Mutex<VecDeque<(u64, TcpStream)>>);
 
@@ -83,10 +110,10 @@ impl Silent {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Closes the oldest of them; false: there is none.
+    /// Closes the oldest of these connections. Returns false if there is none.
     fn close_oldest(&self) -> bool {
         let Some((_, oldest)) = self.lock().pop_front() else { return false };
-        // The thread of that connection sees its end. An error means that the client has gone already.
+        // This ends the read in the thread of that connection. An error means that the client has already closed it.
         let _ = oldest.shutdown(Shutdown::Both);
         true
     }
@@ -98,31 +125,30 @@ impl Silent {
 
 fn accept<F>(listener: &TcpListener, client: &str, connections_max: usize, stop: &AtomicBool, serve: &Arc<F>)
 where
-    F: Fn(TcpStream, Request) -> io::Result<()> + Send + Sync + 'static,
+    F: Fn(TcpStream, &dyn Fn()) -> io::Result<()> + Send + Sync + 'static,
 {
     let (connections, silent) = (Arc::new(AtomicUsize::new(0)), Arc::new(Silent::default()));
     for (number, stream) in (0..).zip(listener.incoming()) {
         if stop.load(Ordering::Relaxed) {
             return;
         }
-        let Ok((mut stream, copy)) = stream.and_then(|stream| Ok((stream.try_clone()?, stream))) else {
+        let Ok((stream, copy)) = stream.and_then(|stream| Ok((stream.try_clone()?, stream))) else {
             thread::sleep(AFTER_ERROR);
             continue;
         };
         let before = connections.load(Ordering::Relaxed);
         if before >= connections_max && (before >= connections_max * ENDING_MAX || !silent.close_oldest()) {
-            // A client that finds too many connections gets no thread and no answer, because sending an answer could block
-            // this loop.
+            // The new connection is closed without a thread and without an answer, because sending an answer could
+            // block this loop.
             continue;
         }
         connections.fetch_add(1, Ordering::Relaxed);
         silent.lock().push_back((number, copy));
         let (serving, count, unheard) = (Arc::clone(serve), Arc::clone(&connections), Arc::clone(&silent));
         let spawned = thread::Builder::new().name(client.to_owned()).spawn(move || {
-            let request = http::read(&mut stream);
-            unheard.remove(number);
-            // An error of a connection is ignored here: it ends this connection only, and there is nobody to tell.
-            let _ = request.and_then(|request| serving(stream, request));
+            // An error of a connection is ignored: it ends only this connection, and the client can no longer be
+            // informed.
+            let _ = serving(stream, &|| unheard.remove(number));
             count.fetch_sub(1, Ordering::Relaxed);
         });
         if spawned.is_err() {

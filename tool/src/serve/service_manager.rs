@@ -1,9 +1,9 @@
-//! Reports to systemd what a server does, by the protocol of sd_notify(3): that it serves, that it lives, what is wrong, and
-//! that it ends. So units of `Type=notify` know when the board is present, and units with `WatchdogSec=` when its cycle
-//! stands still.
+//! Reports the state of a server to systemd, by the protocol of sd_notify(3): that it is ready, that it is alive, what
+//! is wrong, and that it ends. So units of `Type=notify` know when the board is present, and units with `WatchdogSec=`
+//! know when its cycle has stopped.
 //!
-//! A thread of its own sends the reports, so that the server waits for a service manager that does not read at its end only,
-//! briefly, and when axes stand.
+//! A separate thread sends the reports, so that a service manager that does not read them never blocks the server. Only
+//! at its end, after axes were stopped, the server waits briefly for the last report.
 
 use std::io;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -12,16 +12,17 @@ use std::time::{Duration, Instant};
 
 use crate::stderr::say;
 
-/// The most reports that wait; further pings are left out. \[OURS]
+/// The largest number of queued reports; further reports are dropped. \[OURS]
 const WAITING_MAX: usize = 16;
-/// How long after the report of its end a server waits until the service manager has taken it. \[OURS]
+/// The longest wait of a server at its end until its last report is sent, counted from when the report was made.
+/// \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_millis(200);
 
-/// The service manager that has started the server, if one has.
+/// The connection to the service manager that has started the server, if there is one.
 #[derive(Clone)]
 pub struct Manager {
     reports: Option<SyncSender<Report>>,
-    /// How often the service manager wants a ping at least; `None`: it wants none.
+    /// The time within which the service manager expects a ping; `None` if it expects none.
     watchdog: Option<Duration>,
 }
 
@@ -30,12 +31,12 @@ enum Report {
     Ready(String),
     Status(String),
     Ping,
-    /// The server ends. The sender is told when this was sent.
+    /// The server ends. A message on the channel confirms that this report was sent.
     Stopping(SyncSender<()>),
 }
 
 impl Manager {
-    /// The service manager that the environment names (`NOTIFY_SOCKET`, `WATCHDOG_USEC`).
+    /// Finds the service manager from the environment variables `NOTIFY_SOCKET` and `WATCHDOG_USEC`.
     pub fn find() -> Self {
         let none = Self { reports: None, watchdog: None };
         if !cfg!(target_os = "linux") || std::env::var_os("NOTIFY_SOCKET").is_none() {
@@ -51,27 +52,27 @@ impl Manager {
         }
     }
 
-    /// In what time the service manager wants a ping; `None`: it wants none.
+    /// The time within which the service manager expects a ping; `None` if it expects none.
     pub const fn watchdog(&self) -> Option<Duration> {
         self.watchdog
     }
 
-    /// The server is ready, and what it serves.
+    /// Reports that the server is ready; `status` says what it serves.
     pub fn ready(&self, status: &str) {
         self.report(Report::Ready(status.trim_end().to_owned()));
     }
 
-    /// What the server does, or what is wrong, in words.
+    /// Reports what the server does, or what is wrong, in words.
     pub fn status(&self, status: &str) {
         self.report(Report::Status(status.trim_end().to_owned()));
     }
 
-    /// The server lives.
+    /// Reports that the server is alive, for the watchdog of systemd.
     pub fn ping(&self) {
         self.report(Report::Ping);
     }
 
-    /// The server ends. Does not wait, because axes have to be stopped.
+    /// Reports that the server ends. It does not wait for the report to be sent, because axes have to be stopped first.
     pub fn stopping(&self) -> EndReport {
         let (sent, is_sent) = sync_channel(1);
         self.report(Report::Stopping(sent));
@@ -80,22 +81,22 @@ impl Manager {
 
     fn report(&self, report: Report) {
         if let Some(reports) = &self.reports {
-            // It fails if the service manager does not read. The reports before this one are waiting then.
+            // This fails if the queue is full because the service manager does not read. The report is then dropped.
             let _ = reports.try_send(report);
         }
     }
 }
 
-/// The report that the server ends.
+/// The report that the server ends, which may not have been sent yet.
 pub struct EndReport {
     is_sent: Receiver<()>,
     until: Instant,
 }
 
 impl EndReport {
-    /// Waits until it was sent, at most [`END_WAIT_MAX`] after it was made. Returns whether it was.
+    /// Waits until the report is sent, at most [`END_WAIT_MAX`] after it was made. Returns whether it was sent.
     pub fn wait(self) -> bool {
-        // It fails at once if there is no service manager, or no room for the report.
+        // This fails at once if there is no service manager, or the report did not fit into the queue.
         self.is_sent.recv_timeout(self.until.saturating_duration_since(Instant::now())).is_ok()
     }
 }
@@ -118,7 +119,8 @@ fn pass_on(reports: &Receiver<Report>) {
     }
 }
 
-/// A status is one line. What follows `?token=` opens the page, and every user of the machine can read the status.
+/// Makes a status one line, and removes the token after `?token=`: the token gives access to the page, and every user
+/// of the machine can read the status.
 #[cfg(target_os = "linux")]
 fn one_line(status: &str) -> String {
     let without_token = |line: &str| match line.split_once("?token=") {
@@ -167,7 +169,7 @@ mod tests {
         assert_eq!(one_line(ready), "listening on http://127.0.0.1:1/; showing sim:");
     }
 
-    /// docs/SAFETY.md: a server that ends waits for its service manager after it has stopped the axes, not before.
+    /// docs/SAFETY.md: a server that ends waits for its service manager only after it has stopped the axes.
     #[test]
     fn the_report_of_the_end_is_waited_for_later() {
         let (sender, reports) = sync_channel(1);

@@ -1,4 +1,4 @@
-//! `ecmsk serve usbip`: attaches boards to the USB bus of any machine by USB/IP.
+//! `ecmsk serve usbip`: serves boards over USB/IP, so that any machine can attach them to its USB bus.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -92,7 +92,7 @@ pub struct Args {
 const IDENTITY: &str = "How the boards show themselves";
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    // Signals are watched before a board is attached, so that Ctrl-C always ends the server in an orderly way.
+    // Signals are caught before a board is attached, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
     streams::queue().map_err(ServeError::Thread)?;
     let mut watch = args.watch.begin("usbip")?;
@@ -124,7 +124,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(super::ended(&links))
 }
 
-/// The links to serve: those of the command line, otherwise the one of `ECMSK_LINK` or of a configuration file.
+/// The links to serve: those of the command line, else the link of `ECMSK_LINK` or of a configuration file.
 fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
     if !args.links.is_empty() {
         return Ok(args.links.clone());
@@ -133,7 +133,7 @@ fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
     Ok(vec![given_link(&link.to_string()).unwrap_or(link)])
 }
 
-/// The links, the first ones with these control sockets.
+/// Adds control sockets with these names to the links, the first name to the first link and so on.
 fn controlled(links: Vec<LinkUri>, names: &[String]) -> Result<Vec<LinkUri>, ControlOptionError> {
     if names.len() > links.len() {
         return Err(ControlOptionError::TooMany { names: names.len(), boards: links.len() });
@@ -156,8 +156,8 @@ fn board(args: &Args, index: usize, watched: Arc<BoardWatch>) -> BoardSpec {
     BoardSpec { identity, opener: Box::new(move || watched.open()) }
 }
 
-/// Parses a link and adds `queue=1` if it has no `queue=`: only the newest report is buffered, because the remote host has a
-/// queue of its own.
+/// Parses a link and adds `queue=1` if it has no `queue=`. So only the newest report is buffered, because the remote
+/// host has a queue of its own.
 pub(super) fn given_link(text: &str) -> Result<LinkUri, String> {
     let link = LinkUri::parse(text).map_err(|error| error.to_string())?;
     let says = text.split(['?', '&']).any(|part| part.starts_with("queue="));

@@ -1,14 +1,16 @@
-//! What all servers have in common for those who watch them from afar: metrics and health over HTTP, the format of the log,
-//! and reports to the service manager.
+//! The monitoring that all servers have in common: metrics and health over HTTP, the format of the log, and reports to
+//! the service manager.
 //!
-//! - `watch.rs`: the options, and the thread that looks at the boards
-//! - `board.rs`: a link around the link of a board, and whether the board lives; `chip.rs`: the same for an ECM-XF
-//! - `frames.rs`: what the frames of a board show
-//! - `trouble.rs`: why a board is not as it has to be
+//! - `watch.rs`: the options, and the thread that checks the boards
+//! - `board.rs`: a wrapper around the link of a board, which also checks that the board is alive; `chip.rs`: the same
+//!   for an ECM-XF
+//! - `frames.rs`: values and events that are found in the frames of a board
+//! - `trouble.rs`: texts for what is wrong with a board
 //! - `metrics.rs`: the metrics as text
-//! - `site.rs`: what a request gets
+//! - `site.rs`: answers HTTP requests
 //!
-//! A scrape reads what the thread of the watch and the threads of the server have left; it never uses the board.
+//! A scrape only reads values that the threads of the server and of this module have stored. It never accesses the
+//! board.
 
 mod board;
 mod chip;
@@ -40,17 +42,18 @@ use crate::stderr::{self, LogFormat, say};
 use crate::{CliError, output, streams};
 use metrics::{Scrape, Seen};
 
-/// How often the boards are looked at. \[OURS]
+/// The interval between two checks of the boards. \[OURS]
 const LOOK_INTERVAL: Duration = Duration::from_millis(250);
-/// How often the sizes of recordings are read from their disk. \[OURS]
+/// The interval at which the sizes of recordings are read from disk. \[OURS]
 const SIZE_INTERVAL: Duration = Duration::from_secs(5);
-/// A look that takes longer than this shows that the board's counters hang. \[OURS]
+/// If a check takes longer than this, reading the counters of the board hangs. \[OURS]
 const LOOK_MAX: Duration = Duration::from_secs(5);
-/// A scrape gets the text of the one before it, if that is not older: many scrapes cost no more than a few. \[OURS]
+/// A scrape gets the text of the previous scrape if that text is not older than this, so that frequent scrapes cost
+/// little. \[OURS]
 const TEXT_AGE_MAX: Duration = Duration::from_millis(200);
-/// The most connections for metrics at a time; each has a thread. \[OURS]
+/// The largest number of connections for metrics at the same time; each has a thread. \[OURS]
 const CONNECTIONS_MAX: usize = 16;
-/// The service manager gets a ping this many times in the time that it allows. \[OURS]
+/// The number of pings in the time within which the service manager expects one. \[OURS]
 const PINGS: u32 = 3;
 
 // No doc comment on `WatchArgs`: clap would show it as the help of every server.
@@ -65,7 +68,7 @@ pub struct WatchArgs {
     log: LogArgs,
 }
 
-// No doc comment on `LogArgs`, as above.
+// No doc comment on `LogArgs`, for the same reason.
 #[derive(Clone, Copy, clap::Args)]
 pub struct LogArgs {
     /// Lines of the log: text with the time (without it in systemd's journal, which has its own), or JSON objects
@@ -73,7 +76,7 @@ pub struct LogArgs {
     log_format: LogFormat,
 }
 
-/// Why a server cannot be watched.
+/// Why the monitoring of a server cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
     /// The address of the metrics cannot be listened on.
@@ -84,7 +87,7 @@ pub enum WatchError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The system gives no thread.
+    /// The system cannot start a thread.
     #[error("cannot start a thread for metrics: {0}; free some of the system's memory or threads, then run it again")]
     Thread(io::Error),
 }
@@ -105,13 +108,13 @@ fn metrics_at(text: &str) -> Result<SocketAddr, String> {
 }
 
 impl LogArgs {
-    /// From now on the lines on standard error have the format of the option.
+    /// Sets the format of the lines on standard error, as the option requests.
     pub fn begin(self) {
         stderr::log_in(self.log_format);
     }
 }
 
-/// A server that is watched.
+/// The monitoring of a server.
 pub struct Watch {
     server: &'static str,
     manager: Manager,
@@ -123,32 +126,32 @@ pub struct Watch {
     end_report: Option<EndReport>,
 }
 
-/// The threads of a watch.
+/// The threads of the monitoring.
 struct Running {
     shared: Arc<Shared>,
     site: Option<HttpServer>,
     thread: JoinHandle<()>,
 }
 
-/// What the threads of a watch share.
+/// The data that the threads of the monitoring share.
 struct Shared {
     server: &'static str,
     is_loopback: bool,
     boards: Vec<Arc<BoardWatch>>,
     chip: Option<Arc<ChipWatch>>,
     clients: Option<Box<dyn Fn() -> usize + Send + Sync>>,
-    /// When the newest look began and has not ended.
+    /// When the present check of the boards began; `None` between two checks.
     looking: Mutex<Option<Instant>>,
-    /// The bytes of the recordings of each board.
+    /// For each board, the sizes of its recordings in bytes, by the kind of the recording.
     recorded: Mutex<Vec<BTreeMap<&'static str, u64>>>,
-    /// The newest text of the metrics, and when it was made.
+    /// The latest text of the metrics, and when it was made.
     text: Mutex<Option<(Instant, Arc<str>)>>,
     is_over: AtomicBool,
 }
 
 impl WatchArgs {
-    /// Sets the format of the log, and listens at the address of the metrics, so that one that is taken ends the server
-    /// before it has a board. `server`: the name of the verb.
+    /// Sets the format of the log, and listens at the address of the metrics. So if that address is in use, the server
+    /// ends before it opens a board. `server`: the name of the verb.
     ///
     /// # Errors
     /// [`WatchError::Listen`].
@@ -164,7 +167,7 @@ impl WatchArgs {
 }
 
 impl Watch {
-    /// The watch of a server without metrics: it reports to the service manager.
+    /// The monitoring of a server without metrics: it only reports to the service manager.
     pub fn without_metrics(server: &'static str) -> Self {
         Self {
             server,
@@ -178,12 +181,12 @@ impl Watch {
         }
     }
 
-    /// Watches the board of a link, which the server opens by [`BoardWatch::open`].
+    /// Monitors the board of a link. The server must open it with [`BoardWatch::open`].
     pub fn board(&mut self, uri: &LinkUri) -> Arc<BoardWatch> {
         self.board_carrying(uri, None)
     }
 
-    /// As [`Self::board`], with the machine file that recordings of the link carry.
+    /// As [`Self::board`]; recordings of the link will contain the machine file `machine`.
     pub fn board_carrying(&mut self, uri: &LinkUri, machine: Option<Arc<CarriedFile>>) -> Arc<BoardWatch> {
         let wanted = match (&self.listener, self.manager.watchdog()) {
             (Some(_), _) => Wanted::Metrics,
@@ -195,22 +198,22 @@ impl Watch {
         board
     }
 
-    /// Watches the chip that the server opens by [`ChipWatch::open`].
+    /// Monitors the chip of the server. The server must open it with [`ChipWatch::open`].
     pub fn chip(&mut self) -> Arc<ChipWatch> {
         Arc::clone(self.chip.get_or_insert_default())
     }
 
-    /// Shows how many clients the server has.
+    /// Sets the function that returns the number of connected clients, for the metrics.
     pub fn count_clients(&mut self, count: impl Fn() -> usize + Send + Sync + 'static) {
         self.clients = Some(Box::new(count));
     }
 
-    /// The server serves: prints `text`, reports it to the service manager, and begins to answer for the metrics. If nobody
-    /// reads standard output, the server waits at most [`ecmsk::notes::FLUSH_LIMIT`]; the text stays in the queue of the
-    /// stream.
+    /// Must be called when the server is ready: prints `text`, reports it to the service manager, and starts to answer
+    /// requests for metrics. If nobody reads standard output, the call waits at most [`ecmsk::notes::FLUSH_LIMIT`]; the
+    /// text then stays in the queue of the stream.
     ///
     /// # Errors
-    /// Standard output cannot be written to, or the system gives no thread.
+    /// Standard output cannot be written to, or the system cannot start a thread.
     pub fn ready(&mut self, mut text: String) -> Result<(), CliError> {
         let status = text.clone();
         if self.listener.is_some() || self.manager.watchdog().is_some() {
@@ -241,32 +244,32 @@ impl Watch {
             text: Mutex::default(),
             is_over: AtomicBool::new(false),
         });
-        // The first looks come before the first request.
+        // Each board is checked once before the first request.
         shared.boards.iter().for_each(|board| drop(board.look()));
         let (looking, manager, status) = (Arc::clone(&shared), self.manager.clone(), status.to_owned());
         let thread = spawn("watch", move || look(&looking, &manager, &status))?;
         if shared.boards.iter().any(|board| !board.recordings.is_empty()) && address.is_some() {
             let sizing = Arc::clone(&shared);
-            // A disk that hangs holds up this thread alone.
+            // The sizes are read in a separate thread, so that a hanging disk blocks nothing else.
             spawn("sizes", move || size(&sizing))?;
         }
         let answering = Arc::clone(&shared);
         let stop = Arc::default();
         let start = |listener| {
             let serve = move |stream, request| site::serve(stream, &request, &answering);
-            HttpServer::start(listener, "metrics", CONNECTIONS_MAX, stop, serve)
+            HttpServer::start(listener, "metrics", CONNECTIONS_MAX, None, stop, serve)
         };
         let site = self.listener.take().map(start).transpose()?;
         Ok(Running { shared, site, thread })
     }
 
-    /// A signal has ended the server: reports that to the service manager, and does not wait.
+    /// Reports to the service manager that a signal has ended the server. It does not wait until the report is sent.
     pub fn stopping(&mut self) {
         self.end_report = Some(self.manager.stopping());
     }
 
-    /// Ends the watch. Its threads are not waited for: one of them may wait for a network or a disk. The report that the server
-    /// ends is waited for, briefly.
+    /// Ends the monitoring. It does not wait for the threads, because they may be blocked by a network or a disk. It
+    /// waits only briefly until the report of the server's end is sent.
     pub fn end(self) {
         if let Some(report) = self.end_report {
             report.wait();
@@ -284,8 +287,8 @@ fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> io::Result<JoinHand
     thread::Builder::new().name(name.to_owned()).spawn(run)
 }
 
-/// The thread that looks at the boards, and tells the service manager that they live. A board whose cycle stands still, or
-/// whose reports stay away, gets no ping: that is the life that matters.
+/// Runs in a thread of its own: checks the boards, and sends pings to the service manager while they are alive. If the
+/// cycle of a board has stopped, or no reports arrive, no ping is sent, so that the watchdog of systemd acts.
 fn look(shared: &Shared, manager: &Manager, status: &str) {
     let watchdog = manager.watchdog();
     let interval = watchdog.map_or(LOOK_INTERVAL, |limit| LOOK_INTERVAL.min(limit / (2 * PINGS)));
@@ -312,7 +315,7 @@ fn look(shared: &Shared, manager: &Manager, status: &str) {
     }
 }
 
-/// The thread that looks how large the recordings are.
+/// Runs in a thread of its own: reads the sizes of the recordings.
 fn size(shared: &Shared) {
     while !shared.is_over.load(Ordering::Relaxed) {
         for (place, board) in shared.boards.iter().enumerate() {
@@ -325,7 +328,7 @@ fn size(shared: &Shared) {
 }
 
 impl Shared {
-    /// The text of the metrics.
+    /// The text of the metrics, for a scrape.
     fn metrics(&self) -> Arc<str> {
         let mut text = lock(&self.text);
         if let Some((at, text)) = &*text
@@ -353,8 +356,9 @@ impl Shared {
         new
     }
 
-    /// The text of `/healthz` while the server is healthy. That frames are missing in a recording, because its disk is full, is
-    /// said there and makes the server no unhealthy one: whoever starts such servers again would stop axes for it. \[OURS]
+    /// The text of `/healthz` while the server is healthy. It reports frames that are missing in a recording, for
+    /// example because the disk is full. The server still counts as healthy, because a restart for this reason would
+    /// stop axes. \[OURS]
     fn health(&self) -> String {
         let of_board = |(place, board): (usize, &Arc<BoardWatch>)| {
             let missing = board.looked().stats.filter(|_| !board.recordings.is_empty())?.record_dropped;
@@ -369,7 +373,7 @@ impl Shared {
         if missing.is_empty() { "ok\n".to_owned() } else { format!("ok, but {}\n", missing.join("\n")) }
     }
 
-    /// Why the server is not healthy, in words; `None`: each board answers, and no slave is lost.
+    /// Why the server is not healthy, in words; `None` if each board answers and no slave is lost.
     fn trouble(&self) -> Option<String> {
         let hangs = lock(&self.looking).map(|since| since.elapsed()).filter(|elapsed| *elapsed > LOOK_MAX);
         if let Some(hangs) = hangs {

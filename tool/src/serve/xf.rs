@@ -55,7 +55,7 @@ enum Vanish {
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let failed = |source| ServeError::System { what: "catch signals", source };
-    // Signals are watched before anything can move, so that Ctrl-C always ends the server in an orderly way.
+    // Signals are caught before anything can move, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     streams::queue().map_err(|source| ServeError::System { what: "start the thread of standard error", source })?;
     let mut watch = args.watch.begin("xf")?;

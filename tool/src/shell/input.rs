@@ -1,4 +1,4 @@
-//! Reads the lines of the shell in a thread of its own, so that a signal is noticed while the user types nothing.
+//! Reads the lines of the shell in a separate thread, so that a signal is noticed even while the user types nothing.
 
 use std::io::{self, BufRead};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
@@ -16,22 +16,22 @@ use crate::board::{Board, BoardError};
 use crate::streams;
 
 const PROMPT: &str = "ecmsk> ";
-/// \[OURS] Interval at which signals are checked while the user types no line.
+/// \[OURS] The interval at which signals are checked while the shell waits for a line.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// What the thread has read from standard input.
 enum Typed {
     Line(String),
-    /// Ctrl-C was pressed at the prompt, where no step runs that it could end: a note says how to leave.
+    /// Ctrl-C was pressed at the prompt. No step is running that it could end, so a note says how to leave the shell.
     Nothing,
     End,
     Failed(io::Error),
 }
 
-/// Reads lines from a terminal or from a pipe.
+/// Reads the lines of the shell, from a terminal or from a pipe.
 pub struct Input {
-    /// Requests the next line from the thread that reads. The thread shows a prompt only after a request, so there is none
-    /// while a step runs.
+    /// Requests the next line from the reading thread. The thread shows a prompt only after a request, so there is no
+    /// prompt while a step runs.
     wanted: Sender<()>,
     typed: Receiver<Typed>,
     terminal: Terminal,
@@ -41,7 +41,7 @@ impl Input {
     /// Starts the thread that reads standard input. `typed`: whether standard input is a terminal.
     ///
     /// # Errors
-    /// [`BoardError::System`] if the operating system provides no thread.
+    /// [`BoardError::System`] if the operating system cannot start a thread.
     pub fn start(typed: bool) -> Result<Self, BoardError> {
         let terminal = Terminal::now();
         let (wanted, asked) = mpsc::channel();
@@ -64,7 +64,7 @@ impl Input {
     /// Requests a line. The prompt appears after all earlier output.
     fn ask(&self) {
         streams::flush_error();
-        // Sending fails only if the thread has ended, and then its last message says why.
+        // Sending fails only if the thread has ended. Its last message says why.
         let _ = self.wanted.send(());
     }
 
@@ -98,7 +98,7 @@ fn terminal_lines() -> rustyline::Result<impl FnMut() -> Typed> {
     editor.set_helper(Some(Words));
     Ok(move || match editor.readline(PROMPT) {
         Ok(line) => {
-            // Adding to the history can fail only with a history file, and there is none.
+            // This can fail only with a history file, and none is used.
             let _ = editor.add_history_entry(&line);
             Typed::Line(line)
         }

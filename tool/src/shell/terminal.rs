@@ -1,4 +1,5 @@
-//! Saves and restores the modes of the terminal, since a signal may end the shell while a line is being read.
+//! Saves and restores the modes of the terminal, because a signal may end the shell while the line editor has changed
+//! them.
 
 #[cfg(unix)]
 mod unix;

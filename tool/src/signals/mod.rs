@@ -1,6 +1,6 @@
-//! Requests to end the tool: signals, on Windows also console events such as Ctrl-C.
+//! Requests to end the tool: signals, or on Windows console events such as Ctrl-C.
 //!
-//! Each request has a signal number, because the exit code is 128 + that number.
+//! Each request has a signal number, because the exit code is 128 plus that number.
 
 #[cfg(unix)]
 mod unix;

@@ -1,4 +1,4 @@
-//! `expect`: fails if the board or its slaves are not as expected, so that a script can check its own effect.
+//! `expect`: fails if the board or its slaves are not in the expected state, so that a script can check its own effect.
 
 use std::time::Duration;
 
@@ -104,7 +104,7 @@ enum Alarm {
     None,
 }
 
-/// A counter, by its name.
+/// A counter that `expect counter` can check, see [`Counter::ALL`] for the names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Counter {
     ReportsLost,
@@ -131,7 +131,7 @@ impl Counter {
         Self::ALL.into_iter().find(|(_, counter)| *counter == self).map_or("", |(name, _)| name)
     }
 
-    /// The value now; `None` if this board does not tell it.
+    /// The present value; `None` if this kind of board does not report it.
     fn value(self, board: &Board) -> Result<Option<u64>, BoardError> {
         let stats = board.ecm.stats()?;
         Ok(Some(match self {
@@ -152,9 +152,9 @@ impl Counter {
 /// Inputs that are expected to have a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Inputs {
-    /// All inputs of a slave.
+    /// All 16 inputs of a slave, and their expected values.
     Slave(u8, u16),
-    /// One input, by its name.
+    /// One input of the machine file, and whether it is expected to be on.
     Name(String, bool),
 }
 
@@ -170,10 +170,10 @@ impl Inputs {
         Ok(Self::Slave(slave.ok_or("allowed: a slave from 1 to 40")?, bits(inputs)?))
     }
 
-    /// The slave of the inputs, which of them are expected to have a value, and this value.
+    /// The slave of the inputs, the mask of the inputs that are compared, and their expected values.
     ///
     /// # Errors
-    /// There is no machine file, or it has no such input.
+    /// There is no machine file, or it has no input with this name.
     fn of(&self, machine: Option<&MachineFile>) -> Result<(u8, u16, u16), BoardError> {
         match self {
             Self::Slave(slave, bits) => Ok((*slave, u16::MAX, *bits)),
@@ -251,11 +251,11 @@ impl Args {
         }
     }
 
-    /// Compares the board with what is expected, with `--wait` until it is so.
+    /// Compares the board with the expectation; with `--wait` again and again until they agree or the time is over.
     ///
     /// # Errors
-    /// [`BoardError`] if it differs, if a slave does not exist or is of another kind, if the network is not in OP for what only
-    /// OP shows, if the board does not answer, or if a signal stops the wait.
+    /// [`BoardError`] if the board differs, if a slave does not exist or is of another kind, if the compared value
+    /// needs OP and the network is not in OP, if the board does not answer, or if a signal stops the wait.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let mut began = None;
         loop {
@@ -271,7 +271,7 @@ impl Args {
     }
 }
 
-/// A comparison: `Err` says how the board differs.
+/// The result of a comparison: `Err` says how the board differs.
 type Compared = Result<(), String>;
 
 fn compared(is_it: bool, why: impl FnOnce() -> String) -> Compared {
@@ -313,7 +313,7 @@ impl Verb {
                         return Err(refused(format!("axis {label} reports no torque"), "expect it of a drive"));
                     };
                     let found = f64::from(drive.torque) / 10.0;
-                    // Torques are tenths of a percent, which have no exact value in binary.
+                    // A torque is a multiple of 0.1 %, which has no exact binary value, so a rounding error is allowed.
                     let is_it = (found - wanted).abs() <= *within + 1e-9;
                     Ok(compared(is_it, || {
                         format!("axis {} has a torque of {found} %, not {wanted} % within {within}", board.label(slave))
@@ -368,7 +368,7 @@ impl Verb {
     }
 }
 
-/// Compares one after the other, up to the first that differs.
+/// Compares the items in turn, up to the first one that differs.
 fn each<T>(all: &[T], compare: impl Fn(&T) -> Result<Compared, BoardError>) -> Result<Compared, BoardError> {
     for one in all {
         let compared = compare(one)?;
@@ -379,14 +379,14 @@ fn each<T>(all: &[T], compare: impl Fn(&T) -> Result<Compared, BoardError>) -> R
     Ok(Ok(()))
 }
 
-/// The slave of an axis, which must have one.
+/// The slave of an axis.
 fn axis(board: &Board, word: &AxisWord) -> Result<u8, BoardError> {
     let slave = word.slave(WHAT, board.machine.as_ref())?;
     board.axis(WHAT, slave)?;
     Ok(slave)
 }
 
-/// Compares a value of each axis, in the unit in which it is written.
+/// Compares one value of each axis with its target, in the unit of the target.
 fn values(
     board: &Board,
     targets: &[Target],
@@ -406,7 +406,7 @@ fn values(
 
 fn alarm_of(board: &Board, snapshot: &Snapshot, slave: u8, wanted: Alarm) -> Compared {
     let has_alarm = board.statusword(snapshot, slave).0 & Statusword::FAULT != 0;
-    // A pulse module reports no error code.
+    // A pulse module (HSP) reports no error code.
     let code = snapshot.drive(slave).map_or(0, |drive| drive.error_code);
     let is_it = match wanted {
         Alarm::None => !has_alarm,

@@ -1,11 +1,11 @@
-//! `fault`: makes an event of simulation scripts happen on the simulated board of a script.
+//! `fault`: injects an event of the simulation scripts into a simulated board, such as an alarm.
 
 #[cfg(unix)]
 use std::time::Duration;
 
 use crate::board::{Board, BoardError};
 
-/// How long a board on the real clock may take until its next cycle begins. \[OURS]
+/// The longest wait for the next cycle of a board on the real clock. \[OURS]
 #[cfg(unix)]
 const CYCLE_LIMIT: Duration = Duration::from_secs(10);
 
@@ -22,7 +22,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Lets the event happen at the beginning of the board's next cycle, and that cycle pass.
+    /// Injects the event at the beginning of the board's next cycle, and waits until that cycle has passed.
     ///
     /// # Errors
     /// The board has no control socket, or the event is invalid.
@@ -46,7 +46,7 @@ fn inject(board: &Board, name: &str, event: &str) -> Result<(), String> {
         error => error.to_string(),
     };
     let mut injection = Injection::begin(name, event).map_err(text)?;
-    // On a virtual clock nobody else lets the cycle pass.
+    // On a virtual clock, time advances only when this process lets a cycle pass.
     board.pass_cycle();
     injection.wait(CYCLE_LIMIT).map_err(text)?;
     Ok(())

@@ -1,5 +1,5 @@
-//! The frames of a motion, one a cycle, as `move` and `jog` send them: an axis that takes no target stops no other one, and
-//! axes that stand because this process was late are not started again at full speed.
+//! Sends the frames of a motion, one a cycle, for `move` and `jog`. An axis that does not take its target does not stop
+//! the other axes. If the axes have stopped because this process was late, they are not started again at full speed.
 
 use std::time::{Duration, Instant};
 
@@ -8,64 +8,64 @@ use ecmsk::sk::{SlotSize, StateByte};
 
 use crate::board::{Board, BoardError, Units};
 
-/// \[OURS] How far ahead of their execution targets are sent to the FIFO. If the program is late by less than this, the motion
-/// has no gap.
+/// \[OURS] How long before their execution targets are sent, so that they wait in the FIFO. If this process is late by
+/// less than this time, the motion has no gap.
 const AHEAD: Duration = Duration::from_millis(64);
-/// \[OURS] The limits of the number of frames ahead, which apply instead of [`AHEAD`] for very short and very long cycles.
+/// \[OURS] The limits of the number of buffered frames. They override [`AHEAD`] for very short and very long cycles.
 const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
-/// \[OURS] If an internal limit of its drive holds an axis away from its target for this long, the motion fails. The time is
-/// more than twice that of the frames ahead, so the reports already answer the present targets.
+/// \[OURS] If an internal limit of the drive keeps an axis away from its target for this long, the motion fails. This
+/// is more than twice the time of the buffered frames, so by then the reports answer the present targets.
 const HELD_LIMIT: Duration = Duration::from_millis(150);
 /// \[OURS] The time limit for braking after Ctrl-C. The tool promises to end within 2 s after Ctrl-C; the rest of that time
 /// is for closing the board.
 pub const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
-/// \[OURS] In how many further cycles the last targets are sent again. The drives settle meanwhile.
+/// \[OURS] The number of cycles in which the last targets are sent again, so that the drives can settle.
 const HOLD_FRAMES: usize = 9;
-/// \[OURS] After a gap longer than this the axes start again from rest. After a shorter one they continue at their speed:
-/// otherwise a program that is often slightly late would never finish a move.
+/// \[OURS] After a gap longer than this the axes start again from rest. After a shorter gap they continue at their
+/// speed; otherwise a program that is often slightly late would never finish a move.
 const GAP_MAX: Duration = Duration::from_millis(100);
-/// \[OURS] A brake ends where more cycles than this have had no target: the axes stand. Fewer are short for a drive, and a
-/// report that was lost may look like one.
+/// \[OURS] Braking ends early if the board has had no target for more cycles than this, because the axes have stopped
+/// then. Fewer cycles do not stop a drive, and a single lost report may look like one such cycle.
 const BRAKE_GAP_CYCLES: u64 = 5;
-/// \[OURS] If this process sends no frame for longer than this, it has stalled: the axes stand. With long cycles the time is
-/// that in which the board executes twice the frames ahead.
+/// \[OURS] If this process sends no frame for longer than this, it has stalled and the axes have stopped. With long
+/// cycles, twice the execution time of the buffered frames is used instead.
 const STALL: Duration = Duration::from_millis(100);
 
-/// The frames of a motion.
+/// The stream of frames of one motion.
 pub struct Frames<'a> {
     board: &'a Board,
     pub stream: Stream<'a>,
-    /// The report before the motion.
+    /// The last report before the motion.
     before: Snapshot,
-    /// Axes that have not taken a target. They hold their last ones: a later one would be a jump.
+    /// Axes that have refused a target. They get no new targets, because a later target would be a jump.
     holding: Vec<u8>,
     gaps: Gaps,
 }
 
 impl<'a> Frames<'a> {
-    /// Begins to send frames to axes that stand as the report `before` shows. `depth`: how many are sent ahead, see
-    /// [`depth`]; `cycle`: the cycle time in seconds.
+    /// Begins to send frames to axes that are at rest, as the report `before` shows them. `depth`: the number of
+    /// buffered frames, see [`depth`]; `cycle`: the cycle time in seconds.
     ///
     /// # Errors
     /// Those of [`ecmsk::ecm::Ecm::stream`].
     pub fn begin(board: &'a Board, before: Snapshot, depth: u16, cycle: f64) -> Result<Self, BoardError> {
         let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
         let stall = STALL.max(Duration::from_secs_f64(2.0 * f64::from(depth) * cycle));
-        // A virtual clock waits for this process, so that no stall of it makes a gap.
+        // On a virtual clock, time waits for this process, so a stall makes no gap.
         let stall = (!board.ecm.link_info().virtual_time).then_some(stall);
         let gaps = Gaps::new(stall, cycle, Instant::now());
         Ok(Self { board, stream, before, holding: Vec::new(), gaps })
     }
 
-    /// Whether this process was late for so long that the board has executed what it had: the axes stand at their last
-    /// targets, and may only begin from rest. To be called before each frame.
+    /// Whether this process was so late that the board has executed all buffered frames. The axes have then stopped at
+    /// their last targets and must start from rest. Must be called before each frame.
     pub fn axes_stand(&mut self) -> bool {
         self.gaps.axes_stand(Instant::now())
     }
 
-    /// Sends the targets of a cycle. An axis that does not take its target, because it is lost, off, has an alarm or does not
-    /// follow, holds its last one from then on. The others get theirs all the same, so that they can be braked from there.
-    /// Returns the error of the first axis that has just begun to hold.
+    /// Sends the targets of one cycle. An axis does not take its target if it is lost, disabled, has an alarm or does
+    /// not follow. From then on it holds its last target. The other axes still get their targets, so that they can be
+    /// braked. Returns the error of the first axis that has begun to hold in this call.
     ///
     /// # Errors
     /// No axis takes targets, or the frame cannot be sent.
@@ -94,8 +94,8 @@ impl<'a> Frames<'a> {
         Ok(refused.map(|error| self.board.explain(error)))
     }
 
-    /// Sets the target of an axis. With 16-byte slots one command moves both channels of an HSP (a pulse module), so the
-    /// second channel gets its position before the motion, and stands still.
+    /// Sets the target of an axis. With 16-byte slots one command moves both channels of an HSP (a pulse module), so
+    /// the second channel gets its position from before the motion and stays at rest.
     fn aim(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
         match self.before.slave(slave) {
             Some(ecmsk::ecm::SlaveView::Hsp(hsp)) if self.board.ecm.slot_size()? == SlotSize::Bytes16 => {
@@ -106,10 +106,12 @@ impl<'a> Frames<'a> {
         }
     }
 
-    /// Brakes the axes: `next` adds the targets of the next cycle and returns whether all axes are at rest with them. One
-    /// that takes no target stops no other one. At the end the last targets are [held](Self::hold).
+    /// Brakes the axes. `next` adds the targets of the next cycle and returns whether all axes are at rest with these
+    /// targets. An axis that does not take its target does not stop the others. At the end the last targets are
+    /// [held](Self::hold).
     ///
-    /// A brake ends where the axes stand because this process was late: the rest of it would start them again.
+    /// If the axes have already stopped because this process was late, braking ends at once: more targets would start
+    /// them again.
     ///
     /// # Errors
     /// As [`send`](Self::send).
@@ -127,8 +129,8 @@ impl<'a> Frames<'a> {
         Ok(())
     }
 
-    /// Sends the last targets a few more times, so that the drives reach them. Returns the error of the first axis that has
-    /// not taken its target.
+    /// Sends the last targets a few more times, so that the drives reach them. Returns the error of the first axis that
+    /// does not take its target.
     ///
     /// # Errors
     /// As [`send`](Self::send).
@@ -140,8 +142,8 @@ impl<'a> Frames<'a> {
         Ok(refused)
     }
 
-    /// Ends the motion: axes that still move hold their last targets, and those that do not follow their actual positions,
-    /// of which it prints a note.
+    /// Ends the motion. Axes that still move hold their last targets; axes that do not follow hold their actual
+    /// positions, and a note about them is printed.
     ///
     /// # Errors
     /// As [`Stream::finish`].
@@ -152,17 +154,17 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// Notices gaps in a motion: cycles in which the board had no target, because this process was late.
+/// Detects gaps in a motion: cycles in which the board had no target because this process was late.
 struct Gaps {
-    /// The longest time between two frames; `None` if time waits for this process.
+    /// The longest allowed time between two frames; `None` on a virtual clock, where time waits for this process.
     stall: Option<Duration>,
     /// The cycle time in seconds.
     cycle: f64,
-    /// When the newest frame was due.
+    /// The time at which the latest frame was due.
     newest: Instant,
-    /// Cycles without a target since the motion began, as far as reports have shown them.
+    /// The number of cycles without a target since the motion began, as far as reports have shown them.
     underruns: u64,
-    /// Those of the present gap.
+    /// The number of cycles without a target in the present gap.
     gap: u64,
 }
 
@@ -171,10 +173,10 @@ impl Gaps {
         Self { stall, cycle, newest: now, underruns: 0, gap: 0 }
     }
 
-    /// Notes that a frame is due. Returns whether the axes stand, because there was a long gap before.
+    /// Must be called when a frame is due. Returns whether the axes have stopped because there was a long gap before.
     fn axes_stand(&mut self, now: Instant) -> bool {
         let since = now.saturating_duration_since(std::mem::replace(&mut self.newest, now));
-        // Reports show a gap only later, so the time counts as well.
+        // Reports show a gap only later, so the elapsed time is checked as well.
         let is_long = self.gap as f64 * self.cycle > GAP_MAX.as_secs_f64();
         let stand = is_long || self.stall.is_some_and(|stall| since > stall);
         if stand {
@@ -183,28 +185,30 @@ impl Gaps {
         stand
     }
 
-    /// Notes that a frame was sent, after which the motion has had so many underruns.
+    /// Must be called after a frame was sent. `underruns` is the number of cycles without a target since the motion
+    /// began.
     fn sent(&mut self, underruns: u64) {
-        // A long gap may become known over several frames, so the underruns of all are added up. Each frame has one target,
-        // so one cycle is subtracted for each: single underruns far apart do not add up to a long gap.
+        // A long gap may become known over several frames, so the underruns of all of them are added up. Each frame
+        // ends one cycle of the gap, so one is subtracted per frame. So single underruns that are far apart do not add
+        // up to a long gap.
         let new = underruns - std::mem::replace(&mut self.underruns, underruns);
         self.gap = (self.gap + new).saturating_sub(1);
     }
 }
 
-/// The number of frames that are sent ahead of their execution.
+/// The number of frames that are buffered in the FIFO ahead of their execution.
 pub fn depth(network: &Config) -> u16 {
     let frames = AHEAD.as_micros() as u64 / u64::from(network.cycle_us.max(1));
     frames.clamp(*DEPTHS.start(), *DEPTHS.end()) as u16
 }
 
-/// How long an internal limit may hold an axis away from its target, in seconds.
+/// How long an internal limit of the drive may keep an axis away from its target before the motion fails, in seconds.
 pub fn held_limit_s(depth: u16, cycle: f64) -> f64 {
     HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle)
 }
 
-/// Refuses a velocity, in counts/s, at which the targets in the FIFO are so far ahead of the axis that its `--lead-limit` ends
-/// the motion.
+/// Refuses a velocity, in counts/s, at which the newest target is further ahead of the axis than its `--lead-limit`
+/// allows, since the frames between them are buffered in the FIFO. That limit would end the motion.
 ///
 /// # Errors
 /// [`BoardError::Refused`].
@@ -233,7 +237,8 @@ pub fn check_lead(
     }
 }
 
-/// The error for a board that has lost a slave during the motion. Reports do not show which one: the link may know it.
+/// The error for a board that has lost a slave during the motion. Reports do not show which slave is lost; some links
+/// know it.
 pub fn lost(board: &Board, found: StateByte) -> BoardError {
     let slave = board.link_stats().state_failure.and_then(|failure| failure.slave());
     board.explain(EcmError::SlaveLost { slave, found })
@@ -249,7 +254,8 @@ mod tests {
         Duration::from_millis(time)
     }
 
-    /// docs/SAFETY.md: after a stall of this process axes begin from rest. On a virtual clock there is no stall.
+    /// docs/SAFETY.md: after a stall of this process the axes start again from rest. On a virtual clock there is no
+    /// stall.
     #[test]
     fn a_process_that_stalls_finds_its_axes_standing() {
         let began = Instant::now();
@@ -261,7 +267,7 @@ mod tests {
         assert!(!gaps.axes_stand(began + ms(5000)));
     }
 
-    /// Underruns that become known over several frames add up to a gap, and single ones do not.
+    /// Underruns that become known over several frames add up to a gap; single underruns do not.
     #[test]
     fn underruns_in_a_row_are_a_gap() {
         let now = Instant::now();

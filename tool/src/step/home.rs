@@ -1,4 +1,4 @@
-//! `home`: finds the home of axes, one after the other.
+//! `home`: homes axes, one after the other.
 
 use std::time::Duration;
 
@@ -55,15 +55,15 @@ impl Args {
     /// Checks the axes and the home offset before anything is sent.
     ///
     /// # Errors
-    /// A slave does not exist or has no axis, or the offset is not possible for an axis: it is no whole number of counts
-    /// although no unit is known, it does not fit the range of positions, or it is beyond the axis' limits in the machine file.
+    /// A slave does not exist or has no axis, or the offset is not possible for an axis. It may not be outside the
+    /// range of positions or beyond the axis' limits in the machine file. Without a unit it must be a whole number.
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
         SlaveList::axes(&self.axes, network, WHAT, units)?
             .iter()
             .try_for_each(|(slave, word)| self.offset_counts(*slave, word, units).map(|_| ()))
     }
 
-    /// The home offset of an axis in counts, if an option gives it.
+    /// The home offset of an axis in counts; `None` without the option.
     fn offset_counts(&self, slave: u8, word: &AxisWord, units: Units<'_>) -> Result<Option<i32>, BoardError> {
         let Some(value) = self.offset else { return Ok(None) };
         let scale = units.scale(word, slave);
@@ -114,7 +114,7 @@ impl Args {
                 let phase = phase(now.phase);
                 let counts = now.position;
                 let at = position_text.of(counts).0;
-                // An error of standard output is reported with the result.
+                // An error of standard output is ignored here; it is reported when the result is printed.
                 let _ = reporter.progress(format_args!("homing axis {label}: {phase}, at {at}, {seconds:.1} s"), || {
                     json!({"verb": WHAT, "axis": slave, "progress": phase, "position_counts": counts, "seconds": seconds})
                 });

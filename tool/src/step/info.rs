@@ -1,4 +1,4 @@
-//! `info`: shows what is known of the board, the link and the network.
+//! `info`: shows what is known about the board, the link and the network.
 
 use std::fmt::Write;
 
@@ -25,14 +25,14 @@ pub struct Args {
 }
 
 impl Args {
-    /// Whether the step only reads reports, which is so without `--scan`. It then sends no command, and also works while
-    /// another program sends commands.
+    /// Whether the step only reads reports, which is the case without `--scan`. It then sends no command, so it also
+    /// works while another program sends commands.
     pub const fn only_looks(&self) -> bool {
         !self.scan
     }
 }
 
-/// Device type (0x1000), and vendor, product and revision (0x1018).
+/// The objects that identify a slave: device type (0x1000), and vendor, product and revision (0x1018).
 const IDENTITY: [(&str, ObjectAddress); 4] = [
     ("device_type", ObjectAddress::new(0x1000, 0)),
     ("vendor_id", ObjectAddress::new(0x1018, 1)),
@@ -41,7 +41,8 @@ const IDENTITY: [(&str, ObjectAddress); 4] = [
 ];
 
 impl Args {
-    /// Prints what the reports show of the board, the link and the network, with `--scan` also the identity of the slaves.
+    /// Prints what the reports show about the board, the link and the network; with `--scan` also the identity of the
+    /// slaves.
     ///
     /// # Errors
     /// [`BoardError`] if the board does not answer, a signal stops the scan, or standard output cannot be written to.
@@ -111,7 +112,7 @@ fn facts(board: &Board, snapshot: &Snapshot) -> Result<(String, Value), BoardErr
         }
     }
     if fifo.is_none() {
-        // Before OP slaves report nothing, but their kinds may be known.
+        // Outside OP slaves report no values, but their kinds may be known.
         for (number, slave) in (1_u8..).zip(board.config.iter().flat_map(|config| &config.slaves)) {
             slaves.push(json!({"slave": number, "kind": slaves::word(slave.kind())}));
         }
@@ -166,7 +167,7 @@ fn slave_values(board: &Board, number: u8, slave: &SlaveView) -> (String, Value)
     }
 }
 
-/// Reads the identities of the slaves, one after the other, up to the first slave that does not answer.
+/// Reads the identities of the slaves in order, up to the first slave that does not answer.
 fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
     let mut found = Vec::new();
     for slave in 1..=board.ecm.slot_size()?.max_slaves() as u8 {

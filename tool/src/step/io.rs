@@ -1,4 +1,5 @@
-//! `io`: reads inputs and sets outputs of IO slaves and of the board itself, by number, or by the names of the machine file.
+//! `io`: reads inputs and sets outputs of IO slaves and of the board itself, by number or by the names of the machine
+//! file.
 
 use std::collections::BTreeMap;
 
@@ -30,12 +31,12 @@ pub struct Args {
     others_off: bool,
 }
 
-/// What is read or set.
+/// The inputs or outputs that are read or set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Word {
     Slave(u8),
     Local,
-    /// An input or output of the machine file; `on`: what an output is set to.
+    /// An input or output by its name in the machine file. `on`: the new value of an output; `None` for an input.
     Line {
         name: String,
         on: Option<bool>,
@@ -58,7 +59,7 @@ impl Word {
     }
 }
 
-/// Splits `NAME=on` or `NAME=off`; a name alone has no value.
+/// Splits `NAME=on` or `NAME=off`; the value is `None` for a name alone.
 ///
 /// # Errors
 /// The value is neither on nor off; the error says what is allowed.
@@ -126,7 +127,7 @@ impl Args {
     /// Checks the names before the board is opened.
     ///
     /// # Errors
-    /// There is no machine file, it has no such input or output, or names stand beside a slave.
+    /// There is no machine file, it has no such input or output, or names are mixed with slaves.
     pub fn check_names(&self, machine: Option<&MachineFile>) -> Result<(), BoardError> {
         if self.words.len() == 1 && !matches!(self.words[0], Word::Line { .. }) {
             return Ok(());
@@ -150,7 +151,7 @@ impl Args {
     /// Checks the slaves, the names and the outputs before anything is sent.
     ///
     /// # Errors
-    /// A slave is not an IO slave, the board does not have these outputs, or those of [`Self::check_names`].
+    /// A slave is not an IO slave, the board does not have these outputs, or the errors of [`Self::check_names`].
     pub fn check(&self, network: &Config, machine: Option<&MachineFile>) -> Result<(), BoardError> {
         self.check_names(machine)?;
         self.words.iter().try_for_each(|word| match word {
@@ -161,11 +162,11 @@ impl Args {
         })
     }
 
-    /// Reads the inputs or sets the outputs, and prints them.
+    /// Reads the inputs or sets the outputs, and prints their values.
     ///
     /// # Errors
-    /// [`BoardError`] if the slave does not exist or is no IO slave, the bits do not fit, the network is not in OP for a
-    /// slave, or the board does not answer.
+    /// [`BoardError`] if the slave does not exist or is no IO slave, if the bits do not fit, if the network is not in
+    /// OP (for a slave), or if the board does not answer.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         match self.words[..] {
             [Word::Slave(slave)] => {
@@ -191,7 +192,7 @@ impl Args {
         }
     }
 
-    /// Sets the outputs with names, and reads the inputs with names; prints a line for each.
+    /// Sets the outputs and reads the inputs that are given by name; prints a line for each.
     fn run_named(&self, board: &Board) -> Result<(), BoardError> {
         let machine = board.machine.as_ref();
         self.check_names(machine)?;
@@ -226,10 +227,12 @@ impl Args {
         Ok(())
     }
 
-    /// The outputs of a slave once those of `lines` are set. The others keep what this process has set.
+    /// The values of all outputs of a slave with those of `lines` set. The other outputs keep the values that this
+    /// process has set.
     ///
     /// # Errors
-    /// This process has not set the outputs, and the slave has others with names: a board does not tell which outputs are on.
+    /// This process has not set the other outputs of the slave, and some of them have names. Their values are unknown,
+    /// since a board does not report its outputs.
     fn outputs(&self, board: &Board, slave: u8, lines: &[(&IoLine, bool)]) -> Result<u16, BoardError> {
         let with_names = board.machine.iter().flat_map(|machine| &machine.outputs).filter(|line| line.slave == slave);
         let others: Vec<&IoLine> =

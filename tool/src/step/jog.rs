@@ -1,10 +1,13 @@
-//! `ecmsk jog`: moves axes by hand, as long as a key of the terminal is held.
+//! Jogging: axes run as long as a person holds a key of a terminal (`ecmsk jog`), or a button of the page of
+//! `ecmsk serve web --control`.
 //!
-//! Files: `dead_man.rs` says which key counts as held, `line.rs` how late keys come, `axis.rs` is the motion of an axis,
-//! `terminal.rs` reads the keys, `keys.rs` knows their bytes, and `screen.rs` shows the axes.
+//! Files: `keyboard.rs` reads which key of the terminal is held, with `dead_man.rs`, which decides which key counts as
+//! held, `line.rs`, which measures how late keys arrive, `terminal.rs`, which reads the keys, and `keys.rs`, which decodes
+//! their bytes. `axis.rs` is the motion of an axis, and `screen.rs` shows the axes.
 
 mod axis;
 mod dead_man;
+mod keyboard;
 #[cfg(unix)]
 mod keys;
 mod line;
@@ -13,12 +16,10 @@ mod terminal;
 
 use std::collections::VecDeque;
 use std::io::{self, IsTerminal};
-use std::thread;
 use std::time::{Duration, Instant};
 
 use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Snapshot, SoftLimits};
-use ratatui::crossterm::event::KeyCode;
 
 use super::OnBoard;
 use super::frames::{Frames, check_lead, depth, held_limit_s, lost};
@@ -27,30 +28,56 @@ use super::motion::{AskedSpeeds, Jerk, Speeds};
 use crate::board::{
     AxisWord, Board, BoardError, BoardUse, Interrupt, Needs, StepSource, duration, find_axis, in_mode, positive,
 };
-use crate::signals;
 use axis::{Doing, JogAxis, tap, within_guard};
-use dead_man::{DeadMan, MotionKey, Times};
-use line::ASK_INTERVAL;
-use terminal::{HAS_ANSWERS, Terminal, Token};
+use dead_man::Times;
+use keyboard::{KEYS, Keyboard};
 
 const WHAT: &str = "jog";
-/// \[OURS] How long the repeat of a key may be missing, see [`Times`].
+/// \[OURS] How long the first repeat of a held key may take, and (next constant) each further repeat; see [`Times`].
 const FIRST_REPEAT: &str = "400ms";
 const REPEAT: &str = "150ms";
-/// The range of those times.
+/// The allowed range of these two times.
 const REPEAT_RANGE: std::ops::RangeInclusive<Duration> = Duration::from_millis(30)..=Duration::from_secs(2);
-/// \[OURS] A machine file's highest speed is for programs: by hand an axis has a tenth of it.
+/// \[OURS] The highest speed in a machine file is for programs. By hand, an axis moves with a tenth of it by default.
 const PART_OF_MAX: f64 = 0.1;
-/// \[OURS] How often it is checked whether the terminal was closed.
-const CLOSED_CHECK_INTERVAL: Duration = Duration::from_millis(20);
-/// \[OURS] How long the first answer of a terminal may take.
-const ANSWER_LIMIT: Duration = Duration::from_secs(1);
-/// The keys of the axes, in the order in which the axes are named: back and forth, and their names. One axis has them all.
-const KEYS: [(KeyCode, KeyCode, &str); 3] = [
-    (KeyCode::Left, KeyCode::Right, "left and right"),
-    (KeyCode::Down, KeyCode::Up, "down and up"),
-    (KeyCode::Char('-'), KeyCode::Char('+'), "- and +"),
-];
+
+/// A hold-to-run control: what a person holds so that an axis moves.
+pub trait HoldToRun {
+    /// What is held at present. Called in each cycle, so it returns at once.
+    ///
+    /// # Errors
+    /// The control can no longer be read; all axes are braked.
+    fn held(&mut self) -> Result<Held, BoardError>;
+
+    /// This process has stalled until now, and the axes have stopped. What was held before does not count.
+    fn stalled(&mut self);
+
+    /// Why nothing counts as held at present, for the person; `None` if all is well.
+    fn trouble(&self) -> Option<String>;
+
+    /// The longest text that can be shown, in characters.
+    fn width(&self) -> usize;
+}
+
+/// What is held of a [`HoldToRun`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Held {
+    /// Nothing; all axes stand.
+    Nothing,
+    /// This axis runs; all others stand.
+    Runs(JogMotion),
+    /// All axes are braked, and jogging ends.
+    End,
+}
+
+/// The motion of one axis that is held.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct JogMotion {
+    /// The index of the axis in the order in which the axes are named.
+    pub axis: usize,
+    /// Whether the axis moves in the positive direction of its unit.
+    pub is_positive: bool,
+}
 
 /// Move axes by hand: hold a key and the axis runs, release it and the axis stops
 ///
@@ -105,10 +132,11 @@ fn repeat_time(text: &str) -> Result<Duration, String> {
     duration(text).ok().filter(|time| REPEAT_RANGE.contains(time)).ok_or_else(|| "allowed: 30ms to 2s".into())
 }
 
-/// Opens the board, moves axes by hand until a key or a signal ends it, and closes the board.
+/// Opens the board, moves axes by hand until a key or a signal ends this, and closes the board.
 ///
 /// # Errors
-/// [`BoardError`] if there is no terminal, the board cannot be opened, an axis is not enabled or fails, or a signal ends it.
+/// [`BoardError`] if there is no terminal, the board cannot be opened, an axis is not enabled or fails, or a signal
+/// arrives.
 pub fn run(args: OnBoard<Args>) -> Result<(), BoardError> {
     let OnBoard { step, board } = args;
     if !io::stdin().is_terminal() || !io::stderr().is_terminal() {
@@ -121,23 +149,80 @@ pub fn run(args: OnBoard<Args>) -> Result<(), BoardError> {
     board.close(done)
 }
 
-/// An axis with what is known of it for its line on the screen.
+/// An axis that is jogged, with the data for its part of the screen line.
 struct Jogged {
     slave: u8,
     motion: JogAxis,
-    /// Whether its counts grow with the positions in the unit in which it was named.
+    /// Whether positive positions, in the unit of the command line, mean positive counts.
     counts_up: bool,
-    /// Where it stood when the verb began, in counts.
+    /// The position of the axis when jogging began, in counts.
     start: i32,
-    /// The limits of the machine file.
+    /// The soft limits of the machine file.
     limits: SoftLimits,
     held: Watched,
-    /// The newest targets, of which the oldest is the one that the board executes.
+    /// The latest targets, at most as many as frames are buffered. The board is executing the oldest one.
     sent: VecDeque<i32>,
 }
 
 impl Args {
     fn run(&self, board: &Board) -> Result<(), BoardError> {
+        let jogged = self.prepare(board, false)?;
+        // A motion that the profile generator cannot plan is left out here; it is refused when its key is pressed.
+        let taps = jogged.axes.iter().filter_map(|axis| {
+            let way = tap(axis.motion.speeds(), self.first_repeat.as_secs_f64(), jogged.cycle).ok()?;
+            let way = board.distance_in_units(axis.slave, way.unsigned_abs());
+            Some(format!("axis {} by about {way}", board.label(axis.slave)))
+        });
+        let taps = taps.collect::<Vec<_>>().join(", ");
+        let shorter = "--velocity and --first-repeat make that shorter";
+        board.reporter.note(format_args!("one tap of a key moves {taps}; {shorter}"));
+        self.say_keys(board, &jogged.axes);
+        let times = Times { first: self.first_repeat, repeat: self.repeat };
+        let mut keyboard = Keyboard::open(board, jogged.axes.len(), times, self.any_line)?;
+        let done = jogged.follow(board, &mut keyboard);
+        board.reporter.clear();
+        done
+    }
+
+    /// Jogs one axis, by the number of its slave, as long as `hand` holds it. Its speed is that part of the default
+    /// speed, 0 to 1. `is_checked`: the axis was jogged before, and nothing else was done on the board since, so its mode
+    /// and the cycle time are not asked for again.
+    ///
+    /// # Errors
+    /// [`BoardError`] if the axis is not enabled, cannot be jogged or fails, or if `hand` does.
+    #[cfg_attr(not(feature = "web"), allow(dead_code, reason = "only the page uses it"))]
+    pub fn jog_one(
+        board: &Board,
+        slave: u8,
+        part: f64,
+        is_checked: bool,
+        hand: &mut impl HoldToRun,
+    ) -> Result<(), BoardError> {
+        // As the page shows it: in the unit of the machine file, whose positive direction may mean falling counts.
+        let units = board.units();
+        let word = match units.axis(slave).filter(|_| units.option.is_none()) {
+            Some(axis) => AxisWord::Name(axis.name.clone()),
+            None => AxisWord::Number(slave),
+        };
+        let mut args = Self {
+            axes: vec![word.clone()],
+            velocity: None,
+            acceleration: None,
+            jerk: None,
+            first_repeat: Duration::ZERO,
+            repeat: Duration::ZERO,
+            any_line: false,
+        };
+        let whole = args.speeds(board, &word, slave)?.velocity;
+        args.velocity = Some(part * whole / board.units().scale(&word, slave).counts_per_unit.abs());
+        args.prepare(board, is_checked)?.follow(board, hand)
+    }
+
+    /// Checks the axes, and waits until all buffered commands were executed.
+    ///
+    /// # Errors
+    /// [`BoardError`] if an axis cannot be jogged, is not enabled, or has an alarm.
+    fn prepare(&self, board: &Board, is_checked: bool) -> Result<Prepared, BoardError> {
         let units = board.units();
         let mut slaves = Vec::new();
         let mut asked = Vec::new();
@@ -159,23 +244,14 @@ impl Args {
             return Err(refused(why, "leave clock=virtual out of its link"));
         }
         board.ready(WHAT, Needs::On(&slaves))?;
-        board.check_adopted(WHAT, &slaves)?;
+        if !is_checked {
+            board.check_adopted(WHAT, &slaves)?;
+        }
         let config = board.known_network(WHAT)?;
         let depth = depth(config);
-        // Commands that are still in the FIFO may move the axes, so their execution is awaited.
+        // Commands that are still in the FIFO may move the axes, so jogging begins only after they were executed.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
         let snapshot = board.ecm.snapshot()?;
-        let cycle = f64::from(config.cycle_us) * 1e-6;
-        // A motion that is not possible is refused when its key is pressed.
-        let taps = slaves.iter().zip(&asked).filter_map(|(slave, (speeds, _))| {
-            let way = tap(*speeds, self.first_repeat.as_secs_f64(), cycle).ok()?;
-            Some(format!(
-                "axis {} by about {}",
-                board.label(*slave),
-                board.distance_in_units(*slave, way.unsigned_abs())
-            ))
-        });
-        let taps = taps.collect::<Vec<_>>().join(", ");
         let axes = slaves.iter().zip(asked).map(|(slave, (speeds, counts_up))| {
             let limits = units.axis(*slave).map_or(SoftLimits::NONE, |axis| axis.limits);
             let start = board.standing_position(&snapshot, *slave);
@@ -183,34 +259,7 @@ impl Args {
             let (held, sent) = (Watched::new(*slave), VecDeque::new());
             Jogged { slave: *slave, motion, counts_up, start, limits, held, sent }
         });
-        let axes: Vec<Jogged> = axes.collect();
-        let shorter = "--velocity and --first-repeat make that shorter";
-        board.reporter.note(format_args!("one tap of a key moves {taps}; {shorter}"));
-        self.say_keys(board, &axes);
-        let terminal = Terminal::open().map_err(BoardError::system("read the keys of the terminal"))?;
-        let is_measured = HAS_ANSWERS && !self.any_line;
-        if is_measured {
-            require_answer(board, &terminal)?;
-        }
-        let frames = Frames::begin(board, snapshot.clone(), depth, cycle)?;
-        let times = Times { first: self.first_repeat, repeat: self.repeat };
-        let mut jog = Jog {
-            board,
-            axes,
-            keys: DeadMan::new(times, is_measured),
-            began: Instant::now(),
-            snapshot,
-            cycle,
-            depth,
-            held_limit_s: held_limit_s(depth, cycle),
-        };
-        let done = jog.go(frames, &terminal);
-        board.reporter.clear();
-        drop(terminal);
-        for axis in &jog.axes {
-            board.note_target(axis.slave, axis.motion.target());
-        }
-        done
+        Ok(Prepared { axes: axes.collect(), snapshot, depth, cycle: f64::from(config.cycle_us) * 1e-6 })
     }
 
     fn speeds(&self, board: &Board, word: &AxisWord, slave: u8) -> Result<Speeds, BoardError> {
@@ -229,9 +278,7 @@ impl Args {
         let keys: Vec<String> = match axes {
             [axis] => vec![format!("left or -, and right or +, move {}", label(axis.slave))],
             axes => {
-                let of = |(axis, (_, _, keys)): (&Jogged, (KeyCode, KeyCode, &str))| {
-                    format!("{keys} move {}", label(axis.slave))
-                };
+                let of = |(axis, (_, _, keys)): (&Jogged, (_, _, &str))| format!("{keys} move {}", label(axis.slave));
                 axes.iter().zip(KEYS).map(of).collect()
             }
         };
@@ -239,11 +286,37 @@ impl Args {
     }
 }
 
-/// Axes under a hand.
-struct Jog<'a> {
+/// Axes that are ready to be jogged: enabled, and at rest.
+struct Prepared {
+    axes: Vec<Jogged>,
+    /// The last report before the motion.
+    snapshot: Snapshot,
+    /// The number of buffered frames.
+    depth: u16,
+    /// The cycle time in seconds.
+    cycle: f64,
+}
+
+impl Prepared {
+    /// Moves the axes as `hand` holds them, until it or a signal ends that; then brakes them.
+    fn follow(self, board: &Board, hand: &mut impl HoldToRun) -> Result<(), BoardError> {
+        let Self { axes, snapshot, depth, cycle } = self;
+        let frames = Frames::begin(board, snapshot.clone(), depth, cycle)?;
+        let held_limit_s = held_limit_s(depth, cycle);
+        let mut jog = Jog { board, axes, hand, began: Instant::now(), snapshot, cycle, depth, held_limit_s };
+        let done = jog.go(frames);
+        for axis in &jog.axes {
+            board.note_target(axis.slave, axis.motion.target());
+        }
+        done
+    }
+}
+
+/// Axes that are being jogged.
+struct Jog<'a, H> {
     board: &'a Board,
     axes: Vec<Jogged>,
-    keys: DeadMan,
+    hand: &'a mut H,
     began: Instant,
     snapshot: Snapshot,
     /// The cycle time in seconds.
@@ -252,10 +325,10 @@ struct Jog<'a> {
     held_limit_s: f64,
 }
 
-impl Jog<'_> {
-    /// Moves the axes until a key or a signal ends it, then brakes them.
-    fn go(&mut self, mut frames: Frames<'_>, terminal: &Terminal) -> Result<(), BoardError> {
-        let ended = self.follow(&mut frames, terminal);
+impl<H: HoldToRun> Jog<'_, H> {
+    /// Moves the axes until the hand or a signal ends jogging, then brakes them.
+    fn go(&mut self, mut frames: Frames<'_>) -> Result<(), BoardError> {
+        let ended = self.run(&mut frames);
         let braked = self.brake(&mut frames);
         // `finish` brakes axes that are still moving, also after an error.
         let finished = frames.finish();
@@ -265,37 +338,26 @@ impl Jog<'_> {
         finished.map(drop)
     }
 
-    /// One cycle after the other: what stops an axis comes before what moves it, and drawing comes last and waits for nobody.
-    fn follow(&mut self, frames: &mut Frames<'_>, terminal: &Terminal) -> Result<(), BoardError> {
+    /// Runs one cycle after the other. In each cycle, the reasons to stop axes are checked before the hand may move
+    /// them. Showing comes last and never blocks.
+    fn run(&mut self, frames: &mut Frames<'_>) -> Result<(), BoardError> {
         let lost_before = self.snapshot.state().is_failed();
         let mut pace = self.board.reporter.pace();
-        let (mut next_closed_check, mut next_question) = (Instant::now(), Instant::now());
         let mut targets = Vec::new();
         loop {
-            let now = Instant::now();
-            // This comes first: a brake begins at the speed of the keys, and would start axes that stand.
+            // This check comes first: otherwise braking would begin at the commanded speed and start axes that have
+            // stopped.
             if frames.axes_stand() {
-                self.stalled(now);
+                self.stalled();
             }
             if self.board.interrupt.signal().is_some() {
                 return Ok(());
             }
-            if now >= next_closed_check {
-                next_closed_check = now + CLOSED_CHECK_INTERVAL;
-                if signals::has_hung_up(&io::stdin()) {
-                    return Err(closed());
-                }
+            match self.hand.held()? {
+                Held::End => return Ok(()),
+                Held::Nothing => self.obey(None)?,
+                Held::Runs(motion) => self.obey(Some(motion))?,
             }
-            if now >= next_question {
-                next_question = now + ASK_INTERVAL;
-                if self.keys.ask(self.at(now)) {
-                    terminal.ask();
-                }
-            }
-            if self.take_keys(terminal)? {
-                return Ok(());
-            }
-            self.obey()?;
             self.snapshot = frames.stream.snapshot().map_err(|error| self.board.explain(error))?;
             if self.snapshot.state().is_failed() && !lost_before {
                 return Err(lost(self.board, self.snapshot.state()));
@@ -306,66 +368,24 @@ impl Jog<'_> {
             if let Some(error) = frames.send(targets.iter().copied())? {
                 return Err(error);
             }
-            let elapsed = self.began.elapsed();
-            if pace.due(elapsed) {
+            if pace.due(self.began.elapsed()) {
                 self.show()?;
             }
         }
     }
 
-    fn at(&self, at: Instant) -> Duration {
-        at.saturating_duration_since(self.began)
-    }
-
-    /// This process was late for long: the board has executed what it had, and the axes stand at their last targets. They
-    /// begin from rest, and not by keys that were typed before.
-    fn stalled(&mut self, now: Instant) {
-        self.keys.stalled(self.at(now));
+    /// Handles a long delay of this process. The board has executed all buffered frames, and the axes have stopped at
+    /// their last targets. They start again from rest.
+    fn stalled(&mut self) {
+        self.hand.stalled();
         self.axes.iter_mut().for_each(|axis| axis.motion.stand());
     }
 
-    /// Takes the keys that have arrived; returns whether one of them ends the verb.
-    fn take_keys(&mut self, terminal: &Terminal) -> Result<bool, BoardError> {
-        while let Some((at, token)) = terminal.next().map_err(|_| closed())? {
-            let at = self.at(at);
-            let (code, is_release) = match token {
-                Token::Key { code, is_release } => (code, is_release),
-                Token::Interrupt => (KeyCode::Null, false),
-                Token::Answer => {
-                    self.keys.answer();
-                    continue;
-                }
-            };
-            match self.motion_key(code) {
-                Some(motion) if !is_release => self.keys.press(at, motion),
-                // The release of a key that does not move an axis is no key.
-                None if is_release => {}
-                None if matches!(code, KeyCode::Char('q' | 'Q') | KeyCode::Esc) => return Ok(true),
-                _ => self.keys.stop(at),
-            }
-        }
-        Ok(false)
-    }
-
-    /// The motion of a key; `None` if it moves no axis.
-    fn motion_key(&self, code: KeyCode) -> Option<MotionKey> {
-        // Without Shift, the key of + is = on many keyboards.
-        let code = if code == KeyCode::Char('=') { KeyCode::Char('+') } else { code };
-        let found = KEYS.iter().enumerate().find_map(|(axis, (back, forth, _))| {
-            (code == *back || code == *forth).then_some(MotionKey { axis, is_positive: code == *forth })
-        })?;
-        match self.axes.len() {
-            1 => Some(MotionKey { axis: 0, ..found }),
-            count => (found.axis < count).then_some(found),
-        }
-    }
-
-    /// The axis of the held key runs, the others brake.
-    fn obey(&mut self) -> Result<(), BoardError> {
-        let held = self.keys.held(self.at(Instant::now()));
+    /// Moves the axis that is held, and brakes all other axes.
+    fn obey(&mut self, held: Option<JogMotion>) -> Result<(), BoardError> {
         for (index, axis) in self.axes.iter_mut().enumerate() {
-            let key = held.filter(|key| key.axis == index);
-            let done = match key.map(|key| key.is_positive == axis.counts_up) {
+            let motion = held.filter(|motion| motion.axis == index);
+            let done = match motion.map(|motion| motion.is_positive == axis.counts_up) {
                 Some(to_greater_counts) if axis.motion.is_free_for(to_greater_counts) => {
                     axis.motion.run(to_greater_counts)
                 }
@@ -376,7 +396,7 @@ impl Jog<'_> {
         Ok(())
     }
 
-    /// Ends the motion if the drive of an axis holds it back.
+    /// Ends jogging if an internal limit of a drive keeps its axis away from the target for too long.
     fn refuse_held_axis(&mut self) -> Result<(), BoardError> {
         let seconds = self.began.elapsed().as_secs_f64();
         for axis in &mut self.axes {
@@ -391,7 +411,7 @@ impl Jog<'_> {
         Ok(())
     }
 
-    /// Adds the next target of each axis.
+    /// Adds the next target of each axis to `targets`.
     fn advance(&mut self, targets: &mut Vec<(u8, i32)>) {
         for axis in &mut self.axes {
             axis.motion.advance(self.cycle);
@@ -414,29 +434,6 @@ impl Jog<'_> {
             self.axes.iter().all(|axis| axis.motion.doing() == Doing::Stands)
         })
     }
-}
-
-/// Waits for an answer of the terminal, so that no key counts over a line of which nothing is known.
-///
-/// # Errors
-/// The terminal does not answer, or was closed; a signal has arrived.
-fn require_answer(board: &Board, terminal: &Terminal) -> Result<(), BoardError> {
-    let began = Instant::now();
-    terminal.ask();
-    while began.elapsed() < ANSWER_LIMIT {
-        board.check_stop()?;
-        match terminal.next().map_err(|_| closed())? {
-            Some((_, Token::Answer)) => return Ok(()),
-            Some(_) => {}
-            None => thread::sleep(Duration::from_millis(1)),
-        }
-    }
-    let why = "the terminal does not answer (to ESC [5n), so that nobody knows how late its keys come".to_owned();
-    Err(refused(why, "run it in another terminal, or add --any-line if no network is between it and you"))
-}
-
-fn closed() -> BoardError {
-    BoardError::Stopped { signal: signals::HANG_UP as u8, next: "the terminal was closed".into() }
 }
 
 fn refused(why: String, next: &str) -> BoardError {

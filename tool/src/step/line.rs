@@ -1,5 +1,5 @@
-//! Parses a line of a script or of the shell: the syntax of the command line without `ecmsk` and without the options
-//! of the board. `#` starts a comment.
+//! Parses a line of a script or of the shell. The syntax is that of the command line, without `ecmsk` and without the
+//! options of the board. `#` starts a comment.
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, Parser};
@@ -26,7 +26,7 @@ impl Line {
     /// Parses a line.
     ///
     /// # Errors
-    /// The line is invalid; the error says what may be written.
+    /// The line is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let text = text.split_once('#').map_or(text, |(text, _)| text);
         let words: Vec<&str> = text.split_whitespace().collect();
@@ -44,7 +44,7 @@ impl Line {
         Words::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
     }
 
-    /// The verbs, options and fixed values that may follow the first words of a line, for completion with Tab.
+    /// The verbs, options and fixed values that may follow the words of an incomplete line, for Tab completion.
     pub fn after(words: &[&str]) -> Vec<String> {
         let (at, _) = command(words);
         let verbs = at.get_subcommands().map(|verb| verb.get_name().to_owned());
@@ -56,7 +56,7 @@ impl Line {
     /// The text that `help WORDS` prints.
     ///
     /// # Errors
-    /// The words are no verb.
+    /// The words do not form a verb.
     pub fn help(words: &[&str]) -> Result<String, String> {
         let (mut at, rest) = command(words);
         if words.is_empty() {
@@ -69,7 +69,8 @@ impl Line {
     }
 }
 
-/// Follows the words from verb to verb. Returns the last verb that exists, as clap's command, and the remaining words.
+/// Finds the command for the words of a line. Returns clap's command of the last verb that exists, and the words after
+/// it.
 fn command<'a>(mut words: &'a [&'a str]) -> (clap::Command, &'a [&'a str]) {
     let mut at = Words::command();
     at.build();
@@ -81,8 +82,8 @@ fn command<'a>(mut words: &'a [&'a str]) -> (clap::Command, &'a [&'a str]) {
     (at, words)
 }
 
-/// The error of clap for a line, as one line of text. The syntax of the line's verb follows, or the verbs that may follow
-/// that verb.
+/// The text of a clap error for a line, as a single line. It ends with the syntax of the verb, or with the verbs that
+/// may follow it.
 fn why(error: &clap::Error, words: &[&str]) -> String {
     if let (.., [word, ..]) = command(words)
         && word == &words[0]
@@ -96,7 +97,7 @@ fn why(error: &clap::Error, words: &[&str]) -> String {
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::DisplayHelp => "a word is missing",
         _ => first.trim_start_matches("error: "),
     };
-    // If verbs may follow the verb, the error lists them instead of the syntax.
+    // If the verb has verbs below it, the error lists these verbs instead of the syntax.
     let (at, _) = command(words);
     let verbs: Vec<_> = at.get_subcommands().map(clap::Command::get_name).collect();
     if !verbs.is_empty() {

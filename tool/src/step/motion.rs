@@ -1,4 +1,4 @@
-//! `move`: moves axes to positions, all together, with limited speed, acceleration and jerk.
+//! `move`: moves axes to positions, all of them at the same time, with limited speed, acceleration and jerk.
 
 mod duration;
 pub mod internal_limit;
@@ -22,7 +22,8 @@ use target::outside;
 pub use target::{AxisTarget, Jerk, Target, check_limits, counts};
 
 const WHAT: &str = "move";
-/// \[OURS] How long axes may take to settle after the last target, and (next constant) how far from it they may be, in counts.
+/// \[OURS] How long axes may take to settle after the last target, and (next constant) the distance from the target
+/// that counts as settled, in counts.
 const SETTLE_LIMIT: Duration = Duration::from_millis(500);
 const SETTLE_WINDOW_COUNTS: u32 = 2;
 
@@ -64,7 +65,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Checks the counts per unit: if `--counts-per-unit` names single axes, it has to name each axis of the move.
+    /// Checks `--counts-per-unit`: if it gives values for single axes, it must give one for each axis of the move.
     ///
     /// # Errors
     /// An axis has no value.
@@ -87,11 +88,11 @@ impl Args {
         }
     }
 
-    /// Like [`Args::check_units`], for the counts per unit of this move's own command line: they must not name an axis that the
-    /// move does not have.
+    /// Like [`Args::check_units`], for a `--counts-per-unit` on the command line of this move: it must not give a value
+    /// for an axis that is not part of the move.
     ///
     /// # Errors
-    /// An axis has no unit, or there is a unit for another axis.
+    /// An axis of the move has no value, or there is a value for another axis.
     pub fn check_only_units(&self, units: Units<'_>) -> Result<(), BoardError> {
         self.check_units(units)?;
         let slaves: Vec<u8> = self.resolved(units)?.iter().map(|target| target.slave).collect();
@@ -106,7 +107,7 @@ impl Args {
         }
     }
 
-    /// The targets, each with the slave and the scale that its axis and its unit have.
+    /// The targets, each with its slave number and the scale of its unit.
     fn resolved(&self, units: Units<'_>) -> Result<Vec<AxisTarget>, BoardError> {
         self.targets.iter().map(|target| target.resolve(WHAT, units)).collect()
     }
@@ -114,8 +115,8 @@ impl Args {
     /// Checks the move before anything is sent.
     ///
     /// # Errors
-    /// A slave has no axis in CSP, or is named twice. A target does not fit into 32 bits or is beyond the limits of the
-    /// axis. At this velocity the targets in the FIFO are so far ahead of the axis that its `--lead-limit` ends the move.
+    /// A slave has no axis in CSP, or is named twice. A target does not fit into 32 bits, or is beyond the soft limits
+    /// of the axis. The velocity is so high that `--lead-limit` would end the move, see [`check_lead`].
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
         let targets = self.resolved(units)?;
         for (index, target) in targets.iter().enumerate() {
@@ -134,8 +135,8 @@ impl Args {
         Ok(())
     }
 
-    /// The velocity, acceleration and jerk limits of an axis, in counts and seconds: those of the options, else of the
-    /// machine file, else defaults.
+    /// The velocity, acceleration and jerk limits of an axis, in counts and seconds. They come from the options, else
+    /// from the machine file, else from defaults.
     ///
     /// # Errors
     /// An option is above the limit of the axis in the machine file.
@@ -155,7 +156,7 @@ impl Args {
         board.check_adopted(WHAT, &slaves)?;
         let config = board.known_network(WHAT)?;
         let depth = depth(config);
-        // Commands that are still in the FIFO may move the axes, so their execution is awaited before the path is planned.
+        // Commands that are still in the FIFO may move the axes, so the path is planned only after they were executed.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
         let lost_before = board.ecm.snapshot()?.state().is_failed();
         let cycle = f64::from(config.cycle_us) * 1e-6;
@@ -196,8 +197,9 @@ impl Args {
         Ok(())
     }
 
-    /// Moves the axes along their path. After a long gap (the FIFO was empty) they start again from rest. Returns the
-    /// duration in seconds, the number of underruns, and the path of the last part, which ends at the targets.
+    /// Moves the axes along their path. After a gap that has stopped the axes (the FIFO was empty) they start again
+    /// from rest. Returns the duration in seconds, the number of underruns, and the path since the last start, which
+    /// ends at the targets.
     fn carry_out(
         &self,
         board: &Board,
@@ -234,21 +236,23 @@ impl Args {
         }
     }
 
-    /// The path, and the report that it begins at. A long path is returned only if the user agrees to it.
+    /// Returns the path and the report from which it was planned. For a long path the user is asked first, and no path
+    /// is returned without consent.
     fn agreed_path(&self, board: &Board) -> Result<(Snapshot, Path), BoardError> {
         let snapshot = board.ecm.snapshot()?;
         let path = self.path(board, &snapshot)?;
         if duration::announce(board, &path, self.yes)? == Asked::No {
             return Ok((snapshot, path));
         }
-        // While the user took time to answer, an axis may have been turned by hand or got an alarm.
+        // While the user was answering, an axis may have been turned by hand or an alarm may have occurred. So the axes
+        // are checked and the path is planned again.
         board.ready(WHAT, Needs::On(&self.slaves(board)?))?;
         let snapshot = board.ecm.snapshot()?;
         let path = self.path(board, &snapshot)?;
         Ok((snapshot, path))
     }
 
-    /// Prints a note of each target that the nearest count puts to another place.
+    /// Prints a note for each target that changes when it is rounded to whole counts.
     fn note_rounded(&self, board: &Board) -> Result<(), BoardError> {
         for target in self.resolved(board.units())? {
             let Some(place) = target.scale.rounds_to(target.value) else { continue };
@@ -261,7 +265,7 @@ impl Args {
         Ok(())
     }
 
-    /// The numbers of the slaves that the targets name.
+    /// The slave numbers of the axes of this move.
     fn slaves(&self, board: &Board) -> Result<Vec<u8>, BoardError> {
         Ok(self.resolved(board.units())?.iter().map(|target| target.slave).collect())
     }
@@ -291,7 +295,7 @@ impl Args {
     }
 }
 
-/// Prints the positions of the axes after a failed move.
+/// Prints a note with the position of each axis, after a failed move.
 fn note_positions(board: &Board, path: &Path) -> Result<(), BoardError> {
     let after = board.ecm.snapshot()?;
     for axis in &path.axes {

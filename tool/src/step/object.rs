@@ -1,4 +1,4 @@
-//! Parses objects, given by number or name, their types and their values.
+//! Parses the objects of `sdo`, given by index or by name, their types and their values.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use ecmsk::coe::ObjectAddress;
 
 use crate::board::whole;
 
-/// A data type of at most 32 bits.
+/// The data type of an object, of at most 32 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Type {
     U8,
@@ -42,8 +42,8 @@ impl Type {
         }
     }
 
-    /// Whether the value fits the type: it is in the range of the type, or it was written in hexadecimal (0x) and has at
-    /// most the bits of the type. So 0xFFFF fits `i16` and is -1.
+    /// Whether the value fits the type. A decimal value must be in the range of the type. A hexadecimal value (0x) may
+    /// instead be its bits: 0xFFFF fits `i16` and is -1.
     pub fn takes(self, value: Value) -> bool {
         let (low, high) = match self {
             U8 | U16 | U32 => (0, (1_i64 << self.bits()) - 1),
@@ -63,11 +63,11 @@ impl Type {
     }
 }
 
-/// A value that the user has given to write.
+/// A value for an object, as the user has written it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Value {
     pub number: i64,
-    /// Whether the value was written with 0x, so that it may be the bits of a signed number.
+    /// Whether the value was written with 0x. Then it may also be the bits of a negative number.
     is_bits: bool,
 }
 
@@ -151,8 +151,9 @@ impl Object {
             return Ok(Self { address: ObjectAddress::new(index, sub), known: Some((name, of)) });
         }
         let (index, sub) = text.split_once(':').unwrap_or((text, "0"));
-        // An index without 0x is ambiguous: indexes are hexadecimal everywhere, and read as decimal 6041 would be
-        // 0x1799. A number with too many digits for an index, such as 24641, is decimal.
+        // Object indexes are hexadecimal everywhere, so an index without 0x is ambiguous and refused: 6041, read as
+        // decimal, would be object 0x1799. A number too large for a hexadecimal index, such as 24641, is read as
+        // decimal.
         let is_bare = index.contains(|digit: char| digit.is_ascii_digit()) && !index.starts_with('+');
         if is_bare && u16::from_str_radix(index, 16).is_ok_and(|index| index > 0) {
             let sub = text.strip_prefix(index).unwrap_or_default();
@@ -187,7 +188,7 @@ impl fmt::Display for Object {
 mod tests {
     use super::*;
 
-    /// An object is named by number, decimal or with 0x, or by name; for a wrong name the error lists similar ones.
+    /// An object is given by index, decimal or with 0x, or by name. For a wrong name the error lists similar ones.
     #[test]
     fn an_object_is_named_by_number_or_by_name() {
         let statusword = Object::parse("statusword").unwrap();
@@ -201,7 +202,7 @@ mod tests {
         assert!(Object::parse("statuswrod").unwrap_err().contains("did you mean `statusword`?"));
     }
 
-    /// A value is checked against its type; a value with 0x means the bits of a signed number.
+    /// A value is checked against its type. A value with 0x may be the bits of a negative number.
     #[test]
     fn a_value_is_checked_against_its_type() {
         let takes = |of: Type, text| of.takes(Value::parse(text).unwrap());

@@ -33,21 +33,20 @@ pub struct Profile {
     scale: Scale,
 }
 
-/// The units of length and time for the calculation. `rsruckig` is exact to about 1e-8 and fails with numbers far from 1, so
-/// lengths and times are scaled to be near 1.
+/// The units of length and time for the calculation. `rsruckig` has a relative precision of about 1e-8 and fails with
+/// numbers far from 1. So lengths and times are scaled to values near 1.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     length: f64,
     seconds: f64,
 }
 
-/// \[OURS] The highest limits in scaled units. Higher ones would hardly make the motion faster, and `rsruckig` does not keep
-/// them precisely.
+/// \[OURS] The highest limits in scaled units. Higher limits would hardly make the motion faster, and `rsruckig` does
+/// not keep them precisely.
 const SCALED_MAX: Limits = Limits { velocity: 1e1, acceleration: 1e3, jerk: Some(1e6) };
 /// \[OURS] A speed below this fraction of the velocity limit counts as a standstill, so no braking is calculated.
 const STANDSTILL: f64 = 1e-9;
-/// How many times the acceleration limit is doubled at most, until braking takes no longer than it may. After that it is an
-/// error.
+/// If braking takes too long, the acceleration limit is doubled, at most this many times. After that, braking fails.
 const DOUBLINGS_MAX: usize = 64;
 
 impl Profile {
@@ -57,7 +56,8 @@ impl Profile {
     /// `rsruckig` finds no motion within the limits, or its duration is not finite.
     pub fn rest_to_rest(length: f64, limits: Limits) -> Result<Self, String> {
         let Limits { velocity, acceleration, jerk } = limits;
-        // The durations of the motion if only one of the limits applied. The longest one is near the real duration.
+        // The duration of the motion for each limit, if only that limit applied. The longest one is near the real
+        // duration.
         let alone =
             [length / velocity, (length / acceleration).sqrt(), jerk.map_or(0.0, |jerk| (length / jerk).cbrt())];
         let scale = Scale { length, seconds: alone.into_iter().fold(0.0, f64::max) };
@@ -66,11 +66,11 @@ impl Profile {
         Self::calculate(input, limits, 0.0, scale)
     }
 
-    /// The motion that brakes from a point of another profile to rest. Where it ends follows from the limits. If it takes
-    /// longer than `within`, the limits of acceleration and jerk are raised until it does not.
+    /// The motion that brakes from a point of another profile to rest. The limits determine where it ends. If it would
+    /// take longer than `within`, the limits of acceleration and jerk are raised until it does not.
     ///
     /// # Errors
-    /// `rsruckig` finds no motion, or no acceleration is high enough to brake within `within`.
+    /// `rsruckig` finds no motion, or the motion takes too long even with the highest acceleration that is tried.
     pub fn to_rest(from: PathPoint, mut limits: Limits, within: Duration) -> Result<Self, String> {
         for _ in 0..DOUBLINGS_MAX {
             let profile = Self::brake(from, limits)?;
@@ -85,7 +85,8 @@ impl Profile {
 
     fn brake(from: PathPoint, limits: Limits) -> Result<Self, String> {
         let Limits { acceleration, jerk, .. } = limits;
-        // While the axis still accelerates its speed rises further, until the jerk has brought the acceleration to 0.
+        // While the axis is still accelerating, its speed rises further until the jerk has reduced the acceleration to
+        // 0.
         let now = jerk.map_or(0.0, |_| from.acceleration);
         let speed = from.velocity.abs().max(jerk.map_or(0.0, |jerk| now * now / jerk));
         if speed <= limits.velocity * STANDSTILL {
@@ -142,8 +143,8 @@ mod tests {
 
     use super::*;
 
-    /// Samples a profile and checks that velocity, acceleration and jerk between samples are within the limits, apart from
-    /// rounding.
+    /// Samples a profile, and checks that velocity, acceleration and jerk between samples are within the limits, apart
+    /// from rounding errors.
     fn check(profile: &Profile, limits: Limits, from: PathPoint) -> Result<PathPoint, TestCaseError> {
         if profile.seconds() == 0.0 {
             prop_assert!(from.velocity.abs() <= limits.velocity * STANDSTILL);
@@ -176,8 +177,8 @@ mod tests {
     }
 
     fn limits() -> impl Strategy<Value = Limits> {
-        // Speeds over seven decades; the acceleration reaches the speed in 1 ms to 100 s, the jerk the acceleration in 1 ms to
-        // 10 s.
+        // The speeds cover seven decades. The acceleration reaches the speed in 1 ms to 100 s, and the jerk reaches the
+        // acceleration in 1 ms to 10 s.
         (0.0..7.0, -3.0..2.0, proptest::option::of(-3.0..1.0)).prop_map(|(v, t, s): (f64, f64, Option<f64>)| {
             let velocity = 10_f64.powf(v);
             let acceleration = velocity / 10_f64.powf(t);
@@ -186,7 +187,7 @@ mod tests {
     }
 
     proptest! {
-        /// A move keeps its limits and arrives, for distances from one count to the whole range of 32 bits.
+        /// A move keeps its limits and ends at its target, for distances from one count to the whole range of 32 bits.
         #[test]
         fn a_move_keeps_its_limits_and_arrives(length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits()) {
             let profile = Profile::rest_to_rest(length, limits).unwrap();
@@ -195,7 +196,8 @@ mod tests {
             prop_assert!(end.velocity.abs() <= limits.velocity * 1e-6);
         }
 
-        /// Braking from any point of a move keeps the limits if there is time enough, and ends within a short time limit.
+        /// Braking from any point of a move keeps the limits if there is enough time, and otherwise still ends within
+        /// the time limit.
         #[test]
         fn braking_from_any_point_keeps_the_limits_within_any_time(
             length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits(), part in 0.0..1.0,

@@ -53,12 +53,12 @@ impl Which {
     /// The number of the slave.
     ///
     /// # Errors
-    /// The machine file has no axis of that name.
+    /// The machine file has no axis with that name.
     pub(super) fn slave(&self, what: &str, machine: Option<&MachineFile>) -> Result<u8, BoardError> {
         self.slave.slave(what, machine)
     }
 
-    /// The type of the object, from the option or as it is known.
+    /// The type of the object: from the option, else from the list of known objects.
     pub(super) fn of(&self) -> Option<Type> {
         self.of.or(self.object.known.map(|(_, of)| of))
     }
@@ -68,7 +68,8 @@ impl Args {
     /// Checks the slave and the value to write before anything is sent.
     ///
     /// # Errors
-    /// The machine file has no axis of that name. The value has no type or does not fit it.
+    /// The machine file has no axis with that name, or the value to write does not fit the type of the object, or that
+    /// type is not known.
     pub fn check(&self, machine: Option<&MachineFile>) -> Result<(), BoardError> {
         let (Verb::Read(which) | Verb::Write { which, .. }) = &self.verb;
         which.slave("sdo", machine)?;
@@ -90,8 +91,8 @@ impl Args {
     /// Reads or writes the object, and prints its value.
     ///
     /// # Errors
-    /// [`BoardError`] if the value has no type or does not fit it, the slave answers with an abort code, the board does not
-    /// answer, or a signal stops the SDO.
+    /// [`BoardError`] if the type of a value to write is not known or the value does not fit it, if the slave answers
+    /// with an abort code, if the board does not answer, or if a signal stops the SDO.
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         self.check(board.machine.as_ref())?;
         match &self.verb {
@@ -108,7 +109,7 @@ const fn article(of: Type) -> &'static str {
     }
 }
 
-/// Reads the bits of an object. `what` is the verb in messages.
+/// Reads an object and returns its bits. `what` is the verb in messages.
 ///
 /// # Errors
 /// The slave answers with an abort code, the board does not answer, or the value does not fit the type of the object.
@@ -161,8 +162,8 @@ fn write(board: &Board, which: &Which, value: Value) -> Result<(), BoardError> {
     Ok(board.reporter.result(format_args!("slave {slave}: {object} = {}", of.number(number as u32)), &json)?)
 }
 
-/// The error of an SDO that was not answered. SDOs are also sent to slaves that the options do not list. So only after a
-/// timeout it is checked whether the network is known to have no such slave.
+/// Improves the error of an SDO that the slave did not answer. An SDO may go to a slave that the options do not list.
+/// So the slave is looked up in the known network only after a timeout.
 fn answered(board: &Board, what: &str, slave: u8, error: BoardError) -> BoardError {
     let silent = matches!(&error, BoardError::Ecm(EcmError::SdoAborted { code, .. }) if *code == AbortCode::TIMEOUT);
     match &board.config {

@@ -1,4 +1,4 @@
-//! `servo`: switches axes on and off, clears alarms.
+//! `servo`: switches axes on and off, and clears alarms.
 
 use clap::ValueEnum;
 use ecmsk::cia402::DriveState;
@@ -69,7 +69,8 @@ impl Args {
         for slave in axes {
             let word = board.statusword(&snapshot, slave);
             let state = word.state();
-            // In CiA 402 "Switched on" means that the motor is free, so the text says only whether the motor holds torque.
+            // In CiA 402 the state "Switched on" means that the motor is free. So the text says only whether the motor
+            // has torque, which is the case in Operation enabled.
             let is_on = state == Some(DriveState::OperationEnabled);
             let motor = if is_on { "on" } else { "off" };
             let state = state.map(|state| state.name());

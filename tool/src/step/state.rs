@@ -1,4 +1,4 @@
-//! `state`: shows or changes the network's state.
+//! `state`: shows or changes the state of the network.
 
 use ecmsk::sk::MasterState;
 use serde_json::json;
@@ -35,7 +35,7 @@ pub fn parse(text: &str) -> Result<MasterState, String> {
 }
 
 impl Args {
-    /// Changes the state of the network if one was given, and prints the present state.
+    /// Changes the network to the given state, if there is one, and prints the present state.
     ///
     /// # Errors
     /// [`BoardError`] if the network does not reach the state, the board does not answer, or a signal stops the change.
@@ -57,7 +57,8 @@ impl Args {
     }
 }
 
-/// Prints a note on which axes leaving OP will switch off: a vertical axis without a brake drops.
+/// If the change leaves OP, prints a note on the axes that it switches off, because a vertical axis without a brake
+/// drops.
 fn leave_op(board: &Board, to: MasterState) -> Result<(), BoardError> {
     let snapshot = board.ecm.snapshot()?;
     if to == MasterState::Op || snapshot.state().state() != Some(MasterState::Op) {

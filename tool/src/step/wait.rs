@@ -1,4 +1,4 @@
-//! `wait`: waits until a time has passed on the board's clock, which is virtual on some simulated boards.
+//! `wait`: waits until a time has passed on the board's clock, which is a virtual clock on some simulated boards.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Waits for the time of the option, and shows how much of it has passed.
+    /// Waits for the given time, and shows its progress.
     ///
     /// # Errors
     /// [`BoardError`] if the board sends no report in time, a signal stops the wait, or standard output cannot be written

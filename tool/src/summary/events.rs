@@ -1,4 +1,4 @@
-//! The events of a run within a range of times: alarms, failed changes of state, gaps and lost frames.
+//! The events of a run within a range of times: alarms, failed state changes, gaps and lost frames.
 
 use ecmsk::link::Dir;
 use ecmsk::summary::{Alarm, FrameCounts, FrameEvent, FrameWatch, Summary};
@@ -6,35 +6,35 @@ use ecmsk::summary::{Alarm, FrameCounts, FrameEvent, FrameWatch, Summary};
 use crate::filter::Times;
 use crate::recording::Framed;
 
-/// \[OURS] The most moments that are kept: a page shows fewer.
+/// \[OURS] The largest number of moments that are kept; a page shows fewer.
 const MOMENTS_MAX: usize = 1000;
 
-/// A moment in which something went wrong.
+/// A moment at which something went wrong: an alarm or a gap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Moment {
     /// Time of the recording in nanoseconds.
     pub at_ns: i64,
-    /// The alarm that begins; `None`: a gap in a motion ends.
+    /// The alarm that begins at this time; `None` if a gap in a motion ends.
     pub alarm: Option<Alarm>,
 }
 
-/// Finds the events in the frames of a run, sorted by time. All frames count for what the board and its slaves do, and those
-/// within the times for the summary.
+/// Finds the events of a run in its frames, which must be sorted by time. All frames are used to follow the state of
+/// the board and its slaves, but only events within the times are in the summary.
 pub struct Events {
     times: Times,
     watch: Option<FrameWatch>,
     summary: Summary,
-    /// The counts of the frames before the times, and of all frames up to their end.
+    /// The counts of all frames before the times, and of all frames up to the end of the times.
     counts: [FrameCounts; 2],
     /// The first alarms and gaps.
     moments: Vec<Moment>,
-    /// Whether there are frames within the times, and after them.
+    /// Whether there are frames within the times. The next field: whether there are frames after them.
     is_any: bool,
     goes_on: bool,
 }
 
 impl Events {
-    /// Starts without frames. Only events of these times count.
+    /// Starts without frames. Only events within `times` will be in the summary.
     pub fn new(times: Times) -> Self {
         Self {
             times,
@@ -47,7 +47,7 @@ impl Events {
         }
     }
 
-    /// Adds the next frame.
+    /// Processes the next frame.
     pub fn frame(&mut self, framed: &Framed) {
         let (at_ns, frame, times) = (framed.time_ns, &framed.recorded.frame, self.times);
         let watch = self.watch.get_or_insert_with(|| FrameWatch::new(framed.size));
@@ -79,7 +79,7 @@ impl Events {
         }
     }
 
-    /// The first alarms and gaps, in the order of their times.
+    /// The first alarms and gaps, sorted by time.
     pub fn moments(&self) -> &[Moment] {
         &self.moments
     }
@@ -89,7 +89,7 @@ impl Events {
         self.is_any
     }
 
-    /// The summary of the times. `has_end`: whether the recording has all frames up to the end of the run.
+    /// The summary of the events within the times. `has_end`: the recording has all frames up to the end of the run.
     pub fn summary(&self, has_end: bool) -> Summary {
         let [before, counts] = self.counts;
         let mut summary = self.summary.clone();
@@ -99,7 +99,8 @@ impl Events {
             full: counts.full - before.full,
             crc: counts.crc - before.crc,
             gaps: counts.gaps - before.gaps,
-            // A program that goes on after the times has not given up, and what it did behind a cut is not known.
+            // An unreached state counts only if the program has given up. This is unknown if it went on after the
+            // times, or if the end of the recording is missing.
             unreached: counts.unreached.filter(|_| !self.goes_on && has_end),
         });
         summary

@@ -1,4 +1,5 @@
-//! The extremes of each axis in a run: following error, step of the target, velocity and torque, with their times.
+//! The extreme values of each axis in a run, with their times: following error, step of the target, velocity and
+//! torque.
 
 use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 use ecmsk::sk::dump::MAX_SLAVES;
@@ -27,9 +28,10 @@ impl Peak {
 }
 
 impl Quantity {
-    /// A value with its unit; in the unit of the machine file, too, if the axis has one.
+    /// A value with its unit: in counts, and also in the unit of the machine file if the axis has one.
     pub fn shown(self, value: u64, axis: Option<&MachineAxis>) -> String {
-        // A magnitude is positive also on an axis with a negative scale, so the sign of the scale is taken out.
+        // `value` is a magnitude. On an axis with a negative scale it would become negative, so the sign of the scale
+        // is removed.
         let in_unit = |axis: &MachineAxis| in_unit(axis, value as f64 * axis.scale.counts_per_unit.signum());
         match (self, axis.filter(|axis| axis.unit != Unit::Counts)) {
             (Self::FollowingError | Self::TargetStep, Some(axis)) => format!("{} ({value} counts)", in_unit(axis)),
@@ -58,13 +60,13 @@ impl AxisExtremes {
         self.peaks[quantity as usize]
     }
 
-    /// Adds a value, which counts if it is the largest so far.
+    /// Adds a value, which is kept if its magnitude is the largest so far.
     pub fn take(&mut self, quantity: Quantity, value: i64, at_ns: i64) {
         self.peaks[quantity as usize].take(value, at_ns);
     }
 }
 
-/// Finds the extremes of all axes in the frames of a run, sorted by time.
+/// Finds the extreme values of all axes in the frames of a run, which must be sorted by time.
 pub struct Extremes {
     axes: Axes,
     found: [AxisExtremes; MAX_SLAVES],
@@ -72,17 +74,17 @@ pub struct Extremes {
 }
 
 impl Extremes {
-    /// Starts without frames. Only values of these times count.
+    /// Starts without frames. Only values within `times` count.
     pub fn new(times: Times) -> Self {
         Self { axes: Axes::new(), found: [AxisExtremes::default(); MAX_SLAVES], times }
     }
 
-    /// The extremes of each slave that was moved, with its number from 1.
+    /// The extreme values of each slave that was moved, with its number from 1.
     pub fn axes(&self) -> impl Iterator<Item = (usize, &AxisExtremes)> {
         (1..).zip(&self.found).filter(|(slave, _)| self.axes.is_moved(*slave))
     }
 
-    /// Adds the next frame.
+    /// Processes the next frame.
     pub fn frame(&mut self, framed: &Framed) {
         let Self { axes, found, times } = self;
         axes.frame(framed, &mut |Value { slave, quantity, value, at_ns }| {
@@ -95,12 +97,12 @@ impl Extremes {
     }
 }
 
-/// A time of a recording: `1.758 s`.
+/// A time of a recording as text: `1.758 s`.
 pub fn seconds(at_ns: i64) -> String {
     format!("{:.3} s", at_ns as f64 / 1e9)
 }
 
-/// The line of an axis in the summary: the largest value of each quantity and its time, or that the axis stood still.
+/// The line of an axis in the summary: the largest value of each quantity and its time, or that the axis did not move.
 pub fn line(slave: usize, extremes: &AxisExtremes, machine: Option<&MachineFile>) -> String {
     let (axis, label) = named(slave, machine);
     let parts: Vec<String> = Quantity::ALL
@@ -124,7 +126,7 @@ pub fn named(slave: usize, machine: Option<&MachineFile>) -> (Option<&MachineAxi
     (machine.and_then(|machine| machine.axis_of(number)), label(machine, number))
 }
 
-/// An axis as JSON; values are in counts.
+/// The extreme values of an axis as JSON, in counts.
 pub fn axis_json(slave: usize, extremes: &AxisExtremes, machine: Option<&MachineFile>) -> serde_json::Value {
     let mut axis = json!({ "slave": slave });
     if let (Some(named), _) = named(slave, machine) {

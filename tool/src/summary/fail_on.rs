@@ -1,4 +1,4 @@
-//! The option `--fail-on`: for which reasons a recorded run counts as failed.
+//! The option `--fail-on`: the reasons for which a recorded run counts as failed.
 
 use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 use ecmsk::summary::Summary;
@@ -7,41 +7,42 @@ use super::extremes::{AxisExtremes, named, seconds};
 use crate::machine_option::number_and_unit;
 use crate::motion::Quantity;
 
-/// A reason for which a run counts as failed, as it is written on the command line.
+/// One reason of `--fail-on`, with its text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FailOn {
-    /// The reason as it is written.
+    /// The text of the reason on the command line.
     pub text: String,
-    /// What it means.
+    /// The parsed reason.
     pub reason: Reason,
 }
 
-/// What makes a run fail.
+/// A condition that makes a run fail.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reason {
     /// Anything that the summary reports, or an incomplete recording.
     Any,
     /// A drive had an alarm.
     Alarm,
-    /// A drive held its axis back.
+    /// An internal limit of a drive kept its axis away from its target.
     HeldBack,
-    /// A change of the network's state failed.
+    /// A state change of the network failed.
     State,
     /// An underrun made a gap in a motion.
     Gap,
-    /// A value of any axis above this limit, which is in the unit of the [`Quantity`].
+    /// The magnitude of a value of any axis was above this limit, in the unit of the [`Quantity`].
     Above(Quantity, u64),
-    /// A value of some axis with this unit in the machine file above this limit, in the unit.
+    /// The magnitude of a value was above this limit, for any axis that has this unit in the machine file. The limit is
+    /// in this unit.
     AboveUnits(Quantity, f64, Unit),
 }
 
 impl FailOn {
-    /// Anything that went wrong, as `--exit-code` has it.
+    /// The reason `any`, for the option `--exit-code`: anything that went wrong.
     pub fn any() -> Self {
         Self { text: "any".to_owned(), reason: Reason::Any }
     }
 
-    /// Reads one reason, e.g. `alarm` or `following-error>500`.
+    /// Parses one reason, e.g. `alarm` or `following-error>500`.
     ///
     /// # Errors
     /// The text is invalid; the error says what is allowed.
@@ -49,14 +50,14 @@ impl FailOn {
         Ok(Self { text: text.trim().to_owned(), reason: Reason::parse(text)? })
     }
 
-    /// Whether it is `any`, for which a recording of which nothing can be read is a reason, too.
+    /// Whether the reason is `any`. Only for `any`, a run also fails if its recording cannot be read at all.
     pub fn is_any(&self) -> bool {
         matches!(self.reason, Reason::Any)
     }
 }
 
 impl Reason {
-    /// Reads a reason, as [`FailOn::parse`].
+    /// Parses a reason, as [`FailOn::parse`].
     ///
     /// # Errors
     /// The text is invalid; the error says what is allowed.
@@ -89,7 +90,7 @@ impl Reason {
         Ok(Self::Above(quantity, whole(limit)))
     }
 
-    /// The lines that say why the run has failed; none if it has not.
+    /// The texts that say why the run has failed; empty if it has not failed for this reason.
     pub fn failures(
         self,
         summary: &Summary,
@@ -117,15 +118,15 @@ impl Reason {
                 let failed: Vec<String> =
                     axes.iter().filter_map(|axis| above(axis, quantity, machine, counts)).collect();
                 let has_unit = machine.is_some_and(|machine| machine.axes.iter().any(|axis| axis.unit == unit));
-                // A limit that holds for no axis would pass whatever happened.
+                // If no axis has the unit of the limit, the run fails: otherwise a wrong unit would pass every run.
                 if has_unit { failed } else { vec![format!("no axis of a machine file is in {unit}; see --machine")] }
             }
         }
     }
 }
 
-/// The text of the failure for an axis whose peak value is above `limit`; `None` if it is not. An axis has no limit if the
-/// limit is in another unit than the axis has in the machine file.
+/// The text of the failure if the peak value of an axis is above its limit; else `None`. `limit` returns `None` for an
+/// axis whose unit in the machine file is not the unit of the limit.
 fn above(
     (slave, extremes): &(usize, &AxisExtremes),
     quantity: Quantity,
@@ -139,14 +140,14 @@ fn above(
     Some(format!("axis {label}: {name} {value} at {}, above {limit}", seconds(peak.at_ns)))
 }
 
-/// The largest whole number that is not above a limit. A product such as 0.57 * 10000 is a little less than the number that is
-/// meant. \[OURS]
+/// The largest whole number that is not above the limit, with a tolerance for rounding: a product such as 0.57 * 10000
+/// is a little less than the exact number. \[OURS]
 fn whole(limit: f64) -> u64 {
     let near = limit.round();
     if (limit - near).abs() <= 1e-9 * near.max(1.0) { near as u64 } else { limit.floor() as u64 }
 }
 
-/// A limit with a unit: `0.5mm`, `100 mm/s`.
+/// Parses a limit with a unit: `0.5mm`, `100 mm/s`.
 fn in_units(text: &str) -> Option<(f64, Unit)> {
     let text = text.trim();
     let text = text.strip_suffix("/s").unwrap_or(text);
@@ -157,7 +158,7 @@ fn in_units(text: &str) -> Option<(f64, Unit)> {
 mod tests {
     use super::*;
 
-    /// A limit in a unit is the number of counts that it means.
+    /// A limit in a unit is converted to the exact number of counts.
     #[test]
     fn limits_are_whole_counts() {
         for thousandths in 1..=3000_u32 {

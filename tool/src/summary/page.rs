@@ -1,4 +1,5 @@
-//! The summary as one page for a browser: what went wrong, the extremes of axes, the alarms, and a picture of each bad moment.
+//! The summary as an HTML page: what went wrong, the extreme values of the axes, the alarms, and a picture of each bad
+//! moment.
 
 use std::io::Read;
 
@@ -17,12 +18,13 @@ use crate::plot::pictures::{Stretch, pictures};
 use crate::plot::survey::Survey;
 use crate::recording::Frames;
 
-/// \[OURS] The most pictures of a page; a browser is slow with more.
+/// \[OURS] The largest number of pictures on a page; more would make a browser slow.
 const PICTURES_MAX: usize = 30;
-/// Pictures that overlap become one up to this length, ns. \[OURS] Single cycles can still be told apart in it.
+/// Pictures that overlap are merged, if the result is not longer than this, ns. \[OURS] Single cycles are still visible
+/// in a picture of this length.
 const STRETCH_MAX_NS: i64 = 1_000_000_000;
 
-/// What the page shows.
+/// The data of the page.
 pub struct Page<'a> {
     pub args: &'a Args,
     pub summary: &'a Summary,
@@ -32,7 +34,7 @@ pub struct Page<'a> {
 }
 
 impl Page<'_> {
-    /// The text of the page. `frames` is the recording once more, and `survey` what its first reading has found.
+    /// The HTML text of the page. `frames` reads the recording again, and `survey` is the result of its first reading.
     ///
     /// # Errors
     /// [`CliError`] if the recording cannot be read, or a picture cannot be drawn.
@@ -76,7 +78,7 @@ impl Page<'_> {
         format!("<h2>Axes</h2>\n<table>\n<tr><th>axis</th>{}</tr>\n{rows}</table>\n", heads.concat())
     }
 
-    /// The list of alarms; empty without one.
+    /// The HTML table of alarms; empty if there is none.
     fn alarms(&self) -> String {
         let row = |Moment { at_ns, alarm }: &Moment| {
             let alarm = alarm.as_ref()?;
@@ -94,7 +96,7 @@ impl Page<'_> {
         )
     }
 
-    /// The stretches around the bad moments, in the order of their times. Those that overlap become one.
+    /// The sections of the recording around the bad moments, sorted by time. Sections that overlap are merged.
     fn stretches(&self) -> Vec<Stretch> {
         let mut moments: Vec<(i64, String, Vec<u8>)> = Vec::new();
         for (slave, extremes) in self.axes {

@@ -2,11 +2,11 @@
 //!
 //! Files:
 //!
-//! - `trends.rs`: reads the recordings one after the other; `trends/sources.rs`: which these are, in which order
-//! - `trends/machines.rs`: the units in which each one is judged
-//! - `trends/part.rs`: what is known of a recording, an hour or a day; `trends/watch.rs`: finds it in frames
-//! - `trends/motions.rs`, `homings.rs`, `reserve.rs`: motions with the same ends, where homings found home, the FIFO
-//! - `trends/report.rs`: as text and as JSON; `trends/page.rs`: as a page for a browser
+//! - `trends.rs`: reads the recordings one after the other; `trends/sources.rs`: finds and sorts the recordings
+//! - `trends/machines.rs`: the units in which each recording is evaluated
+//! - `trends/part.rs`: the results of a recording, an hour or a day; `trends/watch.rs`: collects them from frames
+//! - `trends/motions.rs`: motions with the same start and end; `homings.rs`: positions of home; `reserve.rs`: the FIFO
+//! - `trends/report.rs`: the trends as text and as JSON; `trends/page.rs`: the trends as an HTML page
 
 mod homings;
 mod machines;
@@ -42,12 +42,12 @@ use report::Report;
 use sources::{About, Source, Sources};
 use watch::{Watch, Whole};
 
-/// With more recordings than this they are put together by hours or days, unless --by says otherwise. \[OURS] A table of
-/// more lines is not looked at.
+/// If there are more recordings than this, they are grouped by hours or days, unless `--by` is given. \[OURS] A longer
+/// table is not useful.
 const RECORDINGS_MAX: usize = 60;
-/// Recordings over more days than this are put together by days, and of fewer by hours. \[OURS]
+/// Recordings of at most this many days are grouped by hours, of more days by days. \[OURS]
 const HOURS_OF_DAYS_MAX: u64 = 3;
-/// The most files that are named because they are passed over. \[OURS]
+/// The largest number of skipped files that are named in notes. \[OURS]
 const NAMED_MAX: usize = 20;
 
 /// What a line of the trends is of.
@@ -62,7 +62,7 @@ pub enum By {
 }
 
 impl By {
-    /// How long a part is, ns; `None`: as long as its recording.
+    /// The length of a part of the time, ns; `None` if each part is a recording.
     const fn length_ns(self) -> Option<u64> {
         const HOUR_NS: u64 = 3_600_000_000_000;
         match self {
@@ -72,7 +72,7 @@ impl By {
         }
     }
 
-    /// The name of a part.
+    /// The word for a part of the time.
     pub const fn word(self) -> &'static str {
         match self {
             Self::Recording => "recording",
@@ -81,7 +81,7 @@ impl By {
         }
     }
 
-    /// What suits these recordings.
+    /// The default grouping for these recordings.
     fn usual(recordings: &[Source]) -> Self {
         if recordings.len() <= RECORDINGS_MAX || recordings.iter().any(|source| source.is_virtual) {
             return Self::Recording;
@@ -94,7 +94,7 @@ impl By {
         }
     }
 
-    /// The number of the part for a time in the recording with this number.
+    /// The number of the part to which a frame belongs. `recording` is the number of its recording, `at_ns` its time.
     fn part(self, recording: usize, at_ns: u64) -> u64 {
         self.length_ns().map_or(recording as u64, |length_ns| at_ns / length_ns)
     }
@@ -109,7 +109,7 @@ impl By {
     }
 }
 
-/// Runs `ecmsk summary` on a folder, or on a recording by hours or days.
+/// Runs `ecmsk summary` for a folder, or for a recording by hours or days.
 ///
 /// # Errors
 /// [`CliError`] if the folder or the machine file cannot be read, if there is no recording, if an output file cannot be written,
@@ -174,19 +174,19 @@ fn note_passed_over(sources: &Sources) {
     }
 }
 
-/// The trends while recordings are read.
+/// The trends that are collected while recordings are read.
 struct Trends {
     by: By,
     parts: BTreeMap<u64, Part>,
-    /// Whether nothing went wrong, and all recordings are whole.
+    /// Whether nothing went wrong in any recording, and all recordings are complete.
     is_clean: bool,
-    /// For each reason to fail, why the runs have failed.
+    /// For each reason of `--fail-on`, the texts that say why runs have failed.
     failures: Vec<Vec<String>>,
 }
 
 impl Trends {
-    /// Reads a recording. Returns what it shows, whether it is whole as far as it is written, and the machine file that it
-    /// carries.
+    /// Reads a recording. Returns its results, whether it is complete (up to the last written frame, if it is still
+    /// being written), and the machine file in the recording.
     fn read(
         &mut self,
         number: usize,
@@ -198,7 +198,8 @@ impl Trends {
         let carried = frames.carried();
         let mut watch = Watch::new();
         let mut within: Vec<u64> = Vec::new();
-        // The times of frames count from the opening of the board. Those of parts are times of the recording's clock.
+        // The times of frames are relative to the opening of the board, but the times of parts are those of the
+        // recording's clock.
         let mut zero_ns = None;
         let walked = frames.walk(i64::MAX, |framed| {
             let of_clock = |at_ns: u64| i128::from(at_ns) - i128::from(framed.time_ns);
@@ -245,7 +246,7 @@ impl Trends {
 }
 
 impl Trends {
-    /// A recording of which nothing can be read is incomplete.
+    /// Handles recordings that cannot be read at all. They count as incomplete.
     fn judge_damaged(&mut self, damaged: &[PathBuf], reasons: &[FailOn]) {
         self.is_clean &= damaged.is_empty();
         for (_, failures) in reasons.iter().zip(&mut self.failures).filter(|(reason, _)| reason.is_any()) {
@@ -254,7 +255,7 @@ impl Trends {
     }
 }
 
-/// Whether a recording is whole. That it has no end, or ends within a frame, is as it should be while it is written.
+/// Whether a recording is complete. While it is being written, it may end without an end mark or within a frame.
 fn is_whole(frames: &Frames<Box<dyn std::io::Read>>, walked: &Walked, is_growing: bool) -> bool {
     let is_as_written = |error: &RecordError| is_growing && matches!(error, RecordError::Truncated { .. });
     let lacks = frames.lacks().unwrap_or_default();

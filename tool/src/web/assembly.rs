@@ -1,5 +1,5 @@
-//! Makes one HTML text of the files of `tool/web/`. No bundler is needed: the modules import one another and nothing else.
-//! Without their `import` lines and the words `export` they are one module, in the order of [`MODULES`].
+//! Makes a single HTML text from the files in `tool/web/`. No bundler is needed, because the modules import only each
+//! other. Without their `import` lines and `export` words, and in the order of [`MODULES`], they form a single script.
 
 use data_encoding::BASE64;
 use serde::Serialize;
@@ -7,19 +7,21 @@ use sha2::{Digest, Sha256};
 
 use crate::markup::escaped;
 
-/// The modules of the page, each after those that it imports.
-const MODULES: [&str; 13] = [
+/// The modules of the page; each module comes after the modules that it imports.
+const MODULES: [&str; 15] = [
     include_str!("../../web/src/codec.js"),
     include_str!("../../web/src/words.js"),
     include_str!("../../web/src/channels.js"),
     include_str!("../../web/src/readings.js"),
     include_str!("../../web/src/trigger.js"),
     include_str!("../../web/src/csv.js"),
+    include_str!("../../web/src/mcap.js"),
     include_str!("../../web/src/plane.js"),
     include_str!("../../web/src/panels.js"),
     include_str!("../../web/src/tables.js"),
     include_str!("../../web/src/geometry.js"),
     include_str!("../../web/src/machine.js"),
+    include_str!("../../web/src/control.js"),
     include_str!("../../web/src/live.js"),
     include_str!("../../web/src/main.js"),
 ];
@@ -29,19 +31,19 @@ const PLOT_LIBRARY: [&str; 2] =
 const STYLES: [&str; 2] = [include_str!("../../web/vendor/uPlot.min.css"), include_str!("../../web/page.css")];
 const PAGE: &str = include_str!("../../web/page.html");
 
-/// The page as a text, and the content security policy that allows the scripts of the page and nothing else.
+/// The page, and its content security policy. The policy allows only the scripts of the page.
 pub struct Page {
     /// The HTML text.
     pub html: String,
-    /// The content security policy, for the HTTP header of the same name.
+    /// The value of the HTTP header `Content-Security-Policy`.
     pub policy: String,
 }
 
-/// Makes the page. `data` is what the page shows, `None` for a page that connects to its server. `connect` is the address to
-/// which it may connect.
+/// Makes the page. `data` is what the page shows; `None` for a page that gets its data from a server. `connect` is the
+/// address to which the page may connect.
 ///
 /// # Errors
-/// `data` cannot be JSON.
+/// `data` cannot be converted to JSON.
 pub fn page(title: &str, data: Option<&impl Serialize>, connect: Option<&str>) -> serde_json::Result<Page> {
     let data = data.map(serde_json::to_string).transpose()?.unwrap_or_else(|| "null".to_owned());
     let library = format!("/*\n{}*/\n{}", PLOT_LIBRARY[1], PLOT_LIBRARY[0]);
@@ -58,8 +60,8 @@ pub fn page(title: &str, data: Option<&impl Serialize>, connect: Option<&str>) -
         ("{{title}}", &escaped(title)),
         ("{{style}}", &style),
         ("{{library}}", &library),
-        // The data stand inside a script element. Only a `<` in them could end that element, so it is written as an escape
-        // sequence of JSON.
+        // The data are inside a script element. Only a `<` in the data could end that element, so it is replaced by a
+        // JSON escape sequence.
         ("{{data}}", &data.replace('<', "\\u003c")),
         ("{{script}}", &script),
     ];
@@ -75,7 +77,7 @@ pub fn page(title: &str, data: Option<&impl Serialize>, connect: Option<&str>) -
     Ok(Page { html, policy })
 }
 
-/// The text of a module without its `import` lines and the words `export`, as a part of the page's one script.
+/// The text of a module without its `import` lines and `export` words, as a part of the script of the page.
 fn without_imports(module: &str) -> String {
     let lines = module.lines().filter(|line| !line.starts_with("import "));
     lines.map(|line| line.strip_prefix("export ").unwrap_or(line).to_owned() + "\n").collect()
@@ -91,8 +93,8 @@ mod tests {
 
     use super::*;
 
-    /// uPlot, the library with which the pages draw curves, is included unchanged: its files have the SHA-256 checksums of
-    /// uPlot 1.6.32 in npm.
+    /// The files of uPlot, the library with which the pages draw curves, are unchanged: they have the SHA-256 checksums
+    /// of uPlot 1.6.32 in npm.
     #[test]
     fn the_library_is_as_it_was_published() {
         let sums = [&PLOT_LIBRARY[0], &STYLES[0]].map(|text| HEXLOWER.encode(&Sha256::digest(text.as_bytes())));
@@ -105,12 +107,12 @@ mod tests {
         );
     }
 
-    /// Each module stands after those that it imports.
+    /// Each module comes after the modules that it imports.
     #[test]
     fn modules_are_in_order() {
         let names = [
-            "codec", "words", "channels", "readings", "trigger", "csv", "plane", "panels", "tables", "geometry",
-            "machine", "live", "main",
+            "codec", "words", "channels", "readings", "trigger", "csv", "mcap", "plane", "panels", "tables",
+            "geometry", "machine", "control", "live", "main",
         ];
         for (place, module) in MODULES.iter().enumerate() {
             for line in module.lines().filter(|line| line.starts_with("import ")) {
@@ -120,8 +122,8 @@ mod tests {
         }
     }
 
-    /// Data cannot end the script element that contains it, and markup in a title is shown as text. So no recording can run
-    /// a script in the page.
+    /// Data cannot end the script element that contains them, and markup in a title is shown as text. So a recording
+    /// cannot run a script in the page.
     #[test]
     fn data_and_title_are_no_markup() {
         let page = page("</title><b>\"", Some(&["</script><script>alert(1)"]), None).expect("a page");

@@ -1,4 +1,4 @@
-//! The channels of a page: one curve each, of a slave or of the board.
+//! The channels of a page. Each is a curve of a slave or of the board.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use super::codec::{self, Point};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
-    /// The state byte of the board: the AL state, and whether a slave is lost or has failed to reach the state.
+    /// The state byte of the board: the AL state, and whether a slave is lost or a state change has failed.
     AlState,
     /// The free entries of the FIFO.
     FifoFree,
@@ -24,11 +24,13 @@ pub enum Quantity {
     Position,
     /// The executed target position in counts.
     Target,
+    /// The actual position in counts in the recording of `--beside`.
+    Beside,
     /// The following error in counts: the executed target minus the position.
     FollowingError,
-    /// The velocity in counts per second, from the differences of actual positions.
+    /// The velocity in counts per second, computed from actual positions.
     Velocity,
-    /// The velocity in counts per second, from the differences of executed target positions.
+    /// The velocity in counts per second, computed from executed target positions.
     TargetVelocity,
     /// The target of CSV, in the drive's own unit.
     Csv,
@@ -43,12 +45,13 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// Whether a value of this quantity stays until it changes, as a state does, so that the page draws its curve with
-    /// steps. Other curves connect their points with straight lines.
+    /// Whether a value of this quantity is valid until the next one, as for a state. The page then draws the curve with
+    /// steps. Other curves connect their points by straight lines.
     pub const fn is_held(self) -> bool {
         !matches!(
             self,
             Self::Position
+                | Self::Beside
                 | Self::FollowingError
                 | Self::Velocity
                 | Self::TargetVelocity
@@ -57,7 +60,7 @@ impl Quantity {
         )
     }
 
-    /// The unit of the whole numbers in blocks of points: 0.125 counts per second for velocities, 0.1 % for torques,
+    /// The unit of the integers in blocks of points: 0.125 counts per second for velocities, 0.1 % for torques,
     /// otherwise 1.
     pub const fn step(self) -> f64 {
         match self {
@@ -67,33 +70,36 @@ impl Quantity {
         }
     }
 
-    /// Whether the values are in counts or counts per second. The page shows them in the unit of the axis, if it has one.
+    /// Whether the values are in counts or counts per second. If the axis has a unit, the page shows them in this unit.
     pub const fn is_scaled(self) -> bool {
-        matches!(self, Self::Position | Self::Target | Self::FollowingError | Self::Velocity | Self::TargetVelocity)
+        matches!(
+            self,
+            Self::Position | Self::Target | Self::Beside | Self::FollowingError | Self::Velocity | Self::TargetVelocity
+        )
     }
 }
 
-/// Identifies a channel: the slave (0: the board), the quantity, and the bit of an input or output (0 for other
+/// The key of a channel: the slave (0: the board), the quantity, and the bit of an input or output (0 for other
 /// quantities).
 pub type Key = (u8, Quantity, u8);
 
-/// A channel as it is described to the page.
+/// The description of a channel that is sent to the page.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Channel {
     /// The number of the slave; 0: the board.
     pub slave: u8,
-    /// What the channel shows.
+    /// The quantity that the channel shows.
     pub quantity: Quantity,
-    /// The bit of an input or output; 0 for everything else.
+    /// The bit of an input or output; 0 for other quantities.
     pub bit: u8,
     /// The name of an input or output in the machine file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// The factor by which the page multiplies the whole numbers of the channel's points, to get values in `unit`.
+    /// The page multiplies the integers of the channel's points by this factor, to get values in `unit`.
     pub factor: f64,
-    /// The unit of the values that the page shows.
+    /// The unit in which the page shows the values.
     pub unit: String,
-    /// Whether a value stays until it changes, see [`Quantity::is_held`].
+    /// Whether a value is valid until the next one, see [`Quantity::is_held`].
     pub held: bool,
 }
 
@@ -103,7 +109,7 @@ pub trait Naming {
     fn channel(&self, key: Key) -> Channel;
 }
 
-/// The channels of a page, and their points since the last block of points.
+/// The channels of a page, and the points since the last block.
 #[derive(Debug, Default)]
 pub struct Channels {
     list: Vec<Channel>,
@@ -114,12 +120,12 @@ pub struct Channels {
 }
 
 impl Channels {
-    /// The channels so far, in the order of their numbers.
+    /// The channels so far, sorted by number.
     pub fn list(&self) -> &[Channel] {
         &self.list
     }
 
-    /// The number of a channel in blocks of points. A channel that is new gets the next number.
+    /// The number of a channel in blocks of points. A new channel gets the next free number.
     pub fn place(&mut self, key: Key, naming: &impl Naming) -> usize {
         *self.places.entry(key).or_insert_with(|| {
             self.list.push(naming.channel(key));
@@ -136,7 +142,7 @@ impl Channels {
         self.newest[place] = Some(point);
     }
 
-    /// A block with the newest point of each channel, for a page that knows none; empty if there are none.
+    /// A block with the newest point of each channel, for a new page; empty if there are no points.
     pub fn newest(&self) -> Vec<u8> {
         let mut block = Vec::new();
         for (place, point) in self.newest.iter().enumerate().filter_map(|(place, point)| Some((place, (*point)?))) {
@@ -145,7 +151,7 @@ impl Channels {
         block
     }
 
-    /// The points since the last block, as a block; empty if there are none.
+    /// The points since the last call, as a block; empty if there are none.
     pub fn take_block(&mut self) -> Vec<u8> {
         let mut block = Vec::new();
         for (place, points) in self.points.iter_mut().enumerate().filter(|(_, points)| !points.is_empty()) {

@@ -1,17 +1,21 @@
-//! The binary format of points. A block consists of records. Each record belongs to one channel and is independent of all
-//! others, so that a page can read on after a block that it did not get. `tool/web/src/codec.js` reads them.
+//! The binary format of points. A block consists of records. Each record has points of one channel and is independent
+//! of all others, so a page can read on after a block that was dropped. `tool/web/src/codec.js` decodes the blocks.
 //!
-//! A record: channel, flags (bit 0: its first point is not connected with the channel's point before), number of points, then
-//! for each point its time in nanoseconds and its value, in whole steps of the channel's factor. All are LEB128 numbers. A
-//! value is stored as its difference to the value before. A time is stored as the difference of two intervals: that to the time
-//! before, and the one before that. Time, interval and value before the first point of a record are 0. The differences are
-//! signed by zigzag: at a steady cycle a point at rest takes two bytes.
+//! A record begins with the channel, flags (bit 0: the first point is not connected with the previous point of the
+//! channel) and the number of points. For each point follow its time in nanoseconds and its value, in steps of the
+//! channel's factor. All numbers are in LEB128.
+//!
+//! A value is stored as its difference from the previous value. A time is stored as the change of the interval: the
+//! interval to the previous time, minus the interval before that. Before the first point of a record, time, interval
+//! and value are 0. The differences are signed, in zigzag encoding. So with a constant cycle, a point of an axis at
+//! rest takes two bytes.
 
-/// A point: nanoseconds since the first frame, value in steps of the channel's factor.
+/// A point: nanoseconds since the first frame, and the value in steps of the channel's factor.
 pub type Point = (i64, i64);
 
 /// Appends a record with points of a channel to a block. `breaks`: the first point is not connected with the channel's
-/// point before. Points inside a run of equal values are left out: a straight line connects the ends of the run.
+/// previous point. Points inside a run of equal values are left out, since a straight line connects the ends of the
+/// run.
 pub fn append(block: &mut Vec<u8>, channel: usize, breaks: bool, points: &[Point]) {
     let inside = |i: usize| {
         let near = i.checked_sub(1).and_then(|before| points.get(before)).zip(points.get(i + 1));
@@ -46,7 +50,7 @@ fn unsigned(block: &mut Vec<u8>, mut value: u64) {
 mod tests {
     use super::*;
 
-    /// `tool/web/tests/codec.test.js` tests with the same bytes that JavaScript decodes them.
+    /// `tool/web/tests/codec.test.js` uses the same bytes to test the decoder in JavaScript.
     #[test]
     fn a_record_has_the_bytes_that_the_page_reads() {
         let mut block = Vec::new();
@@ -55,7 +59,7 @@ mod tests {
         assert_eq!(block, expected);
     }
 
-    /// Of a run of equal values only the first and the last point are written.
+    /// In a run of equal values, only the first and the last point are written.
     #[test]
     fn a_run_of_equal_values_has_two_points() {
         let points: Vec<Point> = (0..1000).map(|i| (i * 1_000_000, if i < 500 { 3 } else { 4 })).collect();

@@ -1,4 +1,4 @@
-//! Finds the events in the frames of a board: changes of states, alarms and lost commands, which a page lists with their
+//! Finds the events in the frames of a board: state changes, alarms and lost commands. A page lists them with their
 //! times.
 
 use ecmsk::link::Dir;
@@ -6,54 +6,66 @@ use ecmsk::machine_file::MachineFile;
 use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::MAX_SLAVES;
 use ecmsk::sk::{DriveResponse, Frame, MasterResponse, SlaveKind, SlotSize, StateByte};
-use ecmsk::summary::{FrameEvent, FrameWatch};
+use ecmsk::summary::{FrameEvent, FrameWatch, HeldBack};
 use serde::Serialize;
 
-use crate::machine_option::alarm_words;
+use crate::machine_option::{alarm_words, in_unit};
 
-/// The largest number of events that are kept, since nobody reads more of them in a page. The oldest are dropped. \[OURS]
+/// The largest number of events that are kept, since nobody reads more of them on a page. The oldest ones are dropped.
+/// \[OURS]
 const EVENTS_MAX: usize = 5000;
-/// FIFO-full counts that rise within this time are one event, ns. \[OURS]
+/// If the full count rises several times within this time, ns, it is a single event. \[OURS]
 const FULL_APART_NS: i64 = 1_000_000_000;
 
-/// What kind of event it is, by which the page marks it.
+/// The kind of an event, which decides how the page marks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
     /// The AL state of the network changes.
     Network,
-    /// The CiA 402 state of a drive changes, or homing begins.
+    /// The CiA 402 state of a drive changes, homing begins, or a drive holds its axis back.
     Drive,
     /// An alarm of a drive.
     Alarm,
-    /// The FIFO ran empty in a motion.
+    /// The FIFO became empty during a motion.
     Gap,
-    /// Command frames found the FIFO of the board full and were lost.
+    /// Command frames found the board's FIFO full and were lost.
     Fifo,
     /// A slave is lost.
     Lost,
+    /// The condition of `--find` became true.
+    Found,
+    /// The first difference from the recording of `--beside`.
+    Difference,
 }
 
-/// An event, as the page lists it.
+/// An event, as the page shows it in its list.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Event {
     /// Nanoseconds since the first frame.
     pub at_ns: i64,
-    /// The slave; 0: the board.
+    /// The number of the slave; 0 for the board.
     pub slave: u8,
-    /// What kind of event it is.
+    /// The kind of the event.
     pub kind: EventKind,
-    /// The event in words.
+    /// The text for the event.
     pub text: String,
     /// The error code of an alarm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub code: Option<u16>,
 }
 
-/// A time span in which an axis or the board has a state that the page shades behind the curves.
+impl Event {
+    /// The condition of `--find`, which is `expression`, became true.
+    pub fn found(at_ns: i64, expression: &str) -> Self {
+        Self { at_ns, slave: 0, kind: EventKind::Found, text: expression.to_owned(), code: None }
+    }
+}
+
+/// A time span of a state of an axis or of the board, which the page shades behind the curves.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Span {
-    /// The slave; 0: the board.
+    /// The number of the slave; 0 for the board.
     pub slave: u8,
     /// `not_enabled`, `homing`, `fault`, `gap`, `lost` or `failed`.
     pub state: &'static str,
@@ -61,11 +73,11 @@ pub struct Span {
     pub from: f64,
     /// The end in seconds since the first frame.
     pub to: f64,
-    /// The state in words.
+    /// The text for the state.
     pub text: String,
 }
 
-/// Finds events in the frames of a run, which have to be sorted by time.
+/// Finds events in the frames of a run, which must be sorted by time.
 pub struct Events {
     size: SlotSize,
     watch: FrameWatch,
@@ -79,7 +91,7 @@ pub struct Events {
 }
 
 impl Events {
-    /// Starts without frames. `kinds` are the kinds of the slaves, if they are known.
+    /// Starts without frames. `kinds`: the kinds of the slaves, if they are known.
     pub fn new(size: SlotSize, kinds: Kinds) -> Self {
         Self {
             size,
@@ -94,7 +106,7 @@ impl Events {
         }
     }
 
-    /// Adds the next frame.
+    /// Processes the next frame.
     pub fn frame(&mut self, at_ns: i64, direction: Dir, frame: &Frame, machine: Option<&MachineFile>) {
         match direction {
             Dir::Write => {
@@ -105,12 +117,12 @@ impl Events {
         }
     }
 
-    /// Replaces the kinds of the slaves, after a server has reported other slaves.
+    /// Replaces the kinds of the slaves, after the server has reported other slaves.
     pub fn set_kinds(&mut self, kinds: Kinds) {
         self.kinds = kinds;
     }
 
-    /// The kinds of the slaves so far.
+    /// The kinds of the slaves, as far as they are known.
     pub const fn kinds(&self) -> &Kinds {
         &self.kinds
     }
@@ -120,18 +132,23 @@ impl Events {
         &self.found
     }
 
-    /// The number of events, the oldest ones, that were dropped because there were more than [`EVENTS_MAX`].
+    /// The number of events that were dropped, because there were more than [`EVENTS_MAX`]. They are the oldest ones.
     pub const fn left_out(&self) -> u64 {
         self.left_out
     }
 
-    /// Adds events that were not found in the frames, such as the beginnings of shaded time spans, and sorts all by time.
+    /// Adds events that were not found in the frames, such as the beginnings of shaded time spans, and sorts all events
+    /// by time.
     pub fn with(&mut self, others: impl IntoIterator<Item = Event>) {
-        others.into_iter().for_each(|event| self.add(event));
+        self.found.extend(others);
         self.found.sort_by_key(|event| event.at_ns);
+        let excess = self.found.len().saturating_sub(EVENTS_MAX);
+        self.found.drain(..excess);
+        self.left_out += excess as u64;
     }
 
-    fn add(&mut self, event: Event) {
+    /// Adds an event that was not found in the frames, later than all others so far.
+    pub fn add(&mut self, event: Event) {
         if self.found.len() == EVENTS_MAX {
             self.found.remove(0);
             self.left_out += 1;
@@ -150,10 +167,21 @@ impl Events {
             self.add(event(0, kind, board.state.to_string()));
         }
         for found in seen {
-            let FrameEvent::Alarm(alarm) = found else { continue };
-            let meaning = alarm_words(machine, alarm.slave, alarm.code);
-            let text = format!("alarm 0x{:04X}: {meaning}", alarm.code);
-            self.add(Event { code: Some(alarm.code), ..event(alarm.slave, EventKind::Alarm, text) });
+            match found {
+                FrameEvent::Alarm(alarm) => {
+                    let meaning = alarm_words(machine, alarm.slave, alarm.code);
+                    let text = format!("alarm 0x{:04X}: {meaning}", alarm.code);
+                    self.add(Event { code: Some(alarm.code), ..event(alarm.slave, EventKind::Alarm, text) });
+                }
+                FrameEvent::HeldBack(HeldBack { slave, position, .. }) => {
+                    let axis = machine.and_then(|machine| machine.axis_of(slave));
+                    let place =
+                        axis.map_or_else(|| format!("{position} counts"), |axis| in_unit(axis, position.into()));
+                    let text = format!("held back at {place}: internal limit active");
+                    self.add(event(slave, EventKind::Drive, text));
+                }
+                FrameEvent::StateFailed(_) => {}
+            }
         }
         let rises = self.full.replace(board.full_count).is_some_and(|before| before != board.full_count);
         if rises {
@@ -171,7 +199,7 @@ impl Events {
                 continue;
             }
             let drive = DriveResponse::decode(&frame.slot(self.size, slave));
-            // The slot of a drive is empty until it has process data: statusword 0 is no state then.
+            // Before a drive has process data, its slot is empty. The statusword 0 is then no state.
             let state = drive.statusword.state().filter(|_| drive.statusword.0 != 0).map(|state| state.name());
             let before = std::mem::replace(&mut self.drives[slave - 1], state);
             if let Some(name) = state.filter(|_| before != state) {

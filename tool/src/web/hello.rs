@@ -1,4 +1,4 @@
-//! What a page needs before it can show points: the source of the data, the slaves, the names of states, channels and
+//! The first data of a page, before any points: the source, the slaves, the names of states, the channels and the
 //! events.
 
 use std::collections::BTreeMap;
@@ -18,64 +18,67 @@ use super::events::{Event, Span};
 /// The version of the messages and blocks of a page.
 pub const FORMAT: u32 = 1;
 
-/// The first message to a page, or the data in the page of a recording.
+/// The first message to a page that shows a board, or the data in the page of a recording.
 #[derive(Debug, Serialize)]
 pub struct Hello<'a> {
-    /// The version of the messages, which the page checks: [`FORMAT`].
+    /// The version of messages and blocks, [`FORMAT`], which the page checks.
     pub format: u32,
     /// The version of the tool.
     pub version: &'static str,
-    /// Where the data come from: `recording` or `board`.
+    /// The source of the data: `recording` or `board`.
     pub source: &'static str,
-    /// The link of the board, or that of the recording.
+    /// The link of the board, or the title of the recording.
     pub name: String,
-    /// Facts that the user should know of the recording, such as that it is truncated.
+    /// Notes on the recording for the user, such as that it is truncated.
     pub notes: Vec<String>,
-    /// The slaves that are known.
+    /// The known slaves.
     pub slaves: Vec<Slave>,
     /// The names of states, by their codes.
     pub words: Words,
     /// The channels so far.
     pub channels: &'a [Channel],
-    /// The events so far, in the order of their times.
+    /// The events so far, sorted by time.
     pub events: &'a [Event],
-    /// Time spans in which an axis has a state that the page shades. A board that is shown live has none.
+    /// The time spans of states that the page shades; empty for a board that is shown live.
     pub spans: Vec<Span>,
-    /// The two axes of which the page shows the path in their plane at first; `None`: it shows none.
+    /// The two axes whose path in their plane the page shows at first; `None` for no path.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plane: Option<[u8; 2]>,
     /// The axes that the page draws together; `None` if the machine file names none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub picture: Option<Picture>,
-    /// The points of a recording, as one block in base64. For a board, blocks follow as binary messages.
+    /// The expression of `--find`, whose condition is among the events; `None` without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub find: Option<&'a str>,
+    /// The points of a recording, as one block in base64. For a board, this is empty and blocks follow as binary
+    /// messages.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub block: String,
 }
 
-/// A slave, as the page lists it.
+/// A slave, as the page shows it in its list.
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Slave {
-    /// The number, from 1.
+    /// The number of the slave, from 1.
     pub number: u8,
-    /// The kind as links name it.
+    /// The kind of the slave, in the word that links use.
     pub kind: &'static str,
     /// The name of its axis in the machine file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// The soft limits of its axis in the unit in which the page shows positions, the lower one first; `None` without a
-    /// limit.
+    /// The lower soft limit of its axis, in the unit in which the page shows positions; `None` without a limit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// The upper one.
+    /// The upper soft limit, in the same unit; `None` without a limit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
-    /// How many of that unit a turn of its axis has; `None` for an axis that does not turn.
+    /// The length of a turn of its axis in the same unit; `None` for an axis that is not rotary.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turn: Option<f64>,
 }
 
-/// The slaves that the page lists: those whose kind is known from frames or options, and those that the machine file has an
-/// axis for, which count as drives.
+/// The slaves that the page lists: those whose kind is known from frames or options, and those with an axis in the
+/// machine file, which count as drives.
 pub fn slaves(kinds: &Kinds, names: &Names) -> Vec<Slave> {
     let slave = |number: u8| {
         let axis = names.machine.and_then(|machine| machine.axis_of(number));
@@ -85,7 +88,7 @@ pub fn slaves(kinds: &Kinds, names: &Names) -> Vec<Slave> {
         let end = |counts: i32, open: i32| (counts != open).then(|| f64::from(counts) / per_unit);
         let ends =
             axis.map(|axis| [end(axis.limits.min, i32::MIN), end(axis.limits.max, i32::MAX)]).unwrap_or_default();
-        // With a unit in the opposite direction the lowest position has the highest count.
+        // If the axis counts backwards, its lowest position in units has the highest count.
         let [min, max] = if per_unit < 0.0 { [ends[1], ends[0]] } else { ends };
         let turning = axis.filter(|axis| axis.kind == AxisKind::Rotary);
         let turn = turning.and_then(|axis| Some((axis.unit.per_turn()? * axis.scale.counts_per_unit / per_unit).abs()));
@@ -94,16 +97,16 @@ pub fn slaves(kinds: &Kinds, names: &Names) -> Vec<Slave> {
     (1..=MAX_SLAVES as u8).filter_map(slave).collect()
 }
 
-/// The axes that the page draws together, by the numbers of their slaves.
+/// The axes that the page draws together in one picture, by slave number.
 #[derive(Debug, Serialize)]
 pub struct Picture {
-    /// XY tables: the axis across, and the one up.
+    /// The XY tables: for each the horizontal axis and the vertical one.
     xy: Vec<[u8; 2]>,
     /// The gantries.
     gantries: Vec<Gantry>,
 }
 
-/// A bridge whose two ends are moved by an axis each.
+/// A gantry: a bridge whose two ends are each moved by an axis.
 #[derive(Debug, Serialize)]
 struct Gantry {
     sides: [u8; 2],
@@ -112,7 +115,7 @@ struct Gantry {
 }
 
 impl Picture {
-    /// The axes that the machine file draws together; `None` if there are none.
+    /// The axes that are to be drawn together according to the machine file; `None` if there are none.
     pub fn of(machine: Option<&MachineFile>) -> Option<Self> {
         let machine_file::Picture { xy, gantries } = &machine?.picture;
         let gantry = |gantry: &machine_file::Gantry| Gantry { sides: gantry.sides, bridge: gantry.bridge };
@@ -121,17 +124,17 @@ impl Picture {
     }
 }
 
-/// The names of states by their codes, so that a page needs no tables of its own.
+/// The names of states by their codes, so that the page needs no tables of its own.
 #[derive(Debug, Serialize)]
 pub struct Words {
-    /// The states of a drive by bits 0 to 6 of its statusword; empty where CiA 402 defines none.
+    /// The names of drive states by bits 0 to 6 of the statusword; empty where CiA 402 defines no state.
     drive_states: Vec<&'static str>,
-    /// The states of the board by its state byte.
+    /// The names of the board's states by its state byte.
     al_states: BTreeMap<u8, String>,
 }
 
 impl Words {
-    /// Makes the tables from the names that this tool uses.
+    /// Makes the tables from the names that the tool uses.
     pub fn new() -> Self {
         let name = |bits| Statusword(bits).state().map_or("", |state| state.name());
         Self {
@@ -147,14 +150,14 @@ impl Words {
 pub struct Names<'a> {
     /// The machine file.
     pub machine: Option<&'a MachineFile>,
-    /// The scales of the command line, which win over the machine file's.
+    /// The scales of `--counts-per-unit`, which take precedence over those of the machine file.
     pub scales: Option<&'a Scales>,
-    /// The name of the unit of these scales.
+    /// The name of the unit for these scales.
     pub unit: &'a str,
 }
 
 impl Names<'_> {
-    /// The counts per unit of a slave, and the unit.
+    /// The counts per unit of a slave's axis, and the name of the unit.
     fn scale(&self, slave: u8) -> (f64, &str) {
         if let Some(scales) = self.scales {
             return (scales.of(slave).counts_per_unit, self.unit);

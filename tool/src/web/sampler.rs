@@ -1,4 +1,4 @@
-//! Takes points of channels from reports: states, positions, velocities, torques, inputs and the FIFO level.
+//! Extracts points of channels from reports: states, positions, velocities, torques, inputs and the FIFO level.
 
 use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::MAX_SLAVES;
@@ -10,24 +10,24 @@ use ecmsk::sk::{
 use super::channels::{Channels, Naming, Quantity};
 use crate::plot::speed::Speed;
 
-/// Takes points of channels from reports. It keeps the last positions, for velocities, and which inputs and outputs were
-/// ever 1.
+/// Extracts points of channels from reports. It keeps the last positions, to compute velocities, and which inputs and
+/// outputs were ever 1.
 pub struct Sampler {
-    /// Whether positions, velocities, torques, inputs and the FIFO level are taken, too. The page of a recording has these
-    /// from the plot, and needs only states.
+    /// Whether positions, velocities, torques, inputs and the FIFO level are extracted, in addition to states. For the
+    /// page of a recording they come from the plot.
     motion: bool,
     speeds: [Speed; MAX_SLAVES],
-    /// The bits of inputs and of outputs that were ever 1.
+    /// For each slave, the bits of the inputs and of the outputs that were ever 1.
     used: [[u16; 2]; MAX_SLAVES],
 }
 
 impl Sampler {
-    /// `motion`: takes positions, velocities, torques, inputs and the FIFO level, too, and not only states.
+    /// `motion`: extracts positions, velocities, torques, inputs and the FIFO level too, and not only states.
     pub fn new(motion: bool) -> Self {
         Self { motion, speeds: std::array::from_fn(|_| Speed::default()), used: [[0; 2]; MAX_SLAVES] }
     }
 
-    /// Adds to `channels` the points that a report has for each slave and the board, at the time `at_ns`.
+    /// Adds the points of a report to `channels`, for the board and each slave, at the time `at_ns`.
     pub fn report(
         &mut self,
         channels: &mut Channels,
@@ -90,7 +90,7 @@ impl Sampler {
         }
     }
 
-    /// Adds a point for each input or output that was ever 1. The others get no channel.
+    /// Adds a point for each input or output that was ever 1. The other ones get no channel.
     fn bits(&mut self, put: &mut impl FnMut(u8, Quantity, u8, i64), slave: u8, quantity: Quantity, bits: u16) {
         let used = &mut self.used[usize::from(slave) - 1][usize::from(quantity == Quantity::Output)];
         *used |= bits;

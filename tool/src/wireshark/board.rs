@@ -1,7 +1,8 @@
-//! Makes the tables for frames of a board: names, codes and texts, and the offsets of values in a slot.
+//! Makes the tables of the Wireshark plugin for frames of a board: names, codes and texts, and the offsets of values in
+//! a slot.
 //!
-//! This file contains no offset as a number. Two slots are encoded that differ in one value; the first byte in which they
-//! differ is the offset of that value.
+//! This file contains no offset as a number. To find the offset of a value, two slots are encoded that differ only in
+//! this value; the offset is the first byte that differs.
 
 use ecmsk::cia402::{DriveState, Mode, Statusword, error_name};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -16,7 +17,7 @@ use serde_json::{Map, Value, json};
 
 use crate::filter::CYCLIC;
 
-/// All tables of the plugin for frames of a board.
+/// All tables of the plugin for the frames of a board.
 pub fn tables() -> Value {
     let (vendor, product) = BOARD_IDS;
     json!({
@@ -54,7 +55,7 @@ fn modes() -> impl Iterator<Item = Mode> {
     (0..=u8::MAX).filter_map(Mode::from_code)
 }
 
-/// A table of values by their codes. The keys, numbers as text, become indexes in Lua.
+/// A table of values by their codes. The keys are numbers as text; in Lua they become indexes.
 pub fn by_code(entries: impl IntoIterator<Item = (u32, Value)>) -> Value {
     Value::Object(entries.into_iter().map(|(code, value)| (code.to_string(), value)).collect())
 }
@@ -75,7 +76,7 @@ fn command(id: CommandId) -> Value {
     Value::Object(row)
 }
 
-/// The texts of a state byte in a response; `None` if the byte is only shown as a number.
+/// The texts for a state byte in a response; `None` if the byte is shown only as a number.
 fn state(state: StateByte) -> Option<Value> {
     let text = state.to_string();
     let is_named = state.0 == 0 || state.0 == StateByte::FAILED || state.state().is_some();
@@ -111,14 +112,14 @@ fn error_codes() -> Value {
     json!(ranges)
 }
 
-/// Turns an error text into a format string of Lua: the values that stand in it as samples become placeholders.
+/// Turns an error text into a format string of Lua: the sample values in the text are replaced by placeholders.
 pub fn template(text: String, samples: &[(&str, &str)]) -> String {
     samples.iter().fold(text.replace('%', "%%"), |text, (sample, placeholder)| text.replace(sample, placeholder))
 }
 
 /// Why a command is malformed, in the words of [`InvalidArgument`].
 fn malformed() -> Value {
-    // None of the texts contains this number otherwise, so that it can be replaced by a placeholder.
+    // A number that no text contains otherwise, so that it can be replaced by a placeholder.
     const SAMPLE: u8 = 77;
     let text = |error: InvalidArgument| template(error.to_string(), &[("77", "%d"), ("0xE", "0x%X")]);
     json!({
@@ -135,12 +136,12 @@ fn malformed() -> Value {
     })
 }
 
-/// Where a value of `len` bytes stands in a slot: at the first byte in which these two slots differ.
+/// The offset of a value of `len` bytes in a slot: the first byte in which these two slots differ.
 fn place(one: RawSlot, other: RawSlot, len: usize) -> Value {
     json!({"at": first_difference(one, other), "len": len})
 }
 
-/// Which bits of a slot hold a value: the byte, and a mask of the bits in which these two slots differ.
+/// The byte and the bit mask of a value in a slot: the bits in which these two slots differ.
 fn bits(one: RawSlot, other: RawSlot) -> Value {
     let at = first_difference(one, other);
     json!({"at": at, "len": 1, "mask": at.map(|at| bytes(one)[at] ^ bytes(other)[at])})
@@ -150,14 +151,14 @@ fn first_difference(one: RawSlot, other: RawSlot) -> Option<usize> {
     bytes(one).iter().zip(bytes(other)).position(|(one, other)| *one != other)
 }
 
-/// The bytes of a slot of 16 bytes, which has all fields.
+/// The bytes of a 16-byte slot, which has all fields.
 fn bytes(slot: RawSlot) -> Vec<u8> {
     let mut frame = Frame::new();
     frame.put(SlotSize::Bytes16, 0, &slot);
     frame.bytes()[..SlotSize::Bytes16.bytes()].to_vec()
 }
 
-/// The fields that every slot has, before its command or response is decoded.
+/// The fields that every slot has, independent of its command or response.
 fn head() -> Value {
     json!({
         "id": place(RawSlot::ZERO, RawSlot { id: u8::MAX, ..RawSlot::ZERO }, 1),
@@ -207,13 +208,13 @@ fn arguments() -> Value {
     })
 }
 
-/// The highest group of slaves that SET_AXIS of a board takes; a group is 8 slaves.
+/// The highest group of slaves that SET_AXIS of a board accepts; a group has 8 slaves.
 fn last_group() -> Option<u8> {
     let axes = |group| MasterCommand::SetAxis { group, kinds: [SlaveKind::None; 8] }.encode();
     (0..=u8::MAX).rev().find(|group| MasterCommand::decode(&axes(*group), SlotSize::Bytes12).is_ok())
 }
 
-/// The modes that DRIVE_MODE takes.
+/// The modes of operation that DRIVE_MODE accepts.
 fn drive_modes() -> Value {
     let command = |mode| SlotCommand::from(SlaveCommand::DriveMode { mode, sync: DriveSync::DcSync });
     let takes = |mode: &Mode| {
@@ -223,7 +224,7 @@ fn drive_modes() -> Value {
     by_code(modes().filter(takes).map(|mode| (mode.code().into(), true.into())))
 }
 
-/// The name of what a command does, such as the action of SET_FIFO: its first argument that is a name and not a number.
+/// The name of the action of a command such as SET_FIFO: its first argument that is a name and not a number.
 fn action(command: &MasterCommand) -> Value {
     let mut word = None;
     command.arguments(&mut |_, argument| {

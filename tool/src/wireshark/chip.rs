@@ -1,4 +1,5 @@
-//! Makes the tables for packets of a chip: its commands with their fields, and the offsets of the fields in the headers.
+//! Makes the tables of the Wireshark plugin for packets of a chip: commands with their fields, and the offsets of
+//! header fields.
 
 use ecmsk::xf::command_table::COMMANDS;
 use ecmsk::xf::fields::{AnswerFields, FUNCTIONS, Field, FieldKind, FieldPosition, FunctionFields, Names};
@@ -10,7 +11,7 @@ use serde_json::{Map, Value, json};
 
 use super::board::by_code;
 
-/// All tables of the plugin for packets of a chip.
+/// All tables of the plugin for the packets of a chip.
 pub fn tables() -> Value {
     json!({
         "start_word": START_WORD,
@@ -36,8 +37,8 @@ pub fn tables() -> Value {
     })
 }
 
-/// A field of a header: its name, offset, length, kind, and the names of its bits. Offset and length are those of the bytes
-/// in which the encoded headers `base` and `other` differ.
+/// A field of a header: its name, offset, length, kind, and the names of its bits. The offset and the length are those
+/// of the bytes in which the encoded headers `base` and `other` differ.
 fn header_field(name: &str, base: [u8; HEADER_LEN], other: [u8; HEADER_LEN], kind: &str, bits: Names) -> Value {
     let differs = |n: &usize| base[*n] != other[*n];
     let (first, last) = ((0..HEADER_LEN).find(differs), (0..HEADER_LEN).rfind(differs));
@@ -104,7 +105,7 @@ fn answer(form: &AnswerFields) -> Value {
     json!({"len": form.len, "every": form.every, "fields": list(form.fields.iter().map(field))})
 }
 
-/// A list, or `None` if it is empty, so that the table has no entry for it.
+/// A list; `None` if it is empty, so that the table gets no entry for it.
 fn list(values: impl Iterator<Item = Value>) -> Option<Vec<Value>> {
     let values: Vec<Value> = values.collect();
     (!values.is_empty()).then_some(values)
@@ -168,7 +169,7 @@ fn named(names: Names) -> Value {
     by_code(names.iter().map(|(name, number)| (*number, (*name).into())))
 }
 
-/// The names of the single bits; names that stand for several bits are left out.
+/// The names of single bits; names for several bits are left out.
 fn single_bits(names: Names) -> Option<Vec<Value>> {
     let single = names.iter().filter(|(_, bits)| bits.is_power_of_two());
     list(single.map(|(name, bit)| json!([name.to_lowercase(), bit])))

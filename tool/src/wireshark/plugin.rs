@@ -1,11 +1,11 @@
-//! The text of the plugin, which is a single file.
+//! The text of the Wireshark plugin, which is a single file.
 
 use super::{board, chip, table};
 
-/// The beginning of the plugin, before the tables: a comment and the first Lua code.
+/// The beginning of the plugin, which comes before the tables: a comment and the first Lua code.
 const HEAD: &str = include_str!("lua/head.lua");
 
-/// The code of the plugin, in the order in which Lua reads it.
+/// The other parts of the plugin's code, in the order in which Lua reads them.
 const PARTS: &[&str] = &[
     include_str!("lua/places.lua"),
     include_str!("lua/fields.lua"),

@@ -1,12 +1,12 @@
-//! Writes JSON values as tables of Lua. A key that is a number becomes an index.
+//! Writes JSON values as Lua tables. A key that is a number becomes an index.
 
 use serde_json::Value;
 
 /// The longest line of a table, in columns.
 const COLUMNS: usize = 118;
 
-/// The value as an expression of Lua whose first line begins at column `column` and whose other lines are indented by
-/// `indent`. Short entries share a line.
+/// The value as a Lua expression. Its first line begins at the column `column`, and its other lines are indented by
+/// `indent` columns. Short entries share a line.
 pub fn expression(value: &Value, column: usize, indent: usize) -> String {
     let line = one_line(value);
     if column + line.len() < COLUMNS || !value.is_array() && !value.is_object() {
@@ -46,7 +46,7 @@ fn one_line(value: &Value) -> String {
     }
 }
 
-/// The entries of a table with their keys, sorted, without those that are null; an array has no keys.
+/// The entries of a table with their keys, sorted, without null entries. The entries of an array have no keys.
 fn entries(value: &Value) -> Vec<(Option<String>, &Value)> {
     let Value::Object(object) = value else {
         return value.as_array().into_iter().flatten().map(|value| (None, value)).collect();
@@ -59,7 +59,7 @@ fn entries(value: &Value) -> Vec<(Option<String>, &Value)> {
     entries.into_iter().map(|(number, name, value)| (Some(key(number, name)), value)).collect()
 }
 
-/// The text as a string literal of Lua, in quotes and with escape sequences.
+/// The text as a Lua string literal, with quotes and escape sequences.
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
 }

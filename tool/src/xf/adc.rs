@@ -1,4 +1,4 @@
-//! `xf adc`: a conversion of the chip's analog input.
+//! `xf adc`: runs a conversion of the chip's analog input.
 
 use std::time::Duration;
 
@@ -11,9 +11,9 @@ use super::session::{ChipArgs, Session};
 use super::words::volts;
 use super::{Shown, XfVerbError};
 
-/// Timeout for a conversion. \[OURS]
+/// The timeout of a conversion. \[OURS]
 const CONVERSION_MAX: Duration = Duration::from_millis(100);
-/// Interval at which the chip is asked whether the conversion is done. \[OURS]
+/// The interval at which the chip is polled for the end of the conversion. \[OURS]
 const PAUSE: Duration = Duration::from_millis(1);
 
 /// Convert the analog input once
@@ -29,7 +29,7 @@ pub struct Args {
     pub chip: ChipArgs,
 }
 
-/// Converts the analog input once, and closes the ADC also after an error of the conversion.
+/// Converts the analog input once. The ADC is closed even if the conversion fails.
 ///
 /// # Errors
 /// [`XfVerbError`] if the chip does not answer or refuses a command, or if the conversion takes too long.
@@ -39,7 +39,7 @@ pub fn adc(session: &mut Session, differential: bool) -> Result<Vec<Shown>, XfVe
     let value = convert(session);
     session.xf.run(&AdcClose)?;
     let value = value?;
-    // No manual says how to convert a differential value to volts.
+    // No manual describes how to convert a differential value to volts.
     let volts = (!differential).then(|| volts(value));
     let text = volts.map_or(String::new(), |volts| format!(" ({volts:.3} V)"));
     let json = json!({"verb": "xf adc", "value": value, "volts": volts, "differential": differential});

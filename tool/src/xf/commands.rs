@@ -1,4 +1,4 @@
-//! `xf commands`: the table of the chip's commands and functions.
+//! `xf commands`: prints the table of the chip's commands and functions.
 
 use std::fmt::Write;
 
@@ -50,7 +50,8 @@ fn table() -> String {
     text
 }
 
-/// The code of the function's command, such as `12`; with the parameter that selects the function, if there is one: `31:8`.
+/// The number of a function: the code of its command, such as `12`. If a parameter selects the function, it is
+/// appended: `31:8`.
 fn number(row: &FunctionFields) -> String {
     let code = row.code.code();
     row.function.map_or_else(|| code.to_string(), |parameter| format!("{code}:{parameter}"))

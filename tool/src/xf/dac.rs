@@ -1,4 +1,4 @@
-//! `xf dac`: the chip's analog output.
+//! `xf dac`: sets the chip's analog output.
 
 use ecmsk::xf::request::{Analog, DacClose, DacOpen, DacSetData, DacTrigger};
 use serde_json::json;
@@ -7,7 +7,7 @@ use super::session::{ChipArgs, Session};
 use super::words::volts;
 use super::{Shown, XfVerbError};
 
-/// What the DAC is to do: output a value, or be closed.
+/// The request to the DAC: a value to output, or to close the DAC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     Value(Analog),

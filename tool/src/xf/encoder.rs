@@ -1,4 +1,4 @@
-//! `xf encoder`: the chip's encoder input.
+//! `xf encoder`: shows, starts or stops the chip's encoder input.
 
 use clap::Subcommand;
 use ecmsk::xf::request::{EncGetCount, EncOpen, EncStart, EncStop, EncoderMode};

@@ -1,4 +1,4 @@
-//! Why a verb that talks to a chip failed.
+//! The errors of the verbs of `ecmsk xf`.
 
 use std::io;
 
@@ -15,7 +15,7 @@ pub enum XfVerbError {
     /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// The link that `ECMSK_LINK` or a configuration file gives is invalid, or the file cannot be used.
+    /// The link from `ECMSK_LINK` or a configuration file is invalid, or that file cannot be used.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The command line names no chip.
@@ -26,7 +26,7 @@ pub enum XfVerbError {
     NoLink,
     /// An error of the chip, its link or a slave.
     #[error(transparent)]
-    // Boxed, because every error of a verb is as large as its largest variant.
+    // Boxed, because every error is as large as its largest variant.
     Xf(Box<XfError>),
     /// The command line requests something that is not possible.
     #[error("{what}: {why}; {next}")]
@@ -38,12 +38,12 @@ pub enum XfVerbError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// The chip is in a state in which the verb cannot do its work.
+    /// The state of the chip does not allow the operation.
     #[error("{what}: {why}; {next}")]
     Refused {
         /// The operation that failed, as the error text names it.
         what: &'static str,
-        /// Why the verb cannot do its work.
+        /// Why the operation is not possible.
         why: String,
         /// What the user can do next; the error text ends with it.
         next: String,
@@ -66,7 +66,7 @@ impl XfVerbError {
     }
 }
 
-/// Makes `None` of a command that the chip refuses because its firmware does not have it.
+/// Returns `None` for a command that the chip refuses, as it does if its firmware does not have the command.
 pub fn unless_refused<T>(result: Result<T, XfError>) -> Result<Option<T>, XfError> {
     match result {
         Ok(result) => Ok(Some(result)),

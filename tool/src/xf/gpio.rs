@@ -1,4 +1,4 @@
-//! `xf gpio`: the chip's general-purpose inputs and outputs (GPIO).
+//! `xf gpio`: shows and sets the chip's general-purpose inputs and outputs (GPIO).
 
 use clap::Subcommand;
 use ecmsk::xf::request::{
@@ -63,7 +63,7 @@ enum Verb {
     },
 }
 
-/// The mask of the pins 0 to 15, which every firmware has.
+/// The mask of pins 0 to 15, which every firmware version has.
 const LOWER: u32 = 0xFFFF;
 
 fn mode(text: &str) -> Result<GpioMode, String> {
@@ -111,7 +111,7 @@ impl Args {
 }
 
 fn show(session: &mut Session) -> Result<Vec<Shown>, XfVerbError> {
-    // Firmware before 9 has 16 pins and refuses the command for all 20 pins.
+    // Firmware versions before 9 have 16 pins and refuse the command for all 20 pins.
     let (levels, pins) = match unless_refused(session.xf.run(&GpioExtGetValue))? {
         Some(levels) => (levels, 20),
         None => (session.xf.run(&GpioGetValue)?.into(), 16),
@@ -151,7 +151,8 @@ fn set_mode(session: &mut Session, pins: u32, mode: GpioMode, pull: GpioPull) ->
 }
 
 fn set_levels(session: &mut Session, levels: AllPins) -> Result<Vec<Shown>, XfVerbError> {
-    // Sets all 20 pins at once if the firmware can; otherwise the pins above 15 would silently keep their levels.
+    // All 20 pins are set at once if the firmware can do this. The other command would silently leave pins 16 to 19
+    // unchanged.
     let all = unless_refused(session.xf.run(&GpioExtSetValue { values: levels }))?;
     match (all, u16::try_from(levels.get())) {
         (Some(()), _) => {}

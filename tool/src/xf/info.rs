@@ -1,4 +1,4 @@
-//! `xf info`: shows what the chip reports of itself.
+//! `xf info`: shows what the chip reports about itself.
 
 use std::fmt::Write;
 
@@ -204,11 +204,11 @@ fn counters(session: &Session, page: &mut Page) {
     page.set("driver", counters);
 }
 
-/// Every counter of the driver on this PC, with its name.
+/// All counters of the driver on this PC, each with its name.
 fn named(counters: HostCounters) -> Vec<(&'static str, u64)> {
     macro_rules! all {
         ($($name:ident)*) => {{
-            // A new counter that is missing here is a compile error.
+            // All fields are listed here, so that a new counter that is missing is a compile error.
             let HostCounters { $($name,)* } = counters;
             vec![$((stringify!($name), $name),)*]
         }};

@@ -1,4 +1,4 @@
-//! `xf pdo`: which bits of the process image each PDO entry of the slaves has, and the present inputs.
+//! `xf pdo`: shows which bits of the process image each PDO entry of the slaves has, and the present inputs.
 
 use std::fmt::Write;
 
@@ -26,7 +26,7 @@ pub struct Args {
     pub chip: ChipArgs,
 }
 
-/// Shows the process data of one slave or of all, and their inputs from SafeOP on.
+/// Shows the process data of one slave or of all slaves, with the values of the inputs in SafeOP and OP.
 ///
 /// # Errors
 /// [`XfVerbError`] if the slave does not exist, the network is below PreOP, or the chip or a slave does not answer.
@@ -49,8 +49,8 @@ pub fn pdo(session: &mut Session, slave: Option<u8>) -> Result<Vec<Shown>, XfVer
     Ok((0..found).filter(shown).map(|slave| show(&layout, inputs.as_deref(), slave)).collect())
 }
 
-/// Reads the inputs of all slaves by one request. `Xf::process_data` is not used, because it also changes the chip's packet
-/// size.
+/// Reads the inputs of all slaves with a single request. `Xf::process_data` is not used, because it also changes the
+/// packet size of the chip.
 fn read_inputs(session: &mut Session) -> Result<Vec<u8>, XfVerbError> {
     let read = PdoData { operation: PdoOperation::READ | PdoOperation::VALID, data: &[] };
     let mut data = vec![0; DataSize::MAX.bytes()];
@@ -109,7 +109,7 @@ fn object_json(field: &MappedField, byte: usize, bit: usize, name: &str, value: 
     })
 }
 
-/// Up to 64 bits of a little-endian process image as a number; `None` if the image is too short.
+/// Up to 64 bits of a little-endian process image as a number; `None` if the image is too short or `width` is above 64.
 fn bits(image: &[u8], at: usize, width: u8) -> Option<u64> {
     let all = (0..usize::from(width)).map(|n| {
         let at = at + n;

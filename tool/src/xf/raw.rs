@@ -1,6 +1,7 @@
-//! `xf raw`: calls any function of the chip; its parameters and its answer are written field by field.
+//! `xf raw`: calls any function of the chip. The request is given field by field, and the answer is shown field by
+//! field.
 //!
-//! - `raw.rs`: the verb: finding the function, and running it
+//! - `raw.rs`: the verb: finds the function and runs it
 //! - `raw/fields_in.rs`: converts fields of the command line to a request
 //! - `raw/fields_out.rs`: converts the answer to fields
 
@@ -20,11 +21,12 @@ use super::session::{ChipArgs, Session};
 use super::{Shown, XfVerbError, on_chip};
 use fields_in::Assignment;
 
-/// How long the chip may take to be found reset after WARM_RESET; the vendor's driver waits 1 s (XF EN 1517, OBS).
+/// The time within which the chip must have been reset after WARM_RESET; the vendor's driver waits 1 s (XF EN 1517,
+/// OBS).
 const RESET_MAX: Duration = Duration::from_secs(3);
-/// Interval at which the reset is checked. \[OURS]
+/// The interval at which the reset is checked. \[OURS]
 const PAUSE: Duration = Duration::from_millis(10);
-/// The length of the longest data segment of a packet to or from the chip, bytes.
+/// The length of the longest data segment of a packet to or from the chip, in bytes.
 const SEGMENT: usize = DataSize::MAX.bytes();
 
 /// Run any function of the chip, and show the fields of its answer
@@ -53,14 +55,14 @@ pub struct Args {
     chip: ChipArgs,
 }
 
-/// A function of the chip, by its row in the table of all functions.
+/// A function of the chip, as a row of the table of all functions.
 #[derive(Clone, Copy)]
 struct Function(&'static FunctionFields);
 
-/// Finds the function with this name, which is that of the manuals or of the Rust type.
+/// Finds a function by its name in the manuals or by its Rust type.
 ///
 /// # Errors
-/// There is no such function, or the manuals give the name to several.
+/// There is no such function, or several functions have this name in the manuals.
 fn find(name: &str) -> Result<Function, String> {
     let found: Vec<_> = function(name).collect();
     match found[..] {
@@ -77,7 +79,7 @@ fn find(name: &str) -> Result<Function, String> {
     }
 }
 
-/// The names of functions that are most similar to `name`, at most three.
+/// The names of the functions that are most similar to `name`, at most three.
 fn near(name: &str) -> Vec<&'static str> {
     let manuals = FUNCTIONS.iter().map(|row| row.name().trim_start_matches("ECM_").trim_start_matches("CMD_"));
     let types = FUNCTIONS.iter().map(|row| row.type_name);
@@ -91,9 +93,9 @@ fn near(name: &str) -> Vec<&'static str> {
 /// Sends one request to the chip and prints its answer.
 ///
 /// # Errors
-/// [`XfVerbError`] if the arguments make no request, or the chip cannot be opened or does not answer.
+/// [`XfVerbError`] if the arguments do not form a valid request, or the chip cannot be opened or does not answer.
 pub fn run(args: &Args) -> Result<(), XfVerbError> {
-    // A wrong request is reported before the chip is opened.
+    // The request is checked first, so that a wrong request is reported before the chip is opened.
     let mut data = [0; SEGMENT];
     let request_draft = draft(args.function.0, &args.fields, &mut data)?;
     if let Ok(Request::CrcTypeSet(_) | Request::SpiReconfig(_)) = request_draft.request() {
@@ -106,7 +108,7 @@ pub fn run(args: &Args) -> Result<(), XfVerbError> {
     on_chip(&args.chip, |session| raw(session, args.function.0, &args.fields))
 }
 
-/// Makes the request from the fields, and checks that the function has them and that their values fit.
+/// Makes a request from the fields. Checks that the function has these fields and that their values are valid.
 fn draft<'b>(
     row: &'static FunctionFields,
     fields: &[Assignment],
@@ -122,10 +124,11 @@ fn draft<'b>(
     Ok(draft)
 }
 
-/// Sends the request, and shows the fields of the answer.
+/// Sends the request, and returns the fields of the answer.
 ///
 /// # Errors
-/// [`XfVerbError`] if a field is unknown or its value does not fit, or if the chip does not answer or refuses the request.
+/// [`XfVerbError`] if a field is unknown or its value is invalid, or if the chip does not answer or refuses the
+/// request.
 fn raw(session: &mut Session, row: &'static FunctionFields, fields: &[Assignment]) -> Result<Vec<Shown>, XfVerbError> {
     let mut data = [0; SEGMENT];
     let draft = draft(row, fields, &mut data)?;
@@ -141,8 +144,8 @@ fn raw(session: &mut Session, row: &'static FunctionFields, fields: &[Assignment
     Ok(vec![fields_out::shown(row, returned, &answer)])
 }
 
-/// Waits until the driver has found the chip reset, because WARM_RESET itself has no answer. `before` is the number of
-/// resets that the driver had counted before. After [`RESET_MAX`] without a reset this is an error.
+/// Waits until the driver has detected the reset of the chip, because WARM_RESET has no answer. `before` is the number
+/// of resets that the driver had counted before the request. It is an error if there is no reset within [`RESET_MAX`].
 fn expect_reset(session: &mut Session, before: u64) -> Result<(), XfVerbError> {
     let mut waited = Duration::ZERO;
     while session.xf.host().counters().chip_resets == before {

@@ -46,7 +46,8 @@ pub fn scan(session: &mut Session, force: bool) -> Result<Vec<Shown>, XfVerbErro
     Ok(list.iter().map(|slave| (columns.line(slave), line_json(slave))).collect())
 }
 
-/// Counts the slaves. The network is initialised first, unless it is above Init: then only with `force`.
+/// Returns the number of slaves. The network is initialised first. A network above Init is initialised only with
+/// `force`.
 fn find(session: &mut Session, force: bool) -> Result<u8, XfVerbError> {
     let state = session.state().filter(|state| *state != EtherCatState::Init);
     if let (Some(state), false) = (state, force) {
@@ -58,7 +59,7 @@ fn find(session: &mut Session, force: bool) -> Result<u8, XfVerbError> {
     }
     let slaves = match session.start() {
         Ok(slaves) => slaves,
-        // The chip answers with an error if it finds no slave, which is not an error of this verb.
+        // The chip answers with an error if it finds no slave. For this verb that is no error.
         Err(error) => return none_found(session, error),
     };
     match session.xf.set_state(Slaves::All, EtherCatState::PreOp) {
@@ -85,7 +86,7 @@ fn none_found(session: &mut Session, error: XfError) -> Result<u8, XfVerbError> 
     }
 }
 
-/// The widths of the columns in characters: those of the longest text in each.
+/// The widths of the columns in characters; each is the width of its longest text.
 struct Columns {
     place: usize,
     name: usize,

@@ -77,7 +77,7 @@ impl Args {
     /// Checks the command line before the chip is opened.
     ///
     /// # Errors
-    /// The value has no type or does not fit it.
+    /// The type of the value is not known, or the value does not fit it.
     pub fn check(&self) -> Result<(), XfVerbError> {
         match &self.verb {
             Verb::Read(_) => Ok(()),
@@ -86,11 +86,11 @@ impl Args {
     }
 }
 
-/// Reads the object, and shows its value.
+/// Reads the object, and returns its value.
 ///
 /// # Errors
-/// [`XfVerbError`] if the network is below PreOP, the slave does not exist or aborts the SDO, its value does not have the
-/// length of the type, or the chip does not answer.
+/// [`XfVerbError`] if the network is below PreOP, the slave does not exist or aborts the SDO, the length of the value
+/// is not that of the type, or the chip does not answer.
 pub fn read(session: &mut Session, which: &Which) -> Result<Vec<Shown>, XfVerbError> {
     session.join_or_start(EtherCatState::PreOp)?;
     session.expect_mailboxes(READ)?;
@@ -105,8 +105,8 @@ pub fn read(session: &mut Session, which: &Which) -> Result<Vec<Shown>, XfVerbEr
 /// Writes the value to the object.
 ///
 /// # Errors
-/// [`XfVerbError`] if the value has no type or does not fit it, the network is below PreOP, the slave does not exist or
-/// aborts the SDO, or the chip does not answer.
+/// [`XfVerbError`] if the type of the value is not known or the value does not fit it, if the network is below PreOP,
+/// if the slave does not exist or aborts the SDO, or if the chip does not answer.
 pub fn write(session: &mut Session, which: &Which, value: &Written) -> Result<Vec<Shown>, XfVerbError> {
     let bytes = encoded(which, value)?;
     session.join_or_start(EtherCatState::PreOp)?;
@@ -116,7 +116,7 @@ pub fn write(session: &mut Session, which: &Which, value: &Written) -> Result<Ve
     Ok(vec![transfer.written(WRITE, *slave, value, &bytes)])
 }
 
-/// Encodes the value to the bytes to write.
+/// Converts the value to the bytes to write.
 fn encoded(which: &Which, value: &Written) -> Result<Vec<u8>, XfVerbError> {
     let refused = |WrongValue { why, next }| XfVerbError::WrongRequest { what: WRITE.into(), why, next };
     which.transfer.encoded(WRITE, value).map_err(refused)

@@ -1,4 +1,4 @@
-//! The open chip that a verb works on.
+//! The open chip for a verb of `ecmsk xf`.
 
 use ecmsk::link::chip::{self, ChipLink};
 use ecmsk::link::uri::LinkUri;
@@ -29,10 +29,10 @@ pub struct ChipArgs {
 /// An open chip. Opening does not change the state of its network.
 pub struct Session {
     pub xf: Xf,
-    /// The name of the open link, as the link itself reports it.
+    /// The name of the link, as reported by the link itself.
     pub link: String,
     pub reporter: Reporter,
-    /// The chip's first answer after opening: its state before the verb changes anything.
+    /// The chip's first answer after opening. It shows the state before the verb changes anything.
     pub found: AnswerHeader,
 }
 
@@ -40,20 +40,20 @@ impl ChipArgs {
     /// Opens the chip.
     ///
     /// # Errors
-    /// The command line names no chip, the link is not one to a chip, or the chip does not answer.
+    /// The command line names no chip, the link is not a link to a chip, or the chip does not answer.
     pub fn open(&self) -> Result<Session, XfVerbError> {
         let chosen = ChosenLink::find(self.link.as_ref())?;
         if !chosen.is_named() {
             return Err(XfVerbError::NoLink);
         }
-        crate::recording_end::opens(&chosen.uri);
+        crate::recording_end::note_opened(&chosen.uri);
         let (link, config) = chip::open(&chosen.uri.to_string()).map_err(XfError::Link)?;
         Ok(Session::over(link, config, self.json)?)
     }
 }
 
 impl Session {
-    /// Opens the chip behind a link without clearing its FIFO, because a machine may be running.
+    /// Opens the chip on a link, without clearing its FIFO, because a machine may be running.
     ///
     /// # Errors
     /// [`XfError`] if the chip does not answer.
@@ -68,7 +68,8 @@ impl Session {
         Ok(Self { xf, link: info.name, reporter, found })
     }
 
-    /// The state of the network that the chip reports; `None` if the network is not initialised or the code is unknown.
+    /// The state of the network in the chip's latest answer; `None` if the network is not initialised or the code is
+    /// unknown.
     pub fn state(&self) -> Option<EtherCatState> {
         self.xf.header().state.state()
     }
@@ -78,7 +79,7 @@ impl Session {
         self.xf.header().state.0 & 0x0F != 0
     }
 
-    /// Initialises the network, prints a note about that, and returns the number of slaves.
+    /// Initialises the network, prints a note about this, and returns the number of slaves.
     ///
     /// # Errors
     /// [`XfError`] if the chip does not answer or cannot initialise the network.
@@ -88,8 +89,8 @@ impl Session {
         Ok(slaves)
     }
 
-    /// Returns the number of slaves. A network that is not initialised yet is first initialised and brought to `state`. A
-    /// network that is initialised stays in its state.
+    /// Returns the number of slaves. A network that is not initialised is first initialised and brought to `state`. An
+    /// initialised network stays in its state.
     ///
     /// # Errors
     /// [`XfError`] if the chip does not answer, cannot initialise the network, or a slave does not reach `state`.
@@ -102,7 +103,7 @@ impl Session {
         Ok(slaves)
     }
 
-    /// Brings a network that was just initialised to `state`. Its process data are configured on the way, in PreOP.
+    /// Brings a network that was just initialised to `state`. On the way, in PreOP, its process data are configured.
     fn go_to(&mut self, state: EtherCatState) -> Result<(), XfError> {
         if state == EtherCatState::Init {
             return Ok(());

@@ -31,7 +31,7 @@ pub struct Args {
     pub chip: ChipArgs,
 }
 
-/// Shows the states of all slaves or of one, after a change of state if `to` is given.
+/// Changes the state if `to` is given, then returns the states of all slaves, or of one slave.
 ///
 /// # Errors
 /// [`XfVerbError`] if the slave does not exist or does not reach the state, or if the chip does not answer.

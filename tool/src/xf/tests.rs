@@ -1,4 +1,4 @@
-//! Tests of `xf` verbs on a model of the chip that keeps running between them, as a real chip does.
+//! Tests of `xf` verbs on a model of the chip that keeps running between the verbs, as a real chip does.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -66,8 +66,8 @@ impl ChipLink for Lasting {
     }
 }
 
-/// A chip with a drive and an IO slave, which a program has brought to OP before it ended. The program has left the FIFO on or
-/// off, with three sets of outputs in it.
+/// A chip with a drive and an IO slave. A program has brought it to OP and then ended. It has left the FIFO on or off,
+/// with three sets of outputs in it.
 fn running(fifo_on: bool) -> (Lasting, ProcessData) {
     let chip = Lasting::new("xf-sim:?slaves=drive,io&clock=virtual");
     let mut xf = Xf::over(chip.clone(), HostConfig::DEFAULT).expect("it starts");
@@ -89,8 +89,8 @@ fn json(shown: &[Shown]) -> Vec<&Value> {
     shown.iter().map(|(_, json)| json).collect()
 }
 
-/// XF-18.4 Verbs that only read leave the chip of a running machine as it is: its network in OP, its FIFO on, and the content
-/// of the FIFO.
+/// XF-18.4 Verbs that only read do not change the chip of a running machine: its network stays in OP, its FIFO stays
+/// on, and the FIFO keeps its content.
 #[test]
 fn verbs_that_look_leave_a_running_machine_alone() {
     let (chip, _) = running(true);
@@ -114,8 +114,8 @@ fn verbs_that_look_leave_a_running_machine_alone() {
     }
 }
 
-/// XF-18.3, XF-18.4 `scan` shows what the chip knows of a network above Init. Only with `--force` it initialises that network
-/// anew.
+/// XF-18.3, XF-18.4 `scan` shows what the chip knows about a network above Init. It initialises such a network again
+/// only with `--force`.
 #[test]
 fn scan_initialises_a_network_above_init_only_by_force() {
     let (chip, _) = running(true);
@@ -125,13 +125,13 @@ fn scan_initialises_a_network_above_init_only_by_force() {
     assert_eq!((states, json(&shown)[1]["output_bytes"].as_u64()), (vec!["OP".into(), "OP".into()], Some(2)));
     let shown = scan::scan(&mut chip.session(), true).expect("it answers");
     assert_eq!(json(&shown)[0]["state"], "PreOP");
-    // The first `scan` has brought the network up, so the second one leaves it as it is.
+    // The first `scan` has brought the network to PreOP, so the second one does not change it.
     let mut session = chip.session();
     assert_eq!(session.state(), Some(EtherCatState::PreOp));
     assert_eq!(scan::scan(&mut session, false).expect("it answers").len(), 2);
 }
 
-/// XF-18.6 A state that a verb has set stays, and the next verb finds it.
+/// XF-18.6 A state that one verb has set is kept, and the next verb finds it.
 #[test]
 fn a_state_stays_for_the_next_verb() {
     let chip = Lasting::new("xf-sim:?slaves=drive*2&clock=virtual");
@@ -144,7 +144,7 @@ fn a_state_stays_for_the_next_verb() {
     assert_eq!(states, ["SafeOP", "PreOP"]);
 }
 
-/// XF-18.5 Errors that the chip reported when it was opened are shown, although initialising clears them.
+/// XF-18.5 Errors that the chip had stored before it was opened are shown, although initialising clears them.
 #[test]
 fn errors_from_before_are_shown() {
     let (chip, _) = running(true);
@@ -179,7 +179,7 @@ fn slaves_of_a_running_machine_are_read() {
     assert!(header.state.state() == Some(EtherCatState::Op) && header.status.contains(Status::FIFO_ON));
 }
 
-/// XF-18.7, XF-18.8 In Init no slave has a mailbox: the error says what the user can do, and the state stays.
+/// XF-18.7, XF-18.8 In Init no slave has a mailbox. The error says what the user can do, and the state does not change.
 #[test]
 fn in_init_the_error_says_how_to_go_on() {
     let chip = Lasting::new("xf-sim:?slaves=drive&clock=virtual");

@@ -1,10 +1,10 @@
-//! Names of states and options as the tool writes them, and the parsing of such names.
+//! Names of states and options in the tool's spelling, and the parsing of such names.
 
 use ecmsk::ethercat::AlStatus;
 use ecmsk::xf::fields::Names;
 use ecmsk::xf::{EtherCatState, NetworkState};
 
-/// The AL states of a network, with the names that the tool's other verbs use.
+/// The AL states of a network, with the names that all verbs of the tool use.
 pub const STATES: [(&str, EtherCatState); 5] = [
     ("Init", EtherCatState::Init),
     ("PreOP", EtherCatState::PreOp),
@@ -31,13 +31,13 @@ pub fn state_text(state: NetworkState) -> String {
 /// Parses the number of a slave.
 ///
 /// # Errors
-/// The text is not a number of a slave; the error says what is allowed.
+/// The text is not a slave number; the error says what is allowed.
 pub fn slave_number(text: &str) -> Result<u8, String> {
     let number = text.parse().ok().filter(|number| *number <= 127);
     number.ok_or_else(|| "allowed: 0 to 127, the first slave is 0".to_owned())
 }
 
-/// Parses a state in any case.
+/// Parses the name of a state; upper and lower case are equal.
 ///
 /// # Errors
 /// The text is invalid; the error says what is allowed.
@@ -68,23 +68,23 @@ pub fn words(names: impl Iterator<Item = &'static str>) -> Vec<String> {
     names.map(word).collect()
 }
 
-/// Texts such as names of bits, separated by commas; `none` if there are none.
+/// Joins texts such as the names of bits by commas; `none` if there are none.
 pub fn listed(words: &[String]) -> String {
     if words.is_empty() { "none".to_owned() } else { words.join(", ") }
 }
 
-/// The AL status code as the end of a line of text; empty if it is 0.
+/// The AL status code as text to be appended to a line; empty if the code is 0.
 pub fn al_status_text(code: u16) -> String {
     if code == 0 { String::new() } else { format!(", AL status code {}", AlStatus(code)) }
 }
 
-/// Finds the code that a list has for a name. Case, dashes and underscores of the name are ignored.
+/// The code of a name in a list. Case, dashes, underscores and spaces are ignored.
 pub fn named(text: &str, names: &[(&str, u32)]) -> Option<u32> {
     let plain = |text: &str| text.replace(['-', '_', ' '], "").to_ascii_lowercase();
     names.iter().find(|(name, _)| plain(name) == plain(text)).map(|(_, number)| *number)
 }
 
-/// The code that a list has for a name, as [`named`] finds it.
+/// The code of a name in a list, as [`named`] finds it.
 ///
 /// # Errors
 /// There is no such name; the error lists the valid ones.
@@ -92,7 +92,7 @@ pub fn chosen(text: &str, names: Names) -> Result<u32, String> {
     named(text, names).ok_or_else(|| format!("allowed: {}", list(names).join(", ")))
 }
 
-/// The names as users type them, see [`word`].
+/// The names in the form that users type, see [`word`].
 pub fn list(names: Names) -> Vec<String> {
     names.iter().map(|(name, _)| word(name)).collect()
 }

@@ -116,6 +116,14 @@ fn a_name_has_units_and_a_number_counts() {
     }
 }
 
+/// A folder is no recording: what is one, and the verb that reads folders, are named.
+#[test]
+fn a_folder_is_told_to_be_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let name = folder.path().to_str().expect("a name");
+    run(["find", "alarm", name]).expect_failure(2, &["is a folder; name a recording in it"], "ecmsk summary");
+}
+
 /// A wrong expression is an error with its column and the next step.
 #[test]
 fn a_wrong_expression_is_told_with_its_column() {

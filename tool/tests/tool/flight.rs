@@ -86,6 +86,11 @@ fn an_axis_that_is_held_back_is_an_event() {
     for (reason, code) in [("any", 1), ("held-back", 1), ("alarm", 0)] {
         run(["summary", "--fail-on", reason, file]).expect_code(code);
     }
+    let machine = place.path().join("machine.toml");
+    let text = "format = 1\n[axes]\nX = { slave = 1, unit = \"mm\", per = 0.01 }\n";
+    fs::write(&machine, text).expect("a file");
+    let named = run(["summary", "--machine", machine.to_str().expect("UTF-8"), file]);
+    assert!(named.out.contains("\naxis X: held back at 10."), "{named:?}");
     let json = run(["summary", "--json", file]).json();
     assert_eq!((&json["held_back"][0]["slave"], &json["held_back"][0]["times"]), (&1.into(), &1.into()), "{json}");
 }

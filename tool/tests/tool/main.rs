@@ -25,7 +25,8 @@
 //! - `slave.rs`: `ecmsk slave`
 //! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_metrics.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`,
 //!   `service_on_tcp.rs`, `tcp_*.rs`: `ecmsk serve`
-//! - `serve_web.rs`, `serve_web_browser.rs`, `serve_web_machine.rs`: `ecmsk serve web`, and the page in a browser
+//! - `serve_web.rs`, `serve_web_browser.rs`, `serve_web_control.rs`, `serve_web_machine.rs`, `serve_web_secured.rs`:
+//!   `ecmsk serve web`, the page in a browser, axes that it moves, and pages for other machines
 //! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `doctor_gadget.rs`, `doctor_report.rs`, `machine.rs`,
 //!   `man.rs`: `ecmsk list`, `doctor`, `man`
 //! - `bus.rs`: `ecmsk bus`
@@ -106,7 +107,11 @@ mod serve_web;
 #[cfg(all(unix, feature = "web"))]
 mod serve_web_browser;
 #[cfg(all(unix, feature = "web"))]
+mod serve_web_control;
+#[cfg(all(unix, feature = "web"))]
 mod serve_web_machine;
+#[cfg(all(unix, feature = "web"))]
+mod serve_web_secured;
 mod serve_xf;
 mod service_on_tcp;
 mod slave;

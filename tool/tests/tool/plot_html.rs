@@ -73,6 +73,76 @@ fn the_points_are_those_of_the_frames() {
     assert!(compared > 200, "{compared}");
 }
 
+/// With `--find` the times that `ecmsk find` prints are among the events of the page. A picture has no list for them.
+#[test]
+fn times_of_a_condition_are_events_of_a_page() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = recorded(folder.path());
+    let name = file.to_str().expect("UTF-8");
+    for condition in ["alarm(2)", "following_error(1) > 5 and not homing", "fifo < 100"] {
+        let out = run(["find", condition, name, "--json"]).expect_quiet();
+        let wanted: Vec<i64> = json_lines(&out)
+            .iter()
+            .map(|line| (line["at_s"].as_f64().expect("seconds") * 1e9).round() as i64)
+            .collect();
+        let hello = hello(&page(&file, &["--find", condition, "--overwrite"]));
+        assert_eq!(hello["find"], condition);
+        let events = hello["events"].as_array().expect("a list").iter().filter(|event| event["kind"] == "found");
+        let found: Vec<i64> = events
+            .map(|event| {
+                assert_eq!((&event["text"], &event["slave"]), (&condition.into(), &0.into()));
+                event["at_ns"].as_i64().expect("a time")
+            })
+            .collect();
+        assert!(!wanted.is_empty() && found == wanted, "{condition}: {found:?}, not {wanted:?}");
+    }
+    let wrong = run(["plot", name, "-o", "x.html", "--find", "alarm(2"]);
+    wrong.expect_failure(1, &["--find: column 8"], "see `ecmsk find --help`");
+    let picture = run(["plot", name, "-o", "x.svg", "--find", "alarm(2)"]);
+    picture.expect_failure(1, &["a picture has no list"], "-o FILE.html");
+}
+
+/// With `--beside` the page has the positions of another recording too, and the first difference in the words of `compare`.
+/// Recordings that are equal have none, and what cannot be compared is said.
+#[test]
+fn another_recording_is_beside_and_the_first_difference_is_an_event() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (alarm, whole) = (recorded(folder.path()), folder.path().join("whole.pcapng"));
+    let link = format!("sim:?slaves=drive*2,io&clock=virtual&record={}", whole.display());
+    run(["move", "1=10000", "2=-5000", "--up", "--link", &link]).expect_code(0);
+    let names = [&alarm, &whole].map(|file| file.to_str().expect("UTF-8"));
+    let hello = hello(&page(&alarm, &["--beside", names[1]]));
+    let block = data_encoding::BASE64.decode(hello["block"].as_str().expect("a block").as_bytes()).expect("base64");
+    let points = points(&block);
+    let beside = &points[&channel(&hello, 1, "beside")];
+    let last = dumped(&whole).last().copied().expect("a report");
+    assert_eq!((beside.last().expect("a point").1, last.1), (10_000, 10_000));
+    assert!(beside.last() > points[&channel(&hello, 1, "position")].last(), "it goes on for longer");
+
+    let said: Value = serde_json::from_str(&run(["compare", names[0], names[1], "--json"]).out).expect("JSON");
+    let events = hello["events"].as_array().expect("a list");
+    let differences: Vec<&Value> = events.iter().filter(|event| event["kind"] == "difference").collect();
+    let [difference] = differences[..] else { panic!("{differences:?}") };
+    assert_eq!((&difference["at_ns"], &difference["slave"]), (&said["first"]["at_ns"][0], &2.into()));
+    let text = difference["text"].as_str().expect("a text");
+    let message = said["first"]["message"].as_str().expect("a text");
+    assert!(text.contains("whole.pcapng") && text.contains(message), "{text}");
+
+    let same = crate::common::page::hello(&page(&alarm, &["--beside", names[0], "--overwrite"]));
+    assert!(same["events"].as_array().expect("a list").iter().all(|event| event["kind"] != "difference"));
+    assert!(same["notes"].to_string().contains("no difference between them"), "{}", same["notes"]);
+    // The page shows the end of the first recording at first, also if the second one goes on.
+    let cut = folder.path().join("cut.pcapng");
+    let bytes = std::fs::read(&whole).expect("a file");
+    std::fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).expect("it is written");
+    let cut = run(["plot", names[0], "-o", &format!("{}.html", names[0]), "--beside", cut.to_str().expect("UTF-8")]);
+    cut.expect_code(0);
+    assert!(cut.err.contains("cut.pcapng ends in the middle"), "{}", cut.err);
+    let noted = run(["plot", names[0], "-o", &format!("{}.html", names[0]), "--panels", "torque"]);
+    noted.expect_code(0);
+    assert!(noted.err.contains("a page has all diagrams"), "{}", noted.err);
+}
+
 /// The position of slave 1 in each report of OP: nanoseconds, counts.
 pub fn dumped(file: &Path) -> Vec<(i64, i64)> {
     let out = run(["dump", file.to_str().expect("UTF-8"), "--json", "--direction", "response", "--slots", "0,1"])
@@ -100,6 +170,21 @@ fn events_stand_in_words() {
     assert!(events.is_sorted_by_key(|event| event["at_ns"].as_i64()));
     let spans = hello["spans"].as_array().expect("a list");
     assert!(spans.iter().any(|span| span["slave"] == 2 && span["state"] == "fault"), "{spans:?}");
+}
+
+/// An axis that its drive holds back is an event of the page, where it stands.
+#[test]
+fn an_axis_that_is_held_back_is_an_event() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("held.pcapng");
+    let link = format!("sim:?slaves=drive:limits@-1000..1000&clock=virtual&record={}", file.display());
+    assert_eq!(run(["move", "1=5000", "--up", "--link", &link]).code, Some(1));
+    let hello = hello(&page(&file, &[]));
+    let events = hello["events"].as_array().expect("a list");
+    let is_held = |event: &&Value| {
+        event["slave"] == 1 && event["text"].as_str().is_some_and(|text| text.starts_with("held back at 10"))
+    };
+    assert!(events.iter().any(|event| is_held(&event)), "{events:?}");
 }
 
 /// The page names axes and units as the machine file does.

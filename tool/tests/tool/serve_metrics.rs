@@ -321,12 +321,17 @@ fn other_servers_have_the_same() {
     assert_eq!(now[r#"ecmsk_clients{server="web"}"#], 0.0);
     assert_eq!(now[r#"ecmsk_axis_state{board="1",slave="1",state="Operation enabled"}"#], 1.0);
     assert_eq!(web.health().0, "200");
-    // The page does not open a board again that has gone.
+    // The page waits for a board that has gone, and shows it when it is back.
     board.end();
     let text = until("the loss", || {
         let (status, text) = web.health();
         (status == "503").then_some(text)
     });
-    assert!(text.starts_with("the board is gone: "), "{text}");
+    assert!(text.starts_with("no report of the board for "), "{text}");
+    let mut again = crate::common::ecmsk(["serve", "tcp", "--link", "sim:?slaves=drive*2,io", "--listen"]);
+    again.arg(link.strip_prefix("tcp://").expect("an address")).env_remove("ECMSK_TCP_SECRET");
+    let again = Serving::by(again);
+    until("the board", || (web.health().0 == "200").then_some(()));
     web.serving.end();
+    again.end();
 }

@@ -157,6 +157,68 @@ fn a_page_shows_what_another_program_does() {
     assert!(said.matches(" is a writer").count() >= 3, "{said}");
 }
 
+/// With `--find` a page gets an event when the condition becomes true, each time. A page of a board refuses conditions that need
+/// what a program sends.
+#[test]
+fn a_condition_that_becomes_true_is_an_event() {
+    const CONDITION: &str = "enabled(1) and position(1) >= 0";
+    let board = Serving::start("tcp", &["--link", "sim:?slaves=drive"]);
+    let link = board.link();
+    let web = Serving::start("web", &["--link", &link, "--find", CONDITION]);
+    let mut socket = web.socket().expect("there is room");
+    let mut blocks = Vec::new();
+    assert_eq!(next_text(&mut socket, &mut blocks)["find"], CONDITION);
+    insist(&["state", "op", "--link", &link]);
+    // What becomes true again within a second is the same event.
+    let mut found = 0;
+    for _ in 0..50 {
+        insist(&["servo", "on", "1", "--link", &link]);
+        insist(&["servo", "off", "1", "--link", &link]);
+        loop {
+            let message = next_text(&mut socket, &mut blocks);
+            let events = message["events"].as_array().into_iter().flatten();
+            found += events.filter(|event| event["kind"] == "found" && event["text"] == CONDITION).count();
+            if message["type"] == "status" {
+                break;
+            }
+        }
+        if found >= 2 {
+            break;
+        }
+    }
+    assert!(found >= 2, "{found}");
+    web.end();
+    for condition in ["following_error(1) > 5", "abs(velocity(1)) < 10", "gap", "alarm or not homing", "target(1) > 0"]
+    {
+        let refused = run(["serve", "web", "--link", &link, "--find", condition]);
+        refused.expect_failure(2, &[condition, "not what a program sends"], "or show a recording");
+    }
+    let wrong = run(["serve", "web", "--link", &link, "--find", "position(X) > 5"]);
+    wrong.expect_failure(2, &["--find: column"], "see `ecmsk find --help`");
+    board.end();
+}
+
+/// A served board that was lost and is there again is shown again, without a word on the command line.
+#[test]
+fn a_board_that_is_back_is_shown_again() {
+    let (board, link, web) = of_a_served_board();
+    let mut socket = web.socket().expect("there is room");
+    let trouble = |message: &Value| message["status"]["trouble"].clone();
+    assert!(trouble(&status(&mut socket)).is_null());
+    board.end();
+    let lost = (0..STATUSES_MAX).any(|_| !trouble(&status(&mut socket)).is_null());
+    assert!(lost, "its end is said");
+    let mut command = crate::common::ecmsk(["serve", "tcp", "--link", "sim:?slaves=drive*2,io", "--listen"]);
+    command.arg(link.strip_prefix("tcp://").expect("an address")).env_remove("ECMSK_TCP_SECRET");
+    let board = Serving::by(command);
+    let is_back = (0..STATUSES_MAX).any(|_| trouble(&status(&mut socket)).is_null());
+    assert!(is_back, "it is shown again");
+    let (before, after) = (status(&mut socket), status(&mut socket));
+    assert!(before["status"]["reports"].as_u64() < after["status"]["reports"].as_u64(), "{before} {after}");
+    web.end();
+    board.end();
+}
+
 /// If 200 pages connect, 16 are served and the others are refused. The board is read all the time, and when pages have gone
 /// others are served.
 #[test]
@@ -249,11 +311,11 @@ fn a_signal_ends_the_making_of_a_page() {
     assert_eq!(without_times(&words), "serve: stopped by SIGTERM\n");
 }
 
-/// Other machines do not reach the page, and a forgotten link serves no real board.
+/// Other machines reach the page over HTTPS alone, and a forgotten link serves no real board.
 #[test]
 fn what_is_not_served_is_said() {
     let refused = run(["serve", "web", "--link", "sim:", "--listen", "0.0.0.0:4714"]);
-    refused.expect_misuse(&["only this machine's own addresses", "ssh -L 4714:localhost:4714"]);
+    refused.expect_failure(2, &["other machines reach 0.0.0.0:4714", "--cert FILE"], "ssh -L PORT:localhost:PORT");
     run(["serve", "web", "--link", "sim:", "--listen", "127.0.0.1"]).expect_misuse(&["write 127.0.0.1:4714"]);
     let folder = tempfile::tempdir().expect("a folder");
     let mut command = crate::common::ecmsk(["serve", "web"]);
@@ -262,6 +324,16 @@ fn what_is_not_served_is_said() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = taken.local_addr().expect("it has one").to_string();
     run(["serve", "web", "--link", "sim:", "--listen", &address]).expect_failure(1, &["cannot listen on"], "--listen");
+}
+
+/// Who shows a simulated board of the server itself is told that no program moves it, and what shows a program's board. Who
+/// shows a served board is not.
+#[test]
+fn a_board_that_no_program_moves_is_said_to_be_one() {
+    const WORDS: &str = "is a new board of this server, which no program moves";
+    assert!(of_a_simulated_board().end().contains(WORDS));
+    let (_board, _, web) = of_a_served_board();
+    assert!(!web.end().contains(WORDS));
 }
 
 /// The end of the server ends its connections.

@@ -68,6 +68,11 @@ mod needs_chromium {
         let table = browser.value("saved(() => page.saveCsv()).then((blob) => blob.text())");
         let table = table.as_str().expect("a text");
         assert!(table.starts_with("time (s),slave 1 position (counts),") && table.lines().count() > 10, "{table}");
+        let log = browser.value(
+            "saved(() => page.saveMcap()).then((blob) => blob.arrayBuffer()) \
+             .then((bytes) => Array.from(new Uint8Array(bytes), (byte) => byte.toString(16).padStart(2, '0')).join(''))",
+        );
+        assert_log_has_positions(log.as_str().expect("a text"), &dumped(&file));
         let size = browser.value("saved(() => page.savePng()).then((blob) => blob.type + ' ' + (blob.size > 10000))");
         assert_eq!(size, "image/png true");
 
@@ -85,12 +90,45 @@ mod needs_chromium {
         }
     }
 
+    /// Asserts that an MCAP file, as hexadecimal digits, is whole and has these positions of slave 1, each at its time.
+    #[track_caller]
+    fn assert_log_has_positions(digits: &str, positions: &[(i64, i64)]) {
+        let bytes = data_encoding::HEXLOWER.decode(digits.as_bytes()).expect("digits");
+        let summary = mcap::Summary::read(&bytes).expect("a summary").expect("it is there");
+        let statistics = summary.stats.expect("statistics");
+        let topics: Vec<&str> = summary.channels.values().map(|channel| &*channel.topic).collect();
+        for topic in ["/page/board", "/page/axis/1", "/page/axis/2"] {
+            assert!(topics.contains(&topic), "{topic} is missing in {topics:?}");
+        }
+        let mut messages = 0;
+        let mut found = std::collections::BTreeMap::new();
+        for message in mcap::MessageStream::new(&bytes).expect("a log") {
+            let message = message.expect("a message");
+            messages += 1;
+            let values: serde_json::Value = serde_json::from_slice(&message.data).expect("JSON");
+            if let Some(position) = values["position"].as_f64().filter(|_| message.channel.topic == "/page/axis/1") {
+                found.insert(message.log_time as i64, position);
+            }
+        }
+        assert_eq!(messages, statistics.message_count);
+        let (first, last) = (found.keys().next().expect("some"), found.keys().next_back().expect("some"));
+        let mut compared = 0;
+        for (at_ns, position) in positions.iter().filter(|(at_ns, _)| (first..=last).contains(&at_ns)) {
+            // A point inside a run of equal values is left out, and the messages before and after it have that value.
+            let Some((_, before)) = found.range(..=at_ns).next_back() else { continue };
+            let exact = found.get(at_ns).unwrap_or(before);
+            assert!((exact - *position as f64).abs() < 1e-6, "{exact}, not {position}, at {at_ns} ns");
+            compared += 1;
+        }
+        assert!(compared > 100, "{compared}");
+    }
+
     /// The page of a board in a browser shows what another program does, and stops at its trigger.
     #[test]
     fn a_board_is_shown_live() {
         let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
         let link = board.link();
-        let web = Serving::start("web", &["--link", &link]);
+        let web = Serving::start("web", &["--link", &link, "--find", "position(1) > 900"]);
         let mut browser = Browser::start();
         browser.open(web.address());
         browser.wait_for("document.querySelector('#board').innerText.includes('PreOP')");
@@ -113,6 +151,12 @@ mod needs_chromium {
         assert_eq!(browser.value("page.store.value(3, 'output', page.scope.marked)"), 1);
         assert_eq!(browser.value("page.store.value(3, 'output', page.scope.marked - 1e-6)"), 0);
         assert_eq!(browser.value("page.paused"), true);
+        browser
+            .value("document.querySelector('#trigger-kind').value = 'found', document.querySelector('#arm').click()");
+        insist(&["move", "1=1000", "--link", &link]);
+        browser.wait_for("document.querySelector('#trigger-state').innerText.startsWith('fired at')");
+        let position = browser.value("page.store.value(1, 'position', page.scope.marked)").as_f64().expect("a number");
+        assert!(position > 900.0 && position <= 1000.0, "{position}");
         let counters = browser.value("document.querySelector('#counters').innerText");
         assert!(counters.as_str().expect("a text").contains("reports lost\t"), "{counters}");
         // Of the events of a day only the newest stay.
@@ -124,6 +168,39 @@ mod needs_chromium {
         web.end();
         browser.wait_for("document.querySelector('#notes').innerText.includes('not connected')");
         board.end();
+    }
+
+    /// The memory that the page uses, bytes: its objects, and the points outside of them; and the nodes of its document.
+    fn used(browser: &mut Browser) -> (f64, f64) {
+        browser.call("HeapProfiler.collectGarbage", serde_json::json!({}));
+        let heap = browser.call("Runtime.getHeapUsage", serde_json::json!({}));
+        let nodes = browser.call("Memory.getDOMCounters", serde_json::json!({}))["nodes"].as_f64().expect("a count");
+        let bytes = ["usedSize", "backingStorageSize"].map(|name| heap[name].as_f64().expect("bytes"));
+        (bytes.iter().sum(), nodes)
+    }
+
+    /// docs/WEB.md: a live page keeps 10 minutes of points and the newest 5000 events. So its memory is the same after 24
+    /// virtual hours as after 8, when there have been more than 5000 events.
+    #[test]
+    fn a_day_does_not_grow_a_live_page() {
+        let web = Serving::start("web", &["--link", "sim:?slaves=drive"]);
+        let mut browser = Browser::start();
+        browser.open(web.address());
+        // The server is gone: what comes now comes from the test.
+        web.end();
+        browser.wait_for("document.querySelector('#notes').innerText.includes('not connected')");
+        browser.value(include_str!("../../web/tests/day_in_browser.js"));
+        let mut at = |from: u32, to: u32| {
+            let seen = browser.value(&format!("hours({from}, {to})"));
+            let [first, last, events] = [0, 1, 2].map(|place| seen[place].as_f64().expect("a number"));
+            assert!((last - f64::from(to * 3600)).abs() < 1.0 && events == 5000.0, "{seen}");
+            assert!(last - first <= 661.0, "{seen}: 10 minutes and a tenth");
+            used(&mut browser)
+        };
+        let ((eight, eight_nodes), (day, day_nodes)) = (at(0, 8), at(8, 24));
+        assert!(day <= eight * 1.05, "{day} bytes after a day, {eight} after 8 hours");
+        assert!(day_nodes <= eight_nodes * 1.05, "{day_nodes} nodes after a day, {eight_nodes} after 8 hours");
+        assert_ne!(browser.value("document.querySelector('#slaves').innerText"), "");
     }
 }
 

@@ -48,6 +48,13 @@ export class Store {
     return this.curves.reduce((sum, { times, values }) => sum + times.byteLength + values.byteLength, 0);
   }
 
+  /** The end of the points, without those of another recording. */
+  get ownTo() {
+    const ends = this.curves.filter(({ channel, length }) => channel.quantity !== "beside" && length > 0)
+      .map(({ times, length }) => times[length - 1]);
+    return ends.length > 0 ? Math.min(this.to, Math.max(...ends)) : this.to;
+  }
+
   /** @param {Uint8Array} bytes */
   addBlock(bytes) {
     const { most } = this;

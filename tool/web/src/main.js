@@ -2,6 +2,8 @@
 import { fromBase64 } from "./codec.js";
 import { Store } from "./channels.js";
 import { csv } from "./csv.js";
+import { mcap } from "./mcap.js";
+import { Control } from "./control.js";
 import { connect } from "./live.js";
 import { Machine } from "./machine.js";
 import { colourOf, Scope } from "./panels.js";
@@ -30,8 +32,9 @@ const BEFORE_TRIGGER = 0.5;
 const KEYS = [
   ["left, right", "move"], ["+, -", "zoom"], ["f", "show all"],
   ["space", "pause, go on; play a recording"], ["m", "machine"],
-  ["a, b", "cursor A, B at the pointer"], ["Escape", "no cursors"], ["n, shift n", "next, last event"],
-  ["x", "XY"], ["c", "CSV"], ["p", "PNG"], ["t", "light, dark"], ["?", "these keys"],
+  ["a, b", "cursor A, B at the pointer"], ["Escape", "no cursors; stop if this page has control"],
+  ["hold space on \u2212, +", "jog, with --control"], ["n, shift n", "next, last event"],
+  ["x", "XY"], ["c", "CSV"], ["l", "MCAP"], ["p", "PNG"], ["t", "light, dark"], ["?", "these keys"],
   ["wheel, drag, pinch", "zoom, move, zoom"], ["shift click, alt click", "cursor A, B"], ["double click", "show all"],
 ];
 
@@ -70,6 +73,7 @@ class Page {
     this.calm = matchMedia("(prefers-reduced-motion: reduce)");
     this.drawnMachine = -Infinity;
     this.machine = new Machine(element("axes", HTMLElement), this.store, this.known);
+    this.control = new Control(element("control", HTMLElement));
     this.scope = new Scope(element("scope", HTMLElement), this.store, this.known, () => this.showMoment());
     this.buttons();
     this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
@@ -105,6 +109,10 @@ class Page {
         element("notes", HTMLElement).textContent = words;
         if (words) this.store.interrupt();
       },
+      sender: (send) => {
+        if (send) this.control.send = send;
+        else this.control.lost();
+      },
     });
     setInterval(() => this.draw(), DRAWN_MS);
   }
@@ -115,9 +123,12 @@ class Page {
     this.known.spans = hello.spans;
     this.words = hello.words;
     this.machine.picture = hello.picture;
+    element("control", HTMLElement).hidden = !hello.control;
     this.events = [];
     this.addEvents(hello.events);
     this.store.setChannels(hello.channels);
+    this.control.list(hello.slaves, hello.channels);
+    this.offerFind(hello.find);
     element("name", HTMLElement).textContent = hello.name;
     element("notes", HTMLElement).textContent = hello.notes.join("; ");
   }
@@ -138,8 +149,18 @@ class Page {
       case "channels":
         this.known.slaves = message.slaves;
         this.store.setChannels(message.channels);
+        this.control.list(message.slaves, message.channels);
         this.fillPlane();
         this.fillChannels();
+        break;
+      case "ask":
+        this.control.answer(message.n);
+        break;
+      case "control":
+        this.control.show(message);
+        break;
+      case "said":
+        this.control.said(message);
         break;
       case "events":
         this.addEvents(message.events);
@@ -216,14 +237,21 @@ class Page {
   get moment() {
     if (this.scope.cursors.a !== undefined) return this.scope.cursors.a;
     if (this.isLive && !this.paused) return this.store.to;
-    return this.scope.marked ?? Math.min(this.scope.range.to, this.store.to);
+    return this.scope.marked ?? Math.min(this.scope.range.to, this.store.ownTo);
   }
 
   showMoment() {
     const at = this.moment;
     element("moment", HTMLElement).textContent = Number.isFinite(at) ? `at ${time(at)}` : "";
     element("board", HTMLElement).textContent = boardLine(this.store, this.words, at);
-    showSlaves(element("slaves", HTMLElement), slaveRows(this.store, this.known.slaves, this.words, this.alarms, at));
+    const rowsAt = (/** @type {number} */ moment) =>
+      slaveRows(this.store, this.known.slaves, this.words, this.alarms, moment);
+    const rows = rowsAt(at);
+    showSlaves(element("slaves", HTMLElement), rows);
+    // Beside the buttons stands what is now, also while the page shows another moment.
+    if (this.control.holder === "you") {
+      this.control.readings(at === this.store.to ? rows : rowsAt(this.store.to));
+    }
     const { a, b } = this.scope.cursors;
     const isRead = a !== undefined || b !== undefined;
     element("cursors", HTMLElement).hidden = !isRead;
@@ -338,6 +366,11 @@ class Page {
     save(new Blob([text], { type: "text/csv" }), "curves.csv");
   }
 
+  async saveMcap() {
+    const file = await mcap(this.scope.shown, { ...this.scope.range }, this.known.slaves);
+    save(new Blob([/** @type {Uint8Array<ArrayBuffer>} */ (file)], { type: "application/octet-stream" }), "curves.mcap");
+  }
+
   savePng() {
     const canvases = this.scope.panels.map(({ plot }) => plot.ctx.canvas);
     const sheet = document.createElement("canvas");
@@ -366,6 +399,7 @@ class Page {
     on("wider", () => this.scope.zoom(2));
     on("clear", () => this.clear());
     on("csv", () => this.saveCsv());
+    on("mcap", () => this.saveMcap());
     on("png", () => this.savePng());
     on("theme", () => this.otherTheme());
     on("keys", () => element("help", HTMLDialogElement).showModal());
@@ -389,12 +423,24 @@ class Page {
     });
     const kinds = element("trigger-kind", HTMLSelectElement);
     kinds.replaceChildren(...Array.from(TRIGGERS, ([kind, words]) => new Option(words, kind)));
+    this.offerFind(undefined);
     kinds.addEventListener("change", () => {
       const needsCurve = isOfCurve(kinds.value);
       element("trigger-channel", HTMLSelectElement).disabled = !needsCurve;
       element("trigger-level", HTMLInputElement).disabled = !needsCurve;
     });
     element("plane", HTMLSelectElement).addEventListener("change", () => this.drawPlane());
+  }
+
+  /**
+   * Offers the condition of `--find` as a trigger, if there is one.
+   * @param {string | undefined} expression
+   */
+  offerFind(expression) {
+    const option = element("trigger-kind", HTMLSelectElement).querySelector("option[value=found]");
+    if (!(option instanceof HTMLOptionElement)) return;
+    [option.hidden, option.disabled] = [!expression, !expression];
+    option.textContent = expression ?? "";
   }
 
   fit() {
@@ -404,6 +450,8 @@ class Page {
 
   /** @param {KeyboardEvent} event */
   key(event) {
+    // Before all else: also in a field, and while the list of keys is open.
+    if (event.key === "Escape" && (event.repeat || this.control.stopOwn())) return;
     const at = event.target;
     const writes = at instanceof HTMLInputElement || at instanceof HTMLSelectElement;
     const scrolls = event.key.startsWith("Arrow") && at instanceof Element && at.closest(".wide") !== null;
@@ -424,6 +472,7 @@ class Page {
       N: () => this.step(-1),
       x: () => this.nextPlane(),
       c: () => this.saveCsv(),
+      l: () => this.saveMcap(),
       p: () => this.savePng(),
       t: () => this.otherTheme(),
       "?": () => element("help", HTMLDialogElement).showModal(),

@@ -5,9 +5,9 @@ import { channelName, slaveName, steps } from "./words.js";
 /** @typedef {import("./types").Curve} Curve */
 /** @typedef {import("./types").Range} Range */
 
-/** The panels from top to bottom, each with its quantities. The second name of a curve is dashed. */
+/** The panels from top to bottom, each with its quantities. */
 const PANELS = [
-  { title: "Position", quantities: ["position", "target"], height: 220 },
+  { title: "Position", quantities: ["position", "target", "beside"], height: 220 },
   { title: "Following error", quantities: ["following_error"], height: 130 },
   { title: "Velocity", quantities: ["velocity", "target_velocity"], height: 150 },
   { title: "Target of CSV", quantities: ["csv"], height: 110 },
@@ -15,7 +15,10 @@ const PANELS = [
   { title: "Free entries of the FIFO", quantities: ["fifo_free"], height: 100 },
   { title: "Inputs and outputs", quantities: ["input", "output"], height: 0 },
 ];
-const DASHED = new Set(["target", "target_velocity", "cst", "output"]);
+/** How curves are dashed that are not drawn as a whole line, px. */
+const DASHES = new Map([
+  ["target", [6, 4]], ["target_velocity", [6, 4]], ["cst", [6, 4]], ["output", [6, 4]], ["beside", [2, 3]],
+]);
 const LANE_PX = 22;
 
 /** Colours that people who see no red or no green tell apart, for light and for dark paper (after Okabe and Ito). */
@@ -209,7 +212,8 @@ export class Scope {
     const button = document.createElement("button");
     const line = document.createElement("i");
     line.style.borderColor = colourOf(curve.channel.slave, this.theme);
-    if (DASHED.has(curve.channel.quantity)) line.className = "dashed";
+    const dash = DASHES.get(curve.channel.quantity);
+    if (dash) line.className = dash[0] < dash[1] ? "dotted" : "dashed";
     button.append(line, channelName(curve.channel, this.known.slaves));
     const tell = () => button.setAttribute("aria-pressed", String(!this.hidden.has(curve)));
     button.addEventListener("click", () => {
@@ -234,7 +238,7 @@ export class Scope {
       label: channelName(curve.channel, this.known.slaves),
       stroke: colourOf(curve.channel.slave, this.theme),
       width: 1.5,
-      dash: DASHED.has(curve.channel.quantity) && !lanes ? [6, 4] : undefined,
+      dash: lanes ? undefined : DASHES.get(curve.channel.quantity),
       points: { show: false },
       paths: curve.channel.held ? stepped : undefined,
     }));

@@ -23,7 +23,7 @@ function row(kind, cells, className = "") {
 }
 
 /**
- * The slaves with a state or a position, each as texts: number, name, state, statusword, position, velocity, torque, alarm, IO.
+ * The slaves with a state or a position, each as texts: number, name, state, alarm, position, velocity, torque, IO, statusword.
  * @param {import("./channels.js").Store} store
  * @param {import("./types").SlaveInfo[]} slaves
  * @param {import("./types").Words} words
@@ -49,8 +49,9 @@ export function slaveRows(store, slaves, words, alarms, at) {
     });
     return {
       cells: [
-        String(slave), known?.name ?? known?.kind ?? "", state, Number.isNaN(statusword) ? "" : hex(statusword, 4),
-        quantity("position"), quantity("velocity"), quantity("torque"), alarm, lines.filter(Boolean).join("; "),
+        String(slave), known?.name ?? known?.kind ?? "", state, alarm,
+        quantity("position"), quantity("velocity"), quantity("torque"), lines.filter(Boolean).join("; "),
+        Number.isNaN(statusword) ? "" : hex(statusword, 4),
       ],
       look,
     };
@@ -94,7 +95,7 @@ function storeBit(store, slave, way, bit, at) {
  * @param {{cells: string[], look: string}[]} rows
  */
 export function showSlaves(table, rows) {
-  const head = row("th", ["slave", "name", "state", "statusword", "position", "velocity", "torque", "alarm", "IO"]);
+  const head = row("th", ["slave", "name", "state", "alarm", "position", "velocity", "torque", "IO", "statusword"]);
   table.replaceChildren(head, ...rows.map(({ cells, look }) => row("td", cells, look)));
 }
 
@@ -111,6 +112,7 @@ export function boardLine(store, words, at) {
   const parts = [`network: ${boardState(words, state)}`];
   if (!Number.isNaN(fifo)) parts.push(`FIFO: ${Math.round(fifo)} of 160 free`);
   if (!Number.isNaN(full)) parts.push(`full count ${full}`);
+  if (!store.curves.some(({ channel }) => channel.quantity === "position")) parts.push("positions appear in OP");
   return parts.join(" - ");
 }
 

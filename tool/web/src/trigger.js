@@ -10,6 +10,7 @@ export const TRIGGERS = new Map([
   ["alarm", "an alarm"],
   ["gap", "lost command frames"],
   ["lost", "a lost slave"],
+  ["found", "the condition of --find"],
 ]);
 
 /** The kinds of events of each trigger that is none of a curve. */
@@ -17,6 +18,7 @@ const EVENTS = new Map([
   ["alarm", ["alarm"]],
   ["gap", ["gap", "fifo"]],
   ["lost", ["lost"]],
+  ["found", ["found"]],
 ]);
 
 /** @param {string} kind */

@@ -27,8 +27,17 @@ export interface Hello {
   spans: Span[];
   plane?: [number, number];
   picture?: Picture;
+  /** The expression of `--find`. */
+  find?: string;
   block?: string;
+  /** Whether pages may move axes. */
+  control?: boolean;
 }
+/** The page that has control: this one, also while the board is opened for it, another one, or none. */
+export type Holder = "none" | "other" | "opening" | "you";
+/** A text for a person; `is_stop`: what has become of a stop. */
+export interface Said { type: "said"; text: string; is_error: boolean; is_stop: boolean }
+export interface ControlState { type: "control"; holder: Holder; is_wanted: boolean; busy: string | null }
 export interface Status {
   reports: number;
   reports_lost: number;
@@ -41,6 +50,9 @@ export type Message =
   | ({ type: "hello" } & Hello)
   | { type: "channels"; channels: Channel[]; slaves: SlaveInfo[] }
   | { type: "events"; events: Happening[] }
+  | { type: "ask"; n: number }
+  | Said
+  | ControlState
   | { type: "status"; status: Status; dropped: number };
 /**
  * A channel with its points: times in seconds, values in its unit. A value that is not a number is a gap. `least` and

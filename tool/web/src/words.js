@@ -4,6 +4,7 @@
 const QUANTITIES = new Map([
   ["position", "position"],
   ["target", "target"],
+  ["beside", "position in the other recording"],
   ["following_error", "following error"],
   ["velocity", "velocity"],
   ["target_velocity", "target velocity"],

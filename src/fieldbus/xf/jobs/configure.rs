@@ -25,7 +25,7 @@ fn is_silent(error: &HostError) -> bool {
 }
 
 impl<W: Wires> Steps<W> {
-    /// Configures the selected slaves. `is_ahead`: only prepares this; no object of a slave is written.
+    /// Configures the selected slaves. `is_ahead`: only prepares the configuration; no object of a slave is written.
     pub(super) async fn configure(&mut self, config: &BusConfig, is_ahead: bool) -> Result<Configured, Failure> {
         let mut configured = Configured::default();
         let mut keeps_layout = false;
@@ -62,7 +62,7 @@ impl<W: Wires> Steps<W> {
         Ok(configured)
     }
 
-    /// Brings all slaves from OP and SafeOP to PreOP. Returns those that were in OP.
+    /// Brings all slaves from OP and SafeOP to PreOP. Returns the slaves that were in OP.
     async fn leave(&self) -> SlaveSet {
         let mut disturbed = SlaveSet::EMPTY;
         let above = self.with(|bus| bus.network.at_least(AlState::SafeOp));
@@ -150,9 +150,9 @@ impl<W: Wires> Steps<W> {
         Ok(mapped)
     }
 
-    /// Whether the present process data of a slave are as long as the wanted ones: then the layout that the chip makes
-    /// now also fits after the wanted mapping was written. Most drives have a PDO for each mode and assign the first
-    /// one at power-on; the PDO for CSV is often as long as that for CSP.
+    /// Whether the present process data of a slave are as long as the wanted ones. If so, the layout that the chip
+    /// makes now still fits when the wanted mapping is written later. Most drives have a PDO for each mode and assign
+    /// the first one at power-on; the PDO for CSV is often as long as the PDO for CSP.
     async fn is_as_long(&self, slave: u8, data: &ProcessData, mapped: Mapped) -> Result<bool, Refusal> {
         for (direction, bytes) in
             [(MappedDirection::Outputs, data.output_bytes()), (MappedDirection::Inputs, data.input_bytes())]
@@ -216,7 +216,7 @@ impl<W: Wires> Steps<W> {
     }
 
     /// Switches SYNC0 off for the slaves with distributed clocks that DRIVE_MODE has declared as free run, and on for the
-    /// others. The initialisation of the network has switched it on for all of them.
+    /// others. The initialisation of the network has switched SYNC0 on for all slaves with distributed clocks.
     async fn set_sync(&self, config: &BusConfig) -> Result<(), Refusal> {
         let (with_dc, before) = self.with(|bus| {
             let found = SlaveSet::first(bus.network.found);
@@ -286,7 +286,7 @@ impl<W: Wires> Steps<W> {
                 break;
             }
             if falls_back {
-                // The slave has fallen back with CONFIG_MAP, too: it would take its outputs for those of other objects.
+                // The slave has fallen back with CONFIG_MAP, too: it would use its outputs as values of other objects.
                 return Err(Refusal::of(slave, AlStatus::INVALID_OUTPUT_MAPPING));
             }
         }
@@ -308,9 +308,10 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> Steps<W> {
-    /// Called when the chip has laid out the process data: writes the mapping of each slave that has fallen back to another
-    /// one (XF ZH 410). \[OURS] Their objects show it. With `is_ahead` nothing is written, and what is known of such a slave
-    /// is forgotten. Returns the first of these slaves; `None`: all have their mapping.
+    /// Called when the chip has laid out the process data, which may have made slaves fall back to another mapping
+    /// (XF ZH 410). \[OURS] The objects of a slave show whether it has. Writes the wanted mapping of each such slave
+    /// again. With `is_ahead` nothing is written, and the record of the slave's objects is deleted instead. Returns the
+    /// first slave that has fallen back; `None`: all have their mapping.
     async fn map_again(&self, is_ahead: bool) -> Result<Option<u8>, Refusal> {
         let mut first = None;
         for slave in self.with(|bus| bus.network.may_have_fallen_back()).iter() {
@@ -333,9 +334,9 @@ impl<W: Wires> Steps<W> {
         Ok(first)
     }
 
-    /// Whether a slave has the mapping of these downloads. Objects that complete access does not show as wanted are read
-    /// entry by entry, without the numbers of their entries: a wrong number shows as a wrong length. \[OURS] An entry that
-    /// cannot be read counts as right, since it was written before.
+    /// Whether a slave has the mapping of these downloads. If an upload with complete access differs or is refused, the
+    /// object is read entry by entry. Its number of entries is not read, because a wrong number shows as a wrong length
+    /// of the process data. \[OURS] An entry that cannot be read counts as right, since it was written before.
     async fn keeps_mapping(&self, slave: u8, downloads: &Downloads) -> Result<bool, Refusal> {
         let mut has_complete_access = true;
         for image in downloads.mapping_images() {
@@ -360,9 +361,9 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Checks the states of all slaves before unselected slaves leave OP. Process data are laid out with all slaves in
-    /// PreOP, and a slave that does not answer would make this fail after the unselected slaves have left OP. Returns
-    /// whether the unselected slaves may stay in their states.
+    /// Checks the states of all slaves before unselected slaves leave OP. The chip lays out process data with all
+    /// slaves in PreOP. A slave that does not answer would make the layout fail after the unselected slaves have left
+    /// OP. Returns whether the unselected slaves may stay in their states.
     fn check_before_leaving(&mut self, config: &BusConfig) -> Result<bool, Refusal> {
         let unused = self.network.unused();
         if !SlaveSet::first(self.network.found).difference(config.selected).is_empty() {

@@ -33,7 +33,8 @@ impl<W: Wires> Steps<W> {
         let _ = self.ask(Ask::Fifo { on: false }).await;
         let _ = self.ask(Ask::Clear(Fifos::Both)).await;
         if self.with(|bus| bus.is_network_up()) {
-            // As applications do (OBS). A program that has ended may have left its slaves in OP.
+            // Applications also request Init before the initialisation (OBS). An earlier program may have left the
+            // slaves in OP.
             self.with(|bus| bus.network.commanded.fill(AlState::Init));
             let _ = self.ask(Ask::Enter(None, AlState::Init)).await;
         }
@@ -80,8 +81,8 @@ impl<W: Wires> Steps<W> {
             let state = state_of(self.ask(Ask::StateOf(slave)).await);
             self.with(|bus| bus.states[usize::from(slave) - 1] = state);
         }
-        // No slave has answered: the chip may have been reset. The driver misses a reset that comes at the moment at
-        // which it sets the check word, for example after a change of the packet size.
+        // If no slave has answered, the chip may have been reset. The driver misses a reset that happens while it sets
+        // the check word, for example after a change of the packet size.
         if found > 0
             && self.with(|bus| bus.states[..usize::from(found)].iter().all(Option::is_none))
             && matches!(self.ask(Ask::Count).await, Ok(0) | Err(HostError::Refused { .. }))

@@ -19,8 +19,8 @@ struct Change {
     /// The state to which the chip was last commanded to bring all slaves together. Slaves that are behind afterwards
     /// are moved one by one.
     all_tried: Option<AlState>,
-    /// Whether all slaves have left OP and the job has waited until the engine has polled the last cycles in OP, which
-    /// it would lose otherwise.
+    /// Whether all slaves have left OP and the job has waited until the engine has polled the last cycles in OP.
+    /// Without this wait the engine would lose these cycles.
     has_told_op: bool,
     /// Unused slaves that the job has requested to go back to PreOP. Each is requested once, even if it refuses.
     brought_back: SlaveSet,
@@ -58,12 +58,12 @@ impl<W: Wires> Steps<W> {
         }
     }
 
-    /// Waits until the outputs accepted so far are known to be sent. The frame that requests a lower state may also
-    /// switch outputs off, and the board executes that first. If all slaves leave OP, the bus also waits for outputs
-    /// that are accepted during the wait, for the time of [`leaving_op_ns`] and the time for answers: SV_OFF, for
-    /// example, has a second step, which follows the answer to the first. Outputs that are accepted after the wait are
-    /// still sent while the slaves are on their way, since an axis may have to be stopped then. It is not known which
-    /// of them reach the slaves, so they count as lost for these slaves.
+    /// Waits until the outputs accepted so far are known to be sent. The command frame that requests a lower state may
+    /// also switch outputs off, and the board executes that first. If all slaves leave OP, the bus also waits for
+    /// outputs that are accepted during the wait, for [`leaving_op_ns`] plus the time for answers: SV_OFF, for example,
+    /// has a second step, which follows the answer to the first. Outputs that are accepted after the wait are still
+    /// sent while the slaves change their state, since an axis may have to be stopped then. It is not known which of
+    /// these outputs reach the slaves, so they count as lost for these slaves.
     async fn send_first(&self, slaves: SlaveSet) {
         let (mut first, mut sends_until) = (None, 0);
         while let Some(next) = self.with(|bus| bus.sent_first(slaves, first, &mut sends_until)) {
@@ -103,7 +103,8 @@ impl<W: Wires> Steps<W> {
             let Some(slave) = self.with(|bus| change.slaves.iter().find(|slave| bus.state(*slave).is_none())) else {
                 return Ok(true);
             };
-            // No slave that answers is behind. A silent one may come back until the job's timeout.
+            // All slaves that answer are in the target state. A slave that does not answer may answer again until the
+            // job's timeout.
             self.tell_refusal(slave).await?;
             return Ok(false);
         };
@@ -171,8 +172,8 @@ impl<W: Wires> Steps<W> {
 
 impl<W: Wires> ChipBus<W> {
     /// The outputs that must be sent first; `None`: there are none, they were sent, a clear discards them, or the wait
-    /// for them is over. `sends_until`: how long outputs that are accepted during the wait count as well; the first
-    /// call sets it.
+    /// for them is over. `sends_until`: outputs that are accepted during the wait must be sent first too, until this
+    /// time; the first call sets it.
     fn sent_first(&self, slaves: SlaveSet, first: Option<SentFirst>, sends_until: &mut Ns) -> Option<SentFirst> {
         let (now, cycle_ns) = (self.wires.now(), self.network.cycle.ns());
         let until = now.saturating_add((u64::from(self.depth()) + 2 * TOLD_LATE) * cycle_ns);
@@ -240,9 +241,9 @@ impl<W: Wires> ChipBus<W> {
         change.slaves.iter().filter(moves).collect()
     }
 
-    /// Records `to` as the commanded state of slaves that are about to enter it, unless it is above the state `most`.
-    /// So a slave that leaves OP in this way is not lost, and a higher state is recorded only when the slaves have
-    /// entered it.
+    /// Records `to` as the commanded state of slaves, unless it is above the state `most`. Callers pass SafeOP as
+    /// `most` before the slaves change their state: so a slave that leaves OP on command does not count as lost, and OP
+    /// is recorded only after the slaves have entered it.
     fn note_commanded(&mut self, slaves: SlaveSet, to: AlState, most: AlState) {
         if to <= most {
             slaves.iter().for_each(|slave| self.network.commanded[usize::from(slave) - 1] = to);

@@ -14,8 +14,8 @@ use super::api::{
 };
 use crate::threads::{self, LetGo};
 
-/// The length of the array for the port numbers from the root hub to a device: the one that libusb's documentation
-/// recommends. USB 2.0 4.1.1 allows five hubs in a row.
+/// The length of the array for the port numbers from the root hub to a device, as libusb's documentation recommends.
+/// USB 2.0 4.1.1 allows five hubs in a row.
 const PORTS_MAX: usize = 7;
 
 /// The reason why USB cannot be used on this machine.
@@ -41,7 +41,7 @@ unsafe impl Send for Bus {}
 unsafe impl Sync for Bus {}
 
 impl Bus {
-    /// Loads libusb and creates a context of it.
+    /// Loads libusb and creates a libusb context.
     ///
     /// # Errors
     /// [`UsbBusError`] if libusb cannot be loaded, or if it cannot access USB.
@@ -49,7 +49,8 @@ impl Bus {
         Ok(Self::over(api::load()?)?)
     }
 
-    /// Creates a context through the functions in `api`: those of the real libusb, or in tests of a simulated one.
+    /// Creates a context through the functions in `api`: the functions of the real libusb, or of a simulated libusb in
+    /// tests.
     pub(super) fn over(api: &'static Api) -> Result<Arc<Self>, UsbError> {
         let mut raw = ptr::null_mut();
         // SAFETY: `raw` receives the new context. libusb starts a thread here that handles hotplug events. Signals are
@@ -118,7 +119,8 @@ unsafe impl Send for Device {}
 // SAFETY: libusb's devices may be used by any threads at once.
 unsafe impl Sync for Device {}
 
-/// An interface of a device. The endpoints are those of its alternate setting 0, which is active after it is claimed.
+/// An interface of a device, with the endpoints of its alternate setting 0, which is active after the interface is
+/// claimed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct UsbInterface {
     pub number: u8,
@@ -126,7 +128,7 @@ pub(super) struct UsbInterface {
     pub endpoints: Vec<Endpoint>,
 }
 
-/// What is used of an endpoint descriptor: bEndpointAddress, bmAttributes and wMaxPacketSize.
+/// The fields of an endpoint descriptor that this crate uses: bEndpointAddress, bmAttributes and wMaxPacketSize.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Endpoint {
     pub address: u8,
@@ -149,7 +151,7 @@ impl Device {
         unsafe { ((self.bus.api.bus_number)(self.raw.as_ptr()), (self.bus.api.address)(self.raw.as_ptr())) }
     }
 
-    /// The port numbers on the way from the root hub to the device.
+    /// The port numbers on the path from the root hub to the device.
     pub fn ports(&self) -> Vec<u8> {
         let mut ports = [0; PORTS_MAX];
         // SAFETY: the device is valid until `drop`; the array has `PORTS_MAX` entries.
@@ -201,7 +203,7 @@ pub(super) struct Handle {
     bus: Arc<Bus>,
     raw: NonNull<RawHandle>,
     events: Descriptors,
-    /// A forked child lets go of the device.
+    /// Registers the descriptors, so that a forked child closes its copies and releases the device.
     let_go: Vec<LetGo>,
 }
 
@@ -243,8 +245,8 @@ impl Descriptors {
         found
     }
 
-    /// Waits for an event for at most `limit`. Returns `true` if a descriptor is readable: libusb then has to look for
-    /// events.
+    /// Waits for an event for at most `limit`. Returns `true` if a descriptor is readable: the caller then has to let
+    /// libusb handle its events.
     fn wait(&self, limit: Duration) -> Result<bool, UsbError> {
         let mut all = self.all;
         let limit_ms = c_int::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(c_int::MAX);
@@ -302,7 +304,7 @@ impl Handle {
     /// Sends bytes to an endpoint and waits for at most `limit`. `kind` is the transfer type of the endpoint, [`BULK`]
     /// or interrupt. Returns libusb's return code and the number of bytes sent.
     pub fn send(&self, endpoint: u8, kind: u8, bytes: &[u8], limit: Duration) -> (c_int, usize) {
-        // SAFETY: libusb only reads what is to be sent.
+        // SAFETY: libusb only reads the bytes that it sends.
         unsafe { self.transfer(endpoint, kind, bytes.as_ptr().cast_mut(), bytes.len(), limit) }
     }
 

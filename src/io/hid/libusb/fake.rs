@@ -174,7 +174,7 @@ impl FakeUsb {
         self.with(|inside| inside.reaction = reaction);
     }
 
-    /// The device accepts the reports that it has not accepted so far.
+    /// Makes the device accept the pending reports, which it has not accepted so far.
     pub fn accept_pending(&self) {
         self.with(|inside| {
             let (reports, others) = std::mem::take(&mut inside.pending).into_iter().partition(|one| !to_host(*one));
@@ -198,7 +198,7 @@ impl FakeUsb {
         self.with(|inside| inside.pulled_at = call);
     }
 
-    /// Ends the next `times` waits for events by a signal.
+    /// Ends the next `times` waits for events as if by a signal to the program.
     pub fn signal(&self, times: u32) {
         self.with(|inside| inside.signals = times);
     }

@@ -29,7 +29,7 @@ pub struct PacketPlace {
     pub input: u8,
 }
 
-/// Exchanges packets with one device, and has a clock. The value has the device for itself.
+/// Exchanges packets with one device, and has a clock. Only the owner of this value uses the device.
 pub trait PacketWires: Send {
     /// The time in nanoseconds; its zero point is arbitrary.
     fn now_ns(&self) -> u64;

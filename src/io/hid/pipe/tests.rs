@@ -1,4 +1,5 @@
-//! Tests of the pipe over a simulated libusb, which causes on request what a kernel causes only by accident.
+//! Tests of the pipe over a simulated libusb, which can cause events on request that a real kernel causes only by
+//! chance.
 
 #[cfg(target_os = "linux")]
 mod ended_by_force;
@@ -119,8 +120,8 @@ fn waiting_reader(world: &FakeUsb, pipe: &Arc<Pipe>) -> thread::JoinHandle<Resul
     let state = || (pipe.shared.state.lock().thread_asleep, world.event_waits());
     for round in 0..400 {
         if round % 3 == 0 {
-            // This test needs a reader that handles USB events. Until now the pipe's own thread may do it, since it started
-            // before the reader. Cancelling writes wakes the thread that handles events, and the reader may take its turn.
+            // The tests need a reader that handles USB events, but the pipe's own thread may still handle them, since
+            // it started before the reader. Cancelling writes wakes that thread, so that the reader can take over.
             pipe.cancel_writes();
         }
         let before = state();
@@ -147,6 +148,27 @@ fn the_pipes_thread_sleeps_while_a_call_waits() {
         for fill in 4..8 {
             assert_eq!(read(&pipe, None), Ok((fill, round * 9 + 1 + u64::from(fill))));
         }
+    }
+}
+
+/// The pipe's thread, which sleeps while a call waits, checks at an interval whether the thread of that call still
+/// exists. If the call returns just when this check is due, the pipe's thread does not sleep again.
+#[test]
+fn the_pipes_thread_wakes_if_its_check_is_due_when_a_call_returns() {
+    let world = FakeUsb::new();
+    let pipe = Arc::new(open(world));
+    for _ in 0..3 {
+        let reader = waiting_reader(world, &pipe);
+        // First the reader, then the pipe's thread waits for this lock, which the reader mostly gets twice before the
+        // pipe's thread gets it.
+        let held = pipe.shared.state.lock();
+        world.send(status::COMPLETED, &[1; 512]);
+        thread::sleep(2 * CALLER_CHECK_INTERVAL);
+        drop(held);
+        assert_eq!(in_time(|| reader.join().unwrap()).map(|(fill, _)| fill), Ok(1));
+        (0..8).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
+        world.until_pending(LIMITS.transfers);
+        while read(&pipe, SOON).is_ok() {}
     }
 }
 
@@ -225,8 +247,8 @@ fn events_that_fail_at_times_end_nothing() {
     assert_eq!(world.leaked(), NOTHING_LEFT);
 }
 
-/// If the call that handles libusb's events for all calls ends, the others continue, and end by their own report or
-/// cancellation.
+/// If the call that handles libusb's events for all calls ends, the other calls continue, and each ends by its own
+/// report or cancellation.
 #[test]
 fn calls_do_not_need_one_another() {
     for round in 0..20 {
@@ -267,8 +289,8 @@ fn a_stall_of_the_board_ends_every_read() {
     assert_eq!(world.leaked(), NOTHING_LEFT);
 }
 
-/// A child that the program forks, and that executes no other program, keeps no descriptor of the device. Else nobody could open
-/// the board after the end of the program.
+/// A forked child that executes no other program keeps no descriptor of the device. Otherwise nobody could open the
+/// board after the end of the program.
 #[test]
 fn a_forked_child_lets_go_of_the_device() {
     let world = FakeUsb::with_descriptor();
@@ -403,8 +425,8 @@ fn a_report_in_the_moment_of_closing_holds_nobody_up() {
             closer.close();
             let _ = closing.send(());
         });
-        // Waits here for a cancellation. If the pipe allows the transfer to be cancelled before it is submitted, this
-        // happens now.
+        // Waits for a cancellation of the transfer. If the pipe wrongly allows a cancellation before the transfer is
+        // submitted, it happens now.
         world.wait_for_a_cancel(Duration::from_millis(100));
     });
     world.send(status::COMPLETED, &[1; 512]);
@@ -412,7 +434,7 @@ fn a_report_in_the_moment_of_closing_holds_nobody_up() {
     drop(pipe);
 }
 
-/// Any number of signals to the reading thread are no errors: reports continue at once.
+/// Signals to the reading thread, however many, are no errors: the read returns the next report at once.
 #[test]
 fn signals_do_not_hold_up_reports() {
     let world = FakeUsb::new();

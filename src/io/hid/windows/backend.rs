@@ -13,7 +13,7 @@ use super::handle::OwnedHandle;
 use super::{Backend, NUMBERED_LEN, Outcome, REPORT_LEN, TransferListener, UsbError, codes};
 
 /// The longest queue of reports that the driver keeps for a handle without a pending read (HidD_SetNumInputBuffers);
-/// its default is 32. The driver does not count the reports that it drops, so it is set to this maximum. \[OURS]
+/// its default is 32. The driver does not count the reports that it drops, so the queue is set to this maximum. \[OURS]
 const DRIVER_QUEUE_MAX: usize = 512;
 /// The shortest queue of reports that the driver accepts.
 const DRIVER_QUEUE_MIN: usize = 2;
@@ -114,7 +114,7 @@ impl Drop for Transfer {
 impl OverlappedBackend {
     /// Evaluates the return value of ReadFile or WriteFile: whether the transfer was submitted.
     fn submitted(&self, done: i32) -> Result<(), UsbError> {
-        // The transfer has completed at once. Its end is still reported like that of any other transfer.
+        // If the transfer has completed at once, its end is still reported like the end of any other transfer.
         if done != 0 {
             return Ok(());
         }

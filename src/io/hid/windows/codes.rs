@@ -9,9 +9,9 @@ pub const NOTHING_YET: u32 = 258;
 /// `ERROR_OPERATION_ABORTED`: the transfer was cancelled.
 const ABORTED: u32 = 995;
 
-/// The codes that mean that the device was unplugged. Which of them a call returns depends on the version of Windows and on
-/// the moment: not found (2, 3), access denied (5, on an open handle whose device is being deleted), invalid handle (6), no
-/// such device (55, 433), delete pending (303), not connected (1167), removed (1617).
+/// The codes that mean that the device was unplugged. The version of Windows and the moment of the call decide which
+/// code a call returns: not found (2, 3), access denied (5, on an open handle whose device is being deleted), invalid
+/// handle (6), no such device (55, 433), delete pending (303), not connected (1167), removed (1617).
 const GONE: [u32; 9] = [2, 3, 5, 6, 55, 303, 433, 1167, 1617];
 
 /// How a transfer has ended, by Windows' error code for it; 0 is success.

@@ -88,7 +88,7 @@ struct Inside {
 }
 
 /// The simulated Windows with its devices. Only one of them, the board, is opened for reports.
-#[repr(align(8))] // The lowest bits of its address tell its handles apart.
+#[repr(align(8))] // The lowest 3 bits of its address are 0, so that handles can use them to distinguish events.
 pub struct FakeWindows {
     inside: Mutex<Inside>,
     changed: Condvar,

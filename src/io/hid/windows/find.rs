@@ -19,8 +19,8 @@ use crate::io::hid::{FoundDevice, Sysfs};
 
 /// The size of the buffer for a text of a device, in UTF-16 units. A string descriptor has at most 126 units.
 const TEXT_LEN: usize = 128;
-/// How many levels above a HID device its USB device is at most: it is the parent, or the grandparent if the device has
-/// several interfaces.
+/// The maximum number of levels from a HID device up to its USB device: the USB device is the parent, or the
+/// grandparent if it has several interfaces.
 const PARENTS_MAX: usize = 2;
 
 /// Proof that a device's reports have the wanted size in both directions. It contains no interface and no endpoints,
@@ -180,7 +180,8 @@ impl<'a> List<'a> {
         (there != 0).then_some(data)
     }
 
-    /// The path of an interface, terminated by a zero, and the node number of its device; `None` if it was just unplugged.
+    /// The path of an interface, terminated by a zero, and the node number of its device; `None` if the device was just
+    /// unplugged.
     fn detail(&self, interface: &InterfaceData) -> Option<(Vec<u16>, u32)> {
         let mut detail = Box::new(InterfaceDetail { size: INTERFACE_DETAIL_SIZE, path: [0; PATH_LEN_MAX] });
         let mut device = DeviceData { size: mem::size_of::<DeviceData>() as u32, ..DeviceData::default() };

@@ -1,8 +1,8 @@
 //! The backend over Windows' own HID driver, which needs no installation (docs/decisions/windows-hid-driver.md).
 //!
-//! `api.rs` has the functions of Windows, `codes.rs` the meaning of their error codes, `names.rs` that of device names,
-//! `handle.rs` a handle that is closed once, `find.rs` the search for boards, `backend.rs` the transfers, `fake.rs` a
-//! simulated Windows for tests, so that all of this is tested on every system.
+//! `api.rs` has the functions of Windows, `codes.rs` the meaning of their error codes, `names.rs` the meaning of device
+//! names, `handle.rs` a handle that is closed once, `find.rs` the search for boards, `backend.rs` the transfers.
+//! `fake.rs` is a simulated Windows, with which these files are tested on every system.
 
 mod api;
 mod backend;

@@ -1,5 +1,5 @@
-//! Windows' names of devices. They contain the ids and often the serial number, so that no device has to be opened to
-//! read these.
+//! Windows' names of devices. They contain the vendor and product id and often the serial number, so that no device has
+//! to be opened to read these values.
 
 /// The parts of the path of a HID device, such as
 /// `\\?\hid#vid_16c0&pid_05df&mi_00#7&1a2b3c4d&0&0000#{4d1e55b2-f16f-11cf-88cb-001111000030}`.
@@ -13,7 +13,7 @@ pub struct DeviceName {
     pub instance: String,
 }
 
-/// Parses a device path; `None` if it is not that of a HID device on USB.
+/// Parses a device path; `None` if it is not the path of a HID device on USB.
 pub fn of_path(path: &str) -> Option<DeviceName> {
     let path = path.to_ascii_lowercase();
     let mut parts = path.split('#');

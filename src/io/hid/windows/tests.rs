@@ -80,8 +80,8 @@ fn a_report_has_its_number_in_front() {
     assert_eq!(read(&pipe, Some(SOON)), Err(PipeError::Timeout(SOON)));
 }
 
-/// WIN-42 Reads are pending at all times. Of unread reports the newest are kept and the others counted. Windows' driver
-/// drops reports silently when its queue is full, so the queue is set to its maximum.
+/// WIN-42 Reads are pending at all times. The newest unread reports are kept, and the others are counted as dropped.
+/// Windows' driver drops reports silently when its queue is full, so the queue is set to its maximum.
 #[test]
 fn of_reports_nobody_reads_the_newest_are_kept() {
     let (world, pipe) = open();
@@ -234,8 +234,8 @@ fn with_paused_input() -> (&'static FakeWindows, Pipe) {
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Ok(()));
     assert_eq!(world.reads(), TRANSFERS);
     in_time(move || {
-        // A pause begins by setting the driver's queue, which this loop waits for. The number of pending reads alone
-        // does not show a pause: a read may just not be resubmitted yet.
+        // Waits until the driver's queue is set, which begins a pause, and no read is pending. The number of pending
+        // reads alone does not show a pause: a read may just not be resubmitted yet.
         while world.keeps() != Some(QUEUE as u32) || world.reads() > 0 {
             pipe.write(&[1; REPORT_LEN], None).expect("it takes it");
             world.send(0, &[99; REPORT_LEN]);
@@ -245,8 +245,8 @@ fn with_paused_input() -> (&'static FakeWindows, Pipe) {
     })
 }
 
-/// WIN-67 While a program only writes, reports stay in the driver's queue, which keeps the newest. The first read
-/// returns these, and from then on no report is lost.
+/// WIN-67 While a program only writes, reports stay in the driver's queue, which keeps the newest reports. The first
+/// read returns the oldest of these, and from then on no report is lost.
 #[test]
 fn while_a_program_only_writes_its_reports_pause() {
     let (world, pipe) = with_paused_input();
@@ -306,8 +306,8 @@ fn a_board_that_goes_while_its_reports_pause() {
     assert!(matches!(pipe.check(), Err(PipeError::Lost(_))), "nothing is under way that would tell");
 }
 
-/// WIN-67 If a program does nothing with its board, reports stay in the driver's queue and cost no processor time. The
-/// newest are read when the program continues.
+/// WIN-67 If a program does nothing with its board, reports stay in the driver's queue and cost no processor time. When
+/// the program continues, it reads the newest reports.
 #[test]
 fn reports_pause_while_a_program_does_nothing() {
     let world = FakeWindows::new(vec![BOARD]);

@@ -1,4 +1,4 @@
-//! What is in the folder of a flight recorder, as another process sees it, and marks from there.
+//! Reads the folder of a flight recorder from another process, and sets marks in it.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -25,24 +25,24 @@ pub struct FlightContents {
 /// A segment of the ring: an ordinary recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FlightSegment {
-    /// The number in its name. Segments are ordered by it.
+    /// The number in the name of the file, by which segments are ordered.
     pub number: u64,
-    /// Its file.
+    /// The path of the segment's file.
     pub file: PathBuf,
     /// The length of the file, bytes.
     pub bytes: u64,
     /// The times of its first and its last frame, ns; `None` without frames.
     pub times_ns: Option<(u64, u64)>,
-    /// Whether these times are those of a virtual clock. If not they count from 1970-01-01, UTC.
+    /// Whether `times_ns` are times of a virtual clock. If not, they count from 1970-01-01, UTC.
     pub is_virtual: bool,
 }
 
-/// A kept moment.
+/// A kept moment: the frames around an event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KeptMoment {
-    /// From when to when it is, and why it is kept.
+    /// The beginning and the end of the moment, and why it is kept.
     pub moment: Moment,
-    /// Its recording; `None` while it still lasts.
+    /// The path of its recording; `None` until the recording is complete.
     pub file: Option<PathBuf>,
     /// The length of the recording, bytes.
     pub bytes: u64,
@@ -86,7 +86,7 @@ fn is_virtual(file: &Path) -> bool {
     recording.and_then(|recording| Some(recording.meta()?.clock == Clock::Virtual)).unwrap_or_default()
 }
 
-/// The folder, if it is that of a flight recorder.
+/// Opens a folder; fails if it is not the folder of a flight recorder.
 fn opened(path: &Path) -> io::Result<Disk> {
     if !path.join(LOCK).is_file() {
         return Err(io::Error::new(io::ErrorKind::NotFound, "it is not the folder of a flight recorder"));
@@ -99,8 +99,8 @@ pub(super) fn writer(path: &Path) -> Option<u32> {
     State::read(&Disk::at(path)).map(|state| state.pid)
 }
 
-/// Marks the present moment, so that it is kept, with `text` as the reason. The process that records to the folder finds
-/// the mark within a second, at its next frame. Returns the file of the mark, which is gone then.
+/// Marks the present moment, so that it is kept, with `text` as the reason. The process that records to the folder
+/// finds the mark within a second, at its next frame, and deletes the file of the mark. Returns the path of this file.
 ///
 /// # Errors
 /// [`io::ErrorKind::NotFound`] if it is not the folder of a flight recorder, [`io::ErrorKind::NotConnected`] if no
@@ -117,16 +117,16 @@ pub fn mark(path: &Path, text: &str) -> io::Result<PathBuf> {
     Ok(path.join(name))
 }
 
-/// What the last recording to a folder lacks, as text for messages that name the folder themselves. `None` if it is whole,
-/// if it is still in progress, or if there is none.
+/// What the last recording to a folder lacks, as text for messages that name the folder themselves. `None` if the
+/// recording is complete or still in progress, or if there is none.
 pub fn lacks(path: &Path) -> Option<String> {
     let disk = opened(path).ok()?;
     let state = State::read(&disk)?;
     if is_recorded(path) { None } else { state.lacks() }
 }
 
-/// Makes sure that a process can record to the folder: makes it, and forgets how an earlier recording has ended, so that
-/// [`lacks`] speaks of the next one alone.
+/// Makes sure that a process can record to the folder: creates it, and removes the note how an earlier recording has
+/// ended, so that [`lacks`] describes only the next one.
 ///
 /// # Errors
 /// [`io::ErrorKind::ResourceBusy`] with the process that is recording to it; errors of the operating system.

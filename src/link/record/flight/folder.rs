@@ -1,15 +1,16 @@
-//! The folder of a flight recorder. The tests put one in memory in its place, which loses its power.
+//! The folder of a flight recorder. Tests use a folder in memory instead, which simulates a power cut.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
-/// The folder in which kept moments are, below that of the flight recorder.
+/// The subfolder with the kept moments.
 pub(super) const KEPT: &str = "kept";
 
-/// What a flight recorder does with its folder. Names are relative to it, with `/` before a name in a folder below.
+/// The operations of a flight recorder on its folder. File names are relative to the folder; a file in a subfolder is
+/// `kept/NAME`.
 pub(super) trait Folder: Send + Sync + 'static {
-    /// Creates a file, or empties it if it is there.
+    /// Creates a file, or empties it if it exists.
     fn create(&self, name: &str) -> io::Result<Box<dyn Output>>;
 
     /// Opens a file to be read from its beginning.
@@ -18,7 +19,7 @@ pub(super) trait Folder: Send + Sync + 'static {
     /// The names of all files with their lengths in bytes, in any order.
     fn list(&self) -> io::Result<Vec<(String, u64)>>;
 
-    /// Gives a file another name; a file that has it already is replaced.
+    /// Renames a file; an existing file with the new name is replaced.
     fn rename(&self, from: &str, to: &str) -> io::Result<()>;
 
     fn remove(&self, name: &str) -> io::Result<()>;
@@ -26,11 +27,11 @@ pub(super) trait Folder: Send + Sync + 'static {
     /// Has the system write the contents of a file to the disk.
     fn sync(&self, name: &str) -> io::Result<()>;
 
-    /// Has the system write the names of files to the disk.
+    /// Has the system write the directory entries to the disk, that is the names of the files.
     fn sync_names(&self) -> io::Result<()>;
 }
 
-/// A file that only grows.
+/// An open file that only grows.
 pub(super) trait Output: Send {
     /// Appends bytes: all of them, or none if that fails.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
@@ -40,7 +41,7 @@ pub(super) trait Output: Send {
 pub(super) struct Disk(PathBuf);
 
 impl Disk {
-    /// Makes the folder if it is not there; the folder above it has to be there.
+    /// Creates the folder if it does not exist; its parent folder must exist.
     pub fn make(path: &Path) -> io::Result<Self> {
         for folder in [path, &path.join(KEPT)] {
             match fs::create_dir(folder) {
@@ -51,7 +52,7 @@ impl Disk {
         Ok(Self::at(path))
     }
 
-    /// A folder that is there.
+    /// A folder that exists already.
     pub fn at(path: &Path) -> Self {
         Self(path.to_owned())
     }
@@ -76,7 +77,8 @@ impl Folder for Disk {
             };
             for entry in entries {
                 let entry = entry?;
-                // A file may be removed meanwhile. Names of this crate are ASCII.
+                // Left out are files that were removed meanwhile, and names that are not UTF-8: all names of this crate
+                // are ASCII.
                 if let (Ok(metadata), Some(name)) = (entry.metadata(), entry.file_name().to_str())
                     && metadata.is_file()
                 {
@@ -101,7 +103,7 @@ impl Folder for Disk {
     }
 
     fn sync_names(&self) -> io::Result<()> {
-        // Windows has no such call; NTFS keeps its names in a journal.
+        // Windows has no such call; NTFS keeps file names in a journal.
         if cfg!(unix) {
             for folder in [self.0.clone(), self.0.join(KEPT)] {
                 File::open(folder)?.sync_all()?;
@@ -135,7 +137,7 @@ pub(super) fn segment(number: u64) -> String {
     format!("segment-{number:08}.ecmrec")
 }
 
-/// The name of a segment while it is compressed beside its uncompressed form.
+/// The name of a segment's compressed form until it replaces the uncompressed one.
 pub(super) fn packed(number: u64) -> String {
     format!("segment-{number:08}.packed")
 }
@@ -145,7 +147,7 @@ pub(super) fn moment(number: u64) -> String {
     format!("{KEPT}/moment-{number:08}.ecmrec")
 }
 
-/// The name of a kept moment's recording while it is made.
+/// The name of a kept moment's recording while it is being written.
 pub(super) fn unfinished(number: u64) -> String {
     format!("{KEPT}/moment-{number:08}.tmp")
 }
@@ -155,17 +157,18 @@ pub(super) fn note(number: u64) -> String {
     format!("{KEPT}/moment-{number:08}.txt")
 }
 
-/// Whether a file is one that a recorder writes and then gives its name: a power cut may leave it.
+/// Whether the name is a temporary one: a recorder writes such a file and then renames it. A power cut may leave the
+/// file under its temporary name.
 pub(super) fn is_unfinished(name: &str) -> bool {
     let is_text = [".txt.tmp", ".mark.tmp"].iter().any(|ending| name.ends_with(ending));
     is_text || number(name, packed).or(number(name, unfinished)).is_some()
 }
 
-/// The largest number of a segment or a moment; a file with a larger one is of no recorder. \[OURS] The next number has
-/// to exist, and by counting no recorder gets there.
+/// The largest number of a segment or a moment; a file with a larger number is not from a recorder. \[OURS] The limit
+/// leaves room for next numbers, and no recorder counts that far.
 const NUMBER_MAX: u64 = u64::MAX / 2;
 
-/// The number in a name that one of the functions above makes.
+/// The number in a file name; `of` is the function above that makes such names. `None` for any other name.
 pub(super) fn number(name: &str, of: fn(u64) -> String) -> Option<u64> {
     let digits: String = name.chars().filter(char::is_ascii_digit).collect();
     digits.parse().ok().filter(|number| *number <= NUMBER_MAX && of(*number) == name)
@@ -178,7 +181,7 @@ pub(super) fn text(folder: &dyn Folder, name: &str, max: u64) -> io::Result<Stri
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Writes a short text so that a reader never finds a part of it.
+/// Writes a short text under a temporary name and renames it, so that a reader never finds an incomplete text.
 pub(super) fn put_text(folder: &dyn Folder, name: &str, text: &str) -> io::Result<()> {
     let beside = format!("{name}.tmp");
     folder.create(&beside)?.append(text.as_bytes())?;

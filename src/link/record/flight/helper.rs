@@ -1,4 +1,4 @@
-//! Who runs the [`Keeper`]: a thread of its own, or the recorder's thread.
+//! Runs the [`Keeper`], on a thread of its own or on the recorder's thread.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -9,26 +9,27 @@ use super::keeper::{Done, Job, Keeper};
 use crate::link::record::SYNC_EVERY;
 use crate::threads;
 
-/// How long the end of a recording waits until the last moment is kept. What is not kept by then is when the folder is
-/// opened again. \[OURS]
+/// How long the end of a recording waits until the last moment is kept. A moment that is not kept by then will be kept
+/// when the folder is opened again. \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_secs(10);
 
-/// What is said if the thread has ended by an error of this crate. The segments go on without it.
+/// The message to the user if the keeper's thread has panicked. Segments are still written without it.
 const PANICKED: &str =
     "the thread that keeps moments and syncs to the disk has failed; open the board again, and report it";
 
-/// What the thread is sent.
+/// A message to the keeper's thread.
 pub(super) enum Message {
     Job(Job),
-    /// A tick at once; the sender is told when it is over.
+    /// The keeper has to tick at once, and to send on this channel when the tick is done.
     Tick(Sender<()>),
 }
 
 pub(super) enum Helper {
-    /// The recorder's thread, for a virtual clock: programs wait for the disk there, and the files of two equal runs are
-    /// equal. `ticked` is the time of the last tick; `None` in tests, which tick themselves.
+    /// The keeper runs on the recorder's thread. This is for a virtual clock: programs may wait for the disk there, and
+    /// the files of two equal runs must be equal. `ticked` is the time of the last tick; `None` in tests, which tick
+    /// themselves.
     Here { keeper: Box<Keeper>, ticked: Option<Instant>, done: Vec<Done> },
-    /// A thread of its own.
+    /// The keeper runs on a thread of its own.
     Thread { jobs: Option<Sender<Message>>, done: Receiver<Done>, thread: Option<JoinHandle<()>> },
 }
 
@@ -43,7 +44,7 @@ impl Helper {
         let (jobs, to_do) = channel();
         let (tell, done) = channel();
         let work = move || {
-            // If the recorder's thread has gone, nobody needs to know.
+            // Sending fails if the recorder's thread has ended. Then nobody needs the report.
             let mut report = |done| drop(tell.send(done));
             if catch_unwind(AssertUnwindSafe(|| work(&mut keeper, &to_do, &mut report))).is_err() {
                 report(Done::NotKept(PANICKED.to_owned()));
@@ -53,18 +54,19 @@ impl Helper {
         Ok(Self::Thread { jobs: Some(jobs), done, thread: Some(thread) })
     }
 
-    /// Gives the keeper something to do.
+    /// Gives the keeper a job.
     pub fn post(&mut self, job: Job) {
         match self {
             Self::Here { keeper, done, .. } => keeper.work(job, &mut |what| done.push(what)),
             Self::Thread { jobs, .. } => {
-                // The thread ends after this sender alone.
+                // The thread runs until this sender is dropped. So sending fails only after a panic, which was reported
+                // already.
                 let _ = jobs.as_ref().map(|jobs| jobs.send(Message::Job(job)));
             }
         }
     }
 
-    /// What the keeper has done since the last call.
+    /// The results that the keeper has reported since the last call.
     pub fn done(&mut self) -> Vec<Done> {
         match self {
             Self::Here { keeper, ticked, done } => {
@@ -78,21 +80,22 @@ impl Helper {
         }
     }
 
-    /// Syncs and looks for marks at once. Tests and the end of a recording do that.
+    /// Lets the keeper sync and look for marks at once. Called by tests and at the end of a recording.
     pub fn tick(&mut self) {
         match self {
             Self::Here { keeper, done, .. } => keeper.tick(&mut |what| done.push(what)),
             Self::Thread { jobs, .. } => {
                 let (over, is_over) = channel();
                 if jobs.as_ref().is_some_and(|jobs| jobs.send(Message::Tick(over)).is_ok()) {
-                    // A disk that is slower than that loses the marks of the last second.
+                    // If the disk takes longer, the marks of the last second are lost.
                     let _ = is_over.recv_timeout(END_WAIT_MAX);
                 }
             }
         }
     }
 
-    /// Ends the thread once it has done its jobs. Returns whether it has.
+    /// Ends the thread after it has done its jobs; returns whether it has ended in time. Without a thread: syncs, and
+    /// returns whether that has succeeded.
     pub fn end(&mut self) -> bool {
         let (jobs, thread) = match self {
             Self::Here { keeper, done, .. } => return keeper.sync(&mut |what| done.push(what)),
@@ -103,7 +106,7 @@ impl Helper {
     }
 }
 
-/// The work of the thread, until nobody sends any more.
+/// The loop of the keeper's thread; it ends when the sender of the jobs is dropped.
 fn work(keeper: &mut Keeper, to_do: &Receiver<Message>, report: &mut dyn FnMut(Done)) {
     let mut ticked = Instant::now();
     loop {
@@ -111,7 +114,7 @@ fn work(keeper: &mut Keeper, to_do: &Receiver<Message>, report: &mut dyn FnMut(D
             Ok(Message::Job(job)) => keeper.work(job, report),
             Ok(Message::Tick(over)) => {
                 keeper.tick(report);
-                // Who asked may have given up waiting.
+                // Sending fails if the caller has stopped waiting.
                 let _ = over.send(());
             }
             Err(RecvTimeoutError::Timeout) => {}

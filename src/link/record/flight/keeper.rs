@@ -1,6 +1,6 @@
-//! What a flight recorder does beside writing frames: it syncs files to the disk, puts compressed segments in the place
-//! of uncompressed ones, keeps moments, and finds marks. On the real clock a thread of its own does that, since a disk
-//! may take seconds for it, in which frames would have to wait.
+//! The work of a flight recorder besides writing frames: it syncs files to the disk, replaces uncompressed segments by
+//! compressed ones, keeps moments, and finds marks. On the real clock a thread of its own does this work, because a
+//! disk may take seconds for it, for which frames would have to wait.
 
 use std::collections::BTreeMap;
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -18,33 +18,35 @@ use crate::recording::file_formats::ecmrec::header::{HEADER_LEN, Header};
 use crate::recording::file_formats::ecmrec::section::Section;
 use crate::recording::{RecordMeta, Recorded, Recording};
 
-/// The ending of the file of a mark.
+/// The extension of the file of a mark.
 pub(super) const MARK: &str = ".mark";
 /// The most bytes at the beginning of a segment that are read to find how many of its frames repeat earlier ones: more
 /// than its first block has. \[OURS]
 const BEGIN_MAX: usize = 128 * 1024;
 
-/// Why a moment lacks frames whose number nobody knows any more.
+/// Why frames are missing at the beginning of a moment if the ring has already deleted the first segments. The number
+/// of these frames is not known.
 const BEGIN_MISSING: &str =
     "and more, at the beginning: the ring had no room for them any more; give it a larger flight_bytes=";
 
-/// What the recorder's thread asks of the keeper.
+/// A job that the recorder's thread gives to the keeper.
 pub(super) enum Job {
-    /// A segment grows from now on.
+    /// The segment with this number grows from now on, so it has to be synced at each tick.
     Live(u64),
-    /// A segment is finished. `is_packed`: there is a compressed form, which takes its place.
+    /// A segment is finished. `is_packed`: its compressed form exists, and has to replace the uncompressed file.
     Finished { number: u64, is_packed: bool },
-    /// A moment has begun, or has one more reason.
+    /// A moment has begun or has got another reason, so its text has to be written.
     Note(Moment),
-    /// All frames of a moment are in finished segments; the last of them is this one.
+    /// A moment has to be copied to a recording of its own. All its frames are in finished segments; the number is that
+    /// of the last one.
     Keep(Moment, u64),
 }
 
-/// What the keeper tells the recorder's thread.
+/// A result that the keeper reports to the recorder's thread.
 pub(super) enum Done {
-    /// The compressed form of a segment has taken its place.
+    /// The compressed form of the segment with this number has replaced the uncompressed file.
     Packed(u64),
-    /// A person has marked the present moment.
+    /// A person has marked the present moment, with this text.
     Mark(String),
     /// A moment cannot be kept, for this reason.
     NotKept(String),
@@ -52,13 +54,13 @@ pub(super) enum Done {
     Failed(io::Error),
 }
 
-/// A moment whose recording is there.
+/// A kept moment, whose recording is complete.
 struct Kept {
     bytes: u64,
     rank: Option<Kind>,
 }
 
-/// See the comment of this file.
+/// Does the work of a flight recorder besides writing frames; see the description of this module.
 pub(super) struct Keeper {
     folder: Arc<dyn Folder>,
     bound: u64,
@@ -68,7 +70,8 @@ pub(super) struct Keeper {
 }
 
 impl Keeper {
-    /// `kept`: the numbers of the moments that are there, with the lengths of their recordings.
+    /// `bound`: the most bytes of all kept moments. `kept`: the numbers of the moments that exist already, with the
+    /// lengths of their recordings.
     pub fn new(folder: Arc<dyn Folder>, bound: u64, kept: Vec<(u64, u64)>) -> Self {
         let of = |(number, bytes)| (number, Kept { bytes, rank: rank(&*folder, number) });
         let kept = kept.into_iter().map(of).collect();
@@ -86,7 +89,7 @@ impl Keeper {
                 match self.finish(number, is_packed) {
                     Ok(()) if is_packed => done(Done::Packed(number)),
                     Ok(()) => {}
-                    // The ring has deleted it meanwhile.
+                    // The ring has deleted the segment meanwhile.
                     Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                     Err(error) => done(Done::Failed(error)),
                 }
@@ -105,27 +108,28 @@ impl Keeper {
         }
     }
 
-    /// Syncs what grows to the disk, and looks for marks. Called once a second.
+    /// Syncs the growing segment to the disk, and looks for marks. Called once a second.
     pub fn tick(&self, done: &mut dyn FnMut(Done)) {
         if self.sync(done) {
             self.look_for_marks(done);
         }
     }
 
-    /// Syncs what grows to the disk. Returns whether that has succeeded.
+    /// Syncs the growing segment to the disk. Returns whether that has succeeded.
     pub fn sync(&self, done: &mut dyn FnMut(Done)) -> bool {
         let live = self.live.map(folder::segment);
-        // The contents go first: a name on the disk then never has less than it had a second ago.
+        // The contents are synced before the names. So a name on the disk never belongs to a file with less contents
+        // than at the last sync.
         let synced = live.map_or(Ok(()), |name| self.folder.sync(&name)).and_then(|()| self.folder.sync_names());
         synced.map_err(|error| done(Done::Failed(error))).is_ok()
     }
 
     fn look_for_marks(&self, done: &mut dyn FnMut(Done)) {
-        // A folder that cannot be listed fails when it is synced.
+        // If the folder cannot be listed, no mark is found. Syncing reports an error of the folder.
         for (name, _) in self.folder.list().unwrap_or_default() {
             if name.ends_with(MARK) && !name.contains('/') {
                 let text = folder::text(&*self.folder, &name, moment::MARK_MAX as u64);
-                // A mark that cannot be removed would come again with each tick.
+                // A mark that cannot be removed is ignored: it would come again with each tick.
                 if self.folder.remove(&name).is_ok()
                     && let Ok(text) = text
                 {
@@ -141,7 +145,7 @@ impl Keeper {
             self.folder.sync(&name)?;
             return self.folder.sync_names();
         }
-        // Only what is on the disk takes the place of what is there already.
+        // The compressed form is synced before it replaces the uncompressed file, so that a power cut cannot lose both.
         let packed = folder::packed(number);
         self.folder.sync(&packed)?;
         self.folder.rename(&packed, &name)?;
@@ -164,7 +168,7 @@ impl Keeper {
         self.put_note(moment)?;
         let unfinished = folder::unfinished(moment.number);
         let mut copy = Copy::new(moment, self.folder.create(&unfinished)?);
-        // The ring may have had no room for the first ones any more.
+        // The ring may have deleted the first segments already.
         copy.is_begin_missing = !segments.contains_key(&moment.segment);
         for number in segments.into_keys() {
             match self.folder.open(&folder::segment(number)) {
@@ -184,8 +188,9 @@ impl Keeper {
         Ok(())
     }
 
-    /// Deletes moments until a new one has room, those with the least reasons first, and of these the oldest. If those with
-    /// better reasons than the new one leave it no room, deletes none and returns false: the new one is not kept. \[OURS]
+    /// Deletes kept moments until the new one has room: those of the lowest rank first, and of these the oldest. If the
+    /// moments of a higher rank leave no room for the new one, deletes none of them and returns false: the new moment
+    /// is not kept. \[OURS]
     fn make_room(&mut self, bytes: u64, moment: &Moment) -> io::Result<bool> {
         if bytes > self.bound {
             let what = format!("{bytes} bytes have no room; give moments a larger flight_kept_bytes=");
@@ -220,7 +225,7 @@ impl Keeper {
     }
 }
 
-/// The kind of a moment that is in its folder; `None` if its text is not there.
+/// The rank of a kept moment, read from its text; `None` if there is no valid text.
 fn rank(folder: &dyn Folder, number: u64) -> Option<Kind> {
     Moment::parse(&folder::text(folder, &folder::note(number), moment::TEXT_MAX).ok()?)?.rank()
 }
@@ -228,7 +233,7 @@ fn rank(folder: &dyn Folder, number: u64) -> Option<Kind> {
 /// Copies frames of a moment from segments to its recording.
 struct Copy<'a> {
     moment: &'a Moment,
-    /// The file, until the first frame.
+    /// The file of the recording, until `writer` takes it over at the first frame.
     output: Option<Box<dyn Output>>,
     length: Arc<AtomicU64>,
     writer: Option<BlockWriter<FrameEntry>>,
@@ -256,7 +261,7 @@ impl<'a> Copy<'a> {
         }
     }
 
-    /// Copies the frames of a segment that are of the moment.
+    /// Copies those frames of a segment that belong to the moment.
     fn segment(&mut self, file: impl Read) -> io::Result<()> {
         let mut file = BufReader::with_capacity(BEGIN_MAX, file);
         let repeated = repeated(file.fill_buf()?);
@@ -303,7 +308,7 @@ impl<'a> Copy<'a> {
     fn end(mut self) -> io::Result<Option<u64>> {
         let Some(writer) = &mut self.writer else { return Ok(None) };
         if self.is_begin_missing {
-            // At least one: the first segment had frames of the moment.
+            // The number of frames in the deleted segments is unknown; it was at least one.
             writer.loss().inherit(self.missing + 1, BEGIN_MISSING.to_owned());
         } else if self.missing > 0 {
             writer.loss().inherit(self.missing, "they were missing in the ring".to_owned());

@@ -1,19 +1,19 @@
-//! The link key `flight=`: a flight recorder. It keeps the frames of the last hours in a folder, within a bound in bytes,
-//! and what surrounds an event for longer, within a second bound.
+//! The link key `flight=`: a flight recorder. It keeps the frames of the last hours in a folder, up to a bound in
+//! bytes. It keeps the frames around an event for longer, up to a second bound.
 //!
-//! The frames are in files of some seconds, the segments of a ring, of which the oldest is deleted when the bound is
-//! reached. An event, such as an alarm, makes a moment: the frames from 30 s before it to 10 s after it are copied to a
+//! The frames are in files of up to 30 s, the segments of a ring. When the bound is reached, the oldest segment is
+//! deleted. An event, such as an alarm, makes a moment: the frames from 30 s before it to 10 s after it are copied to a
 //! recording of their own. Segments and moments are ordinary recordings (`.ecmrec`), with numbers in their names, so
-//! that a clock that was set changes no order.
+//! that setting the clock of the machine does not change their order.
 //!
-//! Everything happens in the recorder's thread and in one beside it, behind the same queue as `record=`: no call of the
-//! program waits for the disk on the real clock.
+//! The recorder's thread and a second thread do all the work. They get the frames through the same queue as `record=`,
+//! so that on the real clock no call of the program waits for the disk.
 //!
-//! A file never changes, it only grows, and once a second it is synced to the disk. So a machine that loses its power
-//! loses a second at most (docs/decisions/a-flight-recorder-writes-frames-twice.md). Files:
+//! The file of a segment only grows, and once a second it is synced to the disk. So a power cut loses at most the
+//! frames of the last second (docs/decisions/a-flight-recorder-writes-frames-twice.md). Files:
 //!
-//! - `mod.rs`: what surrounds an event, and the promises of a folder
-//! - `writer.rs`: the frames of the queue go to segments; `ring.rs`: which segments there are
+//! - `mod.rs`: the options, the length of moments, and the lock on the folder
+//! - `writer.rs`: writes the frames of the queue to segments; `ring.rs`: the numbers and lengths of the segments
 //! - `keeper.rs`: syncing, compressed segments, moments and marks; `helper.rs`: the thread that does it
 //! - `moment.rs`: the text beside the recording of a moment; `state.rs`: the file `writer.txt`
 //! - `folder.rs`: the folder on the disk
@@ -53,17 +53,19 @@ pub const BEFORE: Duration = Duration::from_secs(30);
 pub const AFTER: Duration = Duration::from_secs(10);
 /// The longest moment: events that come while it lasts make it longer, up to this. \[OURS]
 pub const MOMENT_MAX: Duration = Duration::from_secs(600);
-/// The longest segment. \[OURS]
+/// The longest duration of a segment. \[OURS]
 const SEGMENT: Duration = Duration::from_secs(30);
-/// A segment ends when its file has this part of the bound of the ring, so that the ring always has several. \[OURS]
+/// A segment ends when its file reaches the bound of the ring divided by this number, so that the ring always has
+/// several segments. \[OURS]
 const SEGMENTS_MIN: u64 = 16;
-/// How often a lock is tried that another process has, with a pause between: `ecmsk flight` has it for a moment. \[OURS]
+/// How often the lock is tried again if another process has it, and the pause between two attempts: `ecmsk flight` has
+/// the lock for a moment. \[OURS]
 const LOOKS: u32 = 5;
 const LOOK_INTERVAL: Duration = Duration::from_millis(20);
 /// The file that is locked while a process records to the folder.
 const LOCK: &str = "lock";
 
-/// The keys of a flight recorder.
+/// The options of a flight recorder, from the keys of a link.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FlightOptions {
     /// The folder (`flight=`).
@@ -76,10 +78,10 @@ pub struct FlightOptions {
     pub following_error: Option<u32>,
 }
 
-/// Finds in frames what a moment is kept for. It runs on the recorder's thread.
+/// Finds in frames the events for which moments are kept. It runs on the recorder's thread.
 pub trait FlightWatch: Send + 'static {
-    /// Looks at the next frame. `at_ns`: its time in the recording, nanoseconds. Calls `found` for each event that begins
-    /// with it, with a text of one line.
+    /// Looks at the next frame. `at_ns`: its time in the recording, nanoseconds. Calls `found` for each event that
+    /// begins with this frame, with a text of one line.
     fn frame(&mut self, dir: Dir, at_ns: u64, frame: &Frame, found: &mut dyn FnMut(Kind, String));
 
     /// Notes that frames before the next one are missing, since the disk was slow.
@@ -98,7 +100,8 @@ fn is_recorded(path: &Path) -> bool {
     }
 }
 
-/// The lock on a folder, for as long as this value lives. A process that has ended, in whatever way, holds none.
+/// The lock on a folder, for as long as this value lives. The system releases the lock of a process that has ended, in
+/// whatever way.
 struct FolderLock(File);
 
 impl FolderLock {
@@ -144,7 +147,7 @@ pub(super) struct Flight {
 }
 
 impl Flight {
-    /// Opens the folder. `dropped` counts the frames that are missing.
+    /// Creates the folder if necessary, and locks it. `dropped` counts the frames that are missing.
     pub fn begin(
         options: &FlightOptions,
         meta: &RecordMeta,

@@ -1,21 +1,23 @@
-//! A moment that a flight recorder keeps: from when to when, and why. Its text is beside its recording.
+//! A moment that a flight recorder keeps: its beginning, its end and its reasons. A text file beside the recording of
+//! the moment lists them.
 
 use std::fmt;
 
-/// The most reasons of a moment that are written down; further ones are counted. \[OURS]
+/// The most reasons of a moment that its text lists; further ones are only counted. \[OURS]
 pub(super) const REASONS_MAX: usize = 50;
 /// The most bytes of the text of a moment. \[OURS]
 pub(super) const TEXT_MAX: u64 = 64 * 1024;
-/// The most bytes of a mark's text; what is behind them is cut. \[OURS]
+/// The most bytes of a mark's text; the rest is cut off. \[OURS]
 pub const MARK_MAX: usize = 500;
 
 /// The first line of the text of a moment.
 const HEAD: &str = "ecmsk flight moment";
 
-/// Why a moment is kept. If the bound for kept moments is reached, kinds that come first here go first. \[OURS]
+/// Why a moment is kept. If the bound for kept moments is reached, moments of the kinds that are listed first here are
+/// deleted first. \[OURS]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
-    /// No report came for long.
+    /// No report came for a long time.
     Gap,
     /// A change of the AL state has failed.
     State,
@@ -53,7 +55,7 @@ impl Kind {
 /// One reason for which a moment is kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reason {
-    /// The time of the frame that shows it, as the recording has it, ns.
+    /// The time of the frame that shows the event, on the clock of the recording, ns.
     pub at_ns: u64,
     /// What kind of reason it is.
     pub kind: Kind,
@@ -68,26 +70,26 @@ pub struct Moment {
     pub number: u64,
     /// The first segment of the ring that has frames of the moment.
     pub(super) segment: u64,
-    /// The times of the recording between which frames are kept, ns.
+    /// The time from which on frames are kept, on the clock of the recording, ns.
     pub from_ns: u64,
-    /// See [`Self::from_ns`].
+    /// The time until which frames are kept, on the clock of the recording, ns.
     pub to_ns: u64,
-    /// Whether these times are those of a virtual clock. If not they count from 1970-01-01, UTC.
+    /// Whether `from_ns` and `to_ns` are times of a virtual clock. If not, they count from 1970-01-01, UTC.
     pub is_virtual: bool,
-    /// Why it is kept, in the order in which it happened.
+    /// The reasons for which the moment is kept, in the order of their events.
     pub reasons: Vec<Reason>,
-    /// How many more reasons there were.
+    /// The number of further reasons that `reasons` does not list.
     pub more: u64,
 }
 
 impl Moment {
-    /// The kind that decides how long the moment is kept.
+    /// The highest kind of the moment's reasons, which decides how long the moment is kept.
     pub(super) fn rank(&self) -> Option<Kind> {
         self.reasons.iter().map(|reason| reason.kind).max()
     }
 
-    /// Adds a reason, after which the moment lasts until `to_ns`. Returns whether the text of the moment has changed
-    /// by more than the time.
+    /// Adds a reason and lets the moment last until `to_ns`. Returns whether the text now lists the reason; if not, the
+    /// reason was only counted.
     pub(super) fn add(&mut self, reason: Reason, to_ns: u64) -> bool {
         self.to_ns = self.to_ns.max(to_ns);
         let has_room = self.reasons.len() < REASONS_MAX;

@@ -1,4 +1,5 @@
-//! The segments of the ring: which there are, how long they are, and that they stay within their bound.
+//! The segments of the ring: their numbers and lengths. The oldest ones are deleted, so that all segments stay within
+//! the bound.
 
 use std::collections::VecDeque;
 use std::io::{self, Write};
@@ -6,15 +7,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::folder::{self, Folder, Output};
 
-/// A file of the ring.
+/// A segment of the ring.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Segment {
     pub number: u64,
     /// The length of its file, bytes.
     bytes: u64,
-    /// The length of its compressed form, which has not taken the place of the file yet, bytes.
+    /// The length of its compressed form until this replaces the file, bytes; then 0.
     packed: u64,
-    /// The latest time of its frames, ns; 0 for those of an earlier opening of the board.
+    /// The latest time of its frames, ns; 0 for a segment of an earlier opening of the board.
     pub last_ns: u64,
 }
 
@@ -27,7 +28,7 @@ pub(super) struct Ring {
 }
 
 impl Ring {
-    /// A ring of the segments that are there, with their numbers and lengths.
+    /// A ring of the segments that exist already, `there`: their numbers and lengths.
     pub fn new(folder: Arc<dyn Folder>, bound: u64, mut there: Vec<(u64, u64)>) -> Self {
         there.sort_unstable();
         let bytes = there.iter().map(|(_, bytes)| bytes).sum();
@@ -48,14 +49,14 @@ impl Ring {
         }
     }
 
-    /// The first segment of this opening of the board, which began with the segment `from`, that has frames from `at_ns`
-    /// on.
+    /// The number of the first segment that has frames from the time `at_ns` on. Only segments of this opening of the
+    /// board count; `from` is the first of these.
     pub fn first_at(&self, from: u64, at_ns: u64) -> u64 {
         let found = self.segments.iter().find(|segment| segment.number >= from && segment.last_ns >= at_ns);
         found.or(self.segments.back()).map_or(from, |segment| segment.number)
     }
 
-    /// Notes that the compressed form of a segment has taken the place of its file.
+    /// Notes that the compressed form of a segment has replaced its file.
     pub fn is_packed(&mut self, number: u64) {
         if let Some(segment) = self.segments.iter_mut().find(|segment| segment.number == number) {
             self.bytes -= segment.bytes;
@@ -67,15 +68,15 @@ impl Ring {
     pub fn remove_packed(&mut self, number: u64) {
         if let Some(segment) = self.segments.iter_mut().find(|segment| segment.number == number) {
             self.bytes -= std::mem::take(&mut segment.packed);
-            // What cannot be removed is removed when the folder is opened again.
+            // A file that cannot be removed now is removed when the folder is opened again.
             let _ = self.folder.remove(&folder::packed(number));
         }
     }
 
-    /// Deletes oldest segments until `bytes` more fit.
+    /// Deletes the oldest segments until `bytes` more bytes fit into the bound.
     ///
     /// # Errors
-    /// They do not fit beside the newest segment, or a segment cannot be deleted.
+    /// The bytes do not fit beside the newest segment, or a segment cannot be deleted.
     pub fn make_room(&mut self, bytes: u64) -> io::Result<()> {
         while self.bytes + bytes > self.bound {
             if !self.delete_oldest()? {
@@ -86,12 +87,13 @@ impl Ring {
         Ok(())
     }
 
-    /// Deletes the oldest segment; returns false if there is none but the newest, which may still grow.
+    /// Deletes the oldest segment; returns false if only the newest segment is left, which may still grow.
     fn delete_oldest(&mut self) -> io::Result<bool> {
         let Some(oldest) = self.segments.front().copied().filter(|_| self.segments.len() > 1) else {
             return Ok(false);
         };
-        // In this order: the keeper may just put the compressed form in the place of the file.
+        // The order matters: the keeper may rename the compressed form to the name of the segment at any moment. In the
+        // other order the renamed file could stay.
         for name in [folder::packed(oldest.number), folder::segment(oldest.number)] {
             match self.folder.remove(&name) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
@@ -104,7 +106,7 @@ impl Ring {
     }
 }
 
-/// The ring of one flight recorder. The files that grow in it use it too, on the same thread.
+/// The ring of one flight recorder. Its growing files share it, on the same thread.
 #[derive(Clone)]
 pub(super) struct SharedRing(Arc<Mutex<Ring>>);
 
@@ -127,7 +129,7 @@ impl SharedRing {
         }
     }
 
-    /// Creates a file of the newest segment; `is_packed`: that of its compressed form.
+    /// Creates the file of the newest segment; with `is_packed` the file of its compressed form.
     pub fn create(&self, number: u64, is_packed: bool) -> io::Result<SegmentFile> {
         let name = if is_packed { folder::packed(number) } else { folder::segment(number) };
         let folder = Arc::clone(&self.lock().folder);
@@ -141,12 +143,12 @@ impl SharedRing {
     }
 }
 
-/// Whether an error says that a disk, or what a user may have of it, is full.
+/// Whether an error says that the disk is full or the quota of the user is used up.
 fn is_full(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
 }
 
-/// A file of the newest segment. What is written to it makes room within the bound first.
+/// A file of the newest segment. Before each write the oldest segments are deleted, as far as the bound requires it.
 pub(super) struct SegmentFile {
     output: Box<dyn Output>,
     ring: SharedRing,

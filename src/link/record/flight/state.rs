@@ -9,18 +9,18 @@ pub(super) const NAME: &str = "writer.txt";
 /// The most bytes of the file that are read. \[OURS]
 const BYTES_MAX: u64 = 4096;
 
-/// What the file says.
+/// The contents of the file `writer.txt`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct State {
-    /// The process that writes to the folder, or did.
+    /// The id of the process that writes to the folder, or that has written to it last.
     pub pid: u32,
     /// Whether the recording was ended.
     pub is_ended: bool,
-    /// How many frames are missing, of all openings of the board by this process.
+    /// The number of missing frames in all recordings of this process to the folder.
     pub missing: u64,
-    /// Why frames are missing, if one is.
+    /// Why frames are missing; `None` if none are.
     pub why: Option<String>,
-    /// Why a moment is not kept, if one is not.
+    /// Why the first moment that is not kept could not be kept; `None` if there is no such moment.
     pub not_kept: Option<String>,
 }
 
@@ -35,7 +35,7 @@ impl State {
         Ok(state)
     }
 
-    /// What the file says; `None` if it is not there.
+    /// Reads the file; `None` if it does not exist or is not valid.
     pub fn read(folder: &dyn Folder) -> Option<Self> {
         let mut state = Self::default();
         for line in folder::text(folder, NAME, BYTES_MAX).ok()?.lines() {

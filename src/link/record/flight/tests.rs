@@ -1,4 +1,4 @@
-//! Flight recorders in a folder in memory ([`memory`]). Time is that of the frames.
+//! Flight recorders in a folder in memory ([`memory`]). Times are those of the frames, not of the machine.
 
 mod memory;
 mod odd;
@@ -23,20 +23,20 @@ use crate::recording::{Clock, Lacks, RecordMeta, Recording};
 use crate::sk::{Frame, MasterCommand, MasterState, SlaveKind, SlotSize, StateByte};
 use memory::{Dice, Memory, after_cut};
 
-/// The distance of frames, ns.
+/// The time between two frames, ns.
 const STEP_NS: u64 = 100_000_000;
 const FRAMES_A_SECOND: u64 = 1_000_000_000 / STEP_NS;
 const BEGIN_NS: u64 = 1_700_000_000_000_000_000;
 const LARGE: Bounds = Bounds { ring: 100_000_000, kept: 100_000_000 };
 const SMALL: Bounds = Bounds { ring: 60_000, kept: 40_000 };
-/// Where a frame has its number.
+/// The offset at which a frame of these tests has its number.
 const NUMBER_AT: usize = 100;
 
 fn meta() -> RecordMeta {
     RecordMeta { slot: Some(SlotSize::Bytes12), ..RecordMeta::begun("sim:".to_owned(), None, false, Stamp(0)) }
 }
 
-/// Finds events at frames with these numbers.
+/// Finds an event in each frame with one of these numbers.
 struct At(BTreeMap<u64, Kind>, Arc<AtomicU64>);
 
 impl FlightWatch for At {
@@ -96,7 +96,7 @@ impl Recorder {
         }
     }
 
-    /// Records frames with a few bytes that are never the same.
+    /// Records frames that differ from all others in a few bytes.
     fn frames(&mut self, count: u64) {
         for _ in 0..count {
             let mut frame = Frame::new();
@@ -192,8 +192,8 @@ fn the_ring_has_all_frames() {
     }
 }
 
-/// The power is lost at any moment, a thousand times: what is on the disk can be read, all of it but the last second. A
-/// recorder that begins anew keeps the moments that had begun.
+/// The power is cut at random moments, a thousand times: all frames but those of the last second can be read from the
+/// disk. A recorder that is started afterwards keeps the moments that had begun.
 #[test]
 fn a_power_cut_costs_a_second() {
     const FRAMES: u64 = 900;
@@ -257,8 +257,8 @@ fn bounds_hold_at_any_time() {
     assert!(moment(&files, 19).is_some());
 }
 
-/// What surrounds an event is kept: 30 s before it and 10 s after it, with the settings that were made long before. Events
-/// close to each other are one moment.
+/// The frames around an event are kept: from 30 s before it to 10 s after it, with the settings that were made long
+/// before. Events close to each other are one moment.
 #[test]
 fn what_surrounds_an_event_is_kept() {
     let memory = Memory::default();
@@ -285,7 +285,7 @@ fn what_surrounds_an_event_is_kept() {
     assert_eq!(moment(&files, 3), None);
 }
 
-/// Reports at the beginning of a segment, also such as were read late, stay behind the settings: in the file, and for
+/// Reports at the beginning of a segment, even if they were read late, come after the settings: in the file, and for
 /// readers, which sort by time. A moment over several segments has its settings and all its frames.
 #[test]
 fn reports_stay_behind_the_settings() {
@@ -295,7 +295,7 @@ fn reports_stay_behind_the_settings() {
     let mut recorder = Recorder::begin(&memory, LARGE, &[(EVENT, Kind::Alarm)]);
     recorder.command(&set_axis());
     for number in 1..=1000 {
-        // A segment begins with frame 300, and so on. The report behind that frame is older than it.
+        // Segments begin with frames 300, 600 and so on. The report after such a frame is older than the frame.
         let is_late = number > 1 && number % 300 == 1;
         let at_ns = if is_late { recorder.at_ns(number - 1) - LATE_NS } else { recorder.at_ns(number) };
         recorder.report_at(at_ns);
@@ -317,7 +317,7 @@ fn reports_stay_behind_the_settings() {
     assert_eq!(frames[0].1, 0, "SET_AXIS");
 }
 
-/// If kept moments have no room, those of gaps go before alarms, and marks go last.
+/// If kept moments have no room, moments of gaps are deleted before those of alarms, and marks last.
 #[test]
 fn the_least_moments_go_first() {
     let memory = Memory::default();
@@ -337,7 +337,7 @@ fn the_least_moments_go_first() {
     assert!(kept.contains(&1) && kept.contains(&3) && !kept.contains(&2), "{kept:?}");
 }
 
-/// A person's mark is found while it is recorded, and its text kept.
+/// A person's mark is found during the recording, and its text is kept.
 #[test]
 fn a_mark_is_kept() {
     let memory = Memory::default();
@@ -412,7 +412,7 @@ fn a_slow_disk_is_counted() {
     assert_eq!((numbers.len(), lacks), (1110, 10));
 }
 
-/// A clock that was set back changes no order: numbers go on, and the oldest segment is the one that goes.
+/// A clock that was set back changes no order: numbers go on, and the oldest segment is the one that is deleted.
 #[test]
 fn a_clock_that_was_set_back_changes_no_order() {
     let memory = Memory::default();

@@ -29,7 +29,7 @@ pub(super) struct Bounds {
     pub kept: u64,
 }
 
-/// Who runs the keeper.
+/// Which thread runs the keeper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Help {
     Thread,
@@ -43,17 +43,17 @@ pub(super) enum Help {
 struct Live {
     number: u64,
     begin_ns: u64,
-    /// The frames as they come. What is in this file never changes, so that a cut of the power costs what was not synced
-    /// and nothing before it.
+    /// The frames in the order in which they come. Written bytes of this file never change, so that a power cut loses
+    /// only frames that were not synced yet.
     raw: BlockWriter<FrameEntry>,
-    /// The same frames, compressed. This file takes the place of the other one when it is complete and synced. `None` if it
+    /// The same frames, compressed. This file replaces the file of `raw` when it is complete and synced. `None` if it
     /// could not be written.
     packed: Option<BlockWriter<FrameEntry>>,
-    /// The number of frames that the run had lost when the segment began.
+    /// The number of frames that the whole recording had lost when the segment began.
     lost_before: u64,
 }
 
-/// See the comment of this file.
+/// Writes frames to segments, and finds the moments to keep.
 pub(super) struct FlightWriter {
     loss: Loss,
     name: String,
@@ -82,8 +82,8 @@ pub(super) struct FlightWriter {
 }
 
 impl FlightWriter {
-    /// Makes the folder ready: removes what an earlier recorder has left unfinished, keeps the moments that it could not
-    /// keep any more, and deletes what is beyond the bounds.
+    /// Prepares the folder: removes the unfinished files of an earlier recorder, keeps the moments that it had no time
+    /// to keep, and deletes the oldest segments beyond the bound.
     pub fn begin(
         loss: Loss,
         name: &str,
@@ -162,7 +162,7 @@ impl FlightWriter {
         }
     }
 
-    /// Begins a segment with the frame of this time.
+    /// Begins a segment whose first frame has the time `at_ns`.
     fn begin_segment(&mut self, at_ns: u64) -> io::Result<()> {
         let number = self.next;
         self.next += 1;
@@ -206,13 +206,13 @@ impl FlightWriter {
         if let Some(error) = error {
             self.fail(&io::Error::other(error));
         }
-        // Windows renames no file in the place of an open one.
+        // The file is closed before the keeper replaces it: Windows does not replace an open file.
         drop(raw);
         self.helper.post(Job::Finished { number, is_packed });
         self.look_at_helper();
     }
 
-    /// Takes over what the file of the live segment has lost, after an error of a write.
+    /// If a write to the file of the live segment has failed, takes over the error and the number of lost frames.
     fn take_error(&mut self, raw: &mut BlockWriter<FrameEntry>) {
         if let Some(error) = raw.loss().error()
             && !self.loss.has_failed()
@@ -241,7 +241,7 @@ impl FlightWriter {
         }
     }
 
-    /// Keeps what surrounds an event: begins a moment, or makes the one that has begun longer.
+    /// Handles an event: begins a moment, or extends the moment that has begun already.
     fn event(&mut self, reason: Reason) {
         if self.loss.has_failed() {
             return;
@@ -268,14 +268,15 @@ impl FlightWriter {
         }
     }
 
-    /// Has the moment kept that has begun, with all frames so far.
+    /// Ends the moment that has begun, and gives it to the keeper with all frames so far.
     fn finish_moment(&mut self) {
         let Some(moment) = self.pending.take() else { return };
         self.end_segment();
         self.helper.post(Job::Keep(moment, self.next - 1));
     }
 
-    /// Ends the segment and the moment that the frame with this time is behind.
+    /// Called before the frame with the time `at_ns` is written: ends the moment if this time is after its end, and the
+    /// segment if it is long enough.
     fn end_what_is_over(&mut self, at_ns: u64) {
         if self.pending.as_ref().is_some_and(|moment| at_ns > moment.to_ns) {
             self.finish_moment();
@@ -336,7 +337,7 @@ impl Writer<FrameEntry> for FlightWriter {
     }
 
     fn end(&mut self) {
-        // A mark of the last second counts.
+        // The keeper ticks once more, so that a mark of the last second is found.
         self.helper.tick();
         self.look_at_helper();
         self.finish_moment();
@@ -346,7 +347,7 @@ impl Writer<FrameEntry> for FlightWriter {
         }
         self.look_at_helper();
         let (missing, why) = self.loss.missing();
-        // If this fails the state says that the recording was not ended.
+        // If this fails, the file `writer.txt` still says that the recording was not ended.
         let _ = self.state.end(&*self.folder, missing, why.as_deref());
     }
 

@@ -1,4 +1,4 @@
-//! Judges a network card, and the settings of the machine that make the cycle of its slaves late.
+//! Judges a network card for the link `nic:`, and the settings of the machine that can make EtherCAT cycles late.
 
 use super::{Finding, Machine};
 use crate::address::keys::Scheme;

@@ -12,9 +12,9 @@ use crate::machine::usb::UsbDevice;
 const LIBUSB: &str = "libusb-1.0.so.0";
 /// The kernel's driver for HID devices.
 const HID: &str = "usbhid";
-/// The driver name that stands for a program that uses libusb.
+/// The driver name that the kernel shows while a program uses the device by libusb.
 const PROGRAM: &str = "usbfs";
-/// The driver that exports a device to another machine.
+/// The driver that exports a device to another machine by USB/IP.
 const EXPORTED: &str = "usbip-host";
 
 impl Machine {
@@ -62,7 +62,7 @@ impl Machine {
             shown.collect::<Vec<_>>().join(", ")
         };
         let fitting: Vec<&UsbDevice> = boards.iter().filter(fits).collect();
-        // As the link does, boards without a configuration are skipped if another board has one.
+        // Like the link `usb:`, this skips boards that are not configured if another board is configured.
         let on: Vec<&UsbDevice> = fitting.iter().copied().filter(|board| board.configured).collect();
         let fitting = if on.is_empty() { fitting } else { on };
         match (&fitting[..], boards) {

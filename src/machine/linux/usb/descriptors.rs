@@ -63,7 +63,7 @@ pub fn report_interface(bytes: &[u8], configuration: Option<u8>) -> Result<Repor
     if wanted == Selection::Inside && rest.len() != 1 { Err(why) } else { Err(NotTheBoard::Descriptors) }
 }
 
-/// Whether the descriptors being read belong to the wanted configuration.
+/// The parser's position relative to the wanted configuration: before it, or inside it.
 #[derive(PartialEq)]
 enum Selection {
     Before,

@@ -53,7 +53,7 @@ async fn ask(
             Ok(CoeMessage::Information(fragment)) => fragment,
             // Some slaves refuse SDO information by an SDO abort.
             Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code })) if object != FIRST_OBJECT => {
-                // It may answer a transfer that was given up.
+                // The abort may answer an earlier transfer, which the master has given up.
                 if mailbox.leaves_out() {
                     continue;
                 }
@@ -71,8 +71,8 @@ async fn ask(
             }
             return Err(MailboxError::WrongAnswer.into());
         }
-        // Each fragment states how many fragments are left, so this number must count down. Some slaves show by it alone
-        // that fragments are left, without the bit "incomplete".
+        // Each fragment states how many fragments are left, so this number must count down. Some slaves do not set the
+        // bit "incomplete": there only this number shows that fragments follow.
         if expected.is_some_and(|expected| expected != fragment.left) {
             return Err(MailboxError::WrongAnswer.into());
         }

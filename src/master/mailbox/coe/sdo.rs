@@ -67,8 +67,8 @@ impl Sdo {
     }
 
     /// Sends a request and returns what `take` makes of the answer. `take` returns an abort code for a message that
-    /// does not answer the request: such a message is dropped if it may answer an abandoned request, and else ends the
-    /// transfer.
+    /// does not answer the request. Such a message is dropped if it may answer an abandoned request; otherwise it ends
+    /// the transfer.
     async fn ask<R>(
         &mut self,
         request: SdoRequest<'_>,
@@ -116,8 +116,9 @@ impl Sdo {
         }
     }
 
-    /// Whether an abort belongs to this transfer. One of another object may answer a request that was given up. If no such
-    /// answer is awaited, the slave names its objects otherwise than the standard says: some abort segments with 0x0000:0.
+    /// Whether an abort belongs to this transfer. An abort of another object may answer a request that was given up. If
+    /// no such answer is expected, the abort counts for this transfer: some slaves abort segments with object 0x0000:0,
+    /// against the standard.
     fn is_for_this(&mut self, object: ObjectAddress) -> bool {
         object == self.object || !self.mailbox.leaves_out()
     }
@@ -222,7 +223,8 @@ impl NumberTransfer {
     }
 }
 
-/// Uploads an object. A value whose size is above [`VALUE_BYTES_MAX`], or of which not all bytes come, is an error.
+/// Uploads an object. It is an error if the size of the value is above [`VALUE_BYTES_MAX`], or if bytes of it are
+/// missing.
 pub(super) async fn upload<V: Value>(
     bus: Bus,
     peer: Peer,
@@ -240,7 +242,7 @@ pub(super) async fn upload<V: Value>(
                 _ if other != object => return Err(AbortCode::COMMAND),
                 SdoValuePart::Expedited(data) => (data.len(), data),
                 SdoValuePart::Unsized(four) => (four.len(), &four[..]),
-                // Bytes behind the value in its message have no meaning.
+                // Bytes after the value in its message have no meaning.
                 SdoValuePart::First { size, data } => {
                     let size = usize::try_from(size).unwrap_or(usize::MAX);
                     (size, &data[..data.len().min(size)])
@@ -270,7 +272,8 @@ pub(super) async fn upload<V: Value>(
             .await?;
         match is_last {
             Ok(true) => break,
-            // Every segment but the last one must have at least [`SEGMENT_BYTES_MIN`] bytes, so that the transfer ends.
+            // Every segment but the last one must have at least [`SEGMENT_BYTES_MIN`] bytes: otherwise the transfer
+            // might never end.
             Ok(false) if value.len() - before >= SEGMENT_BYTES_MIN => {}
             Ok(false) => return sdo.fail(AbortCode::COMMAND).await,
             Err(code) => return sdo.fail(code).await,

@@ -1,11 +1,10 @@
-//! Stands for `linux.rs` on operating systems without a virtual host controller.
+//! Replaces `linux.rs` on operating systems without a virtual host controller.
 
 use std::path::Path;
 
 use super::AttachError;
 
-/// The type of a connection to the kernel, which other files need for compiling. No value is ever made on these
-/// systems.
+/// The type of a connection to the kernel, to which other files refer. On these systems no value of it exists.
 pub type Socket = std::net::TcpStream;
 
 /// Always fails.

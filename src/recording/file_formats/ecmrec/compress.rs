@@ -7,7 +7,8 @@ use miniz_oxide::inflate::decompress_to_vec_with_limit;
 
 use super::header::BYTES_MAX;
 
-/// The level of compression: the fastest one. \[OURS] The next ones need several times as long for a tenth less.
+/// The level of compression: the fastest one. \[OURS] The next levels take several times as long, and save only a tenth
+/// of the bytes.
 const LEVEL: i32 = 1;
 /// The window size of deflate, 15 bits (32 KiB). The minus sign leaves out the header and the checksum of zlib.
 const RAW: i32 = -15;

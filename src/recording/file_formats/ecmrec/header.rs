@@ -29,8 +29,8 @@ use crate::recording::file_formats::exchange;
 /// The first bytes of each block. No text file begins with the byte 0x89, and a transfer that converts line ends
 /// damages the last byte.
 pub(crate) const MAGIC: [u8; 8] = *b"\x89ECMREC\n";
-/// The version of blocks that this crate writes, and the newest that it reads.
-pub(crate) const VERSION: u8 = 1;
+/// The version of blocks that this crate writes, and the newest that it reads. Version 1 has no second differences.
+pub(crate) const VERSION: u8 = 2;
 /// The length of a header, bytes.
 pub(crate) const HEADER_LEN: usize = size_of::<RawHeader>();
 /// The length of header and trailer together, bytes.
@@ -88,6 +88,8 @@ impl What {
 pub(crate) struct Header {
     /// The kind of the block; `None` if a newer version of the format wrote it.
     pub kind: Option<Kind>,
+    /// The version of the contents. Blocks are written with [`VERSION`], whatever this says.
+    pub version: u8,
     pub is_compressed: bool,
     pub what: What,
     /// Whether the block has a frame whose slot 0 is a command other than GET_STATUS. Such commands configure the
@@ -158,6 +160,7 @@ impl Header {
         };
         let header = Self {
             kind,
+            version: raw.version,
             what,
             is_compressed: raw.is_compressed != 0,
             has_orders: raw.flags & HAS_ORDERS != 0,
@@ -173,7 +176,7 @@ impl Header {
         (header.length.max(header.unpacked) as usize <= BYTES_MAX).then_some(header)
     }
 
-    /// Appends to `out` the block with `bytes` as its contents. Sets length and CRC from them.
+    /// Appends to `out` the block with `bytes` as its contents. Sets the length and the CRC in the header from `bytes`.
     pub fn write(mut self, bytes: &[u8], out: &mut Vec<u8>) {
         self.length = bytes.len() as u32;
         self.crc = crc32fast::hash(bytes);

@@ -121,7 +121,7 @@ impl Index {
                     return Ok(None);
                 };
                 let Some((header, bytes)) = block_at(file, index_at)? else { return Ok(None) };
-                // A file whose blocks overlap would be read as often as it has blocks.
+                // Without this check a file with overlapping blocks could be read again for each of its blocks.
                 let is_index = header.kind == Some(Kind::Index) && header.block_len() as u64 <= back;
                 let is_inside = |block: &BlockAt| block.at > section_at;
                 let found = parse(&bytes, index_at).filter(|found| is_index && found.iter().all(is_inside));
@@ -146,7 +146,7 @@ impl Index {
     }
 
     /// Makes the index from the headers of all blocks, for a file without complete indexes. Only the headers are read,
-    /// but the whole file is searched behind a damaged one.
+    /// but after a damaged header the file is searched byte by byte for the next one.
     fn from_headers(file: &mut (impl Read + Seek), len: u64) -> io::Result<Self> {
         let mut index = Self::default();
         let (mut at, mut number) = (0, 0);
@@ -216,8 +216,9 @@ fn header_at(file: &mut (impl Read + Seek), at: u64) -> io::Result<Option<Header
     Ok(Header::parse(&bytes))
 }
 
-/// The offset of the next valid header from `at` on, and the header. `None`: there is none up to the end of the file. All
-/// magic numbers in the bytes that are read at once are looked at, so that a file of magic numbers is read once.
+/// The offset of the next valid header from `at` on, and the header. `None`: there is none up to the end of the file.
+/// All magic numbers in a chunk are tried before the next chunk is read, so that even a file full of magic numbers is
+/// read only once.
 fn next_header(file: &mut (impl Read + Seek), mut at: u64) -> io::Result<Option<(u64, Header)>> {
     loop {
         file.seek(SeekFrom::Start(at))?;
@@ -305,7 +306,7 @@ mod tests {
         assert!(!is_whole(recording(&outer, HEADER_LEN + BEFORE, packets)));
     }
 
-    /// A file without an index is read a few times at most, whatever it has.
+    /// A file without an index is read a few times at most, whatever its contents are.
     #[test]
     fn a_file_of_magic_numbers_is_read_once() {
         let file = [section(), MAGIC.repeat(100_000), section()].concat();

@@ -3,7 +3,10 @@
 //! From one cycle to the next few bytes of a frame change, and these by nearly the same amount: counters, targets,
 //! positions. So each 32-bit word of a packet is stored as its difference from the same word in the previous packet of
 //! this direction. The differences of one word in all packets are stored together: a word that never changes takes no
-//! byte, and one that changes evenly becomes a run of equal bytes, which compress well.
+//! byte, and one that changes evenly becomes a run of equal bytes, which compress well. A word that accelerates and
+//! brakes, as the target of an axis does, has small second differences, the differences of its differences. The second
+//! differences of a noisy measured value are larger than its first differences. So for each word the kind of
+//! differences that is smaller is stored.
 //!
 //! The contents of a block, with numbers in LEB128, and signed numbers in zigzag encoding:
 //!
@@ -13,8 +16,9 @@
 //! 3. the lengths of the packets whose bit 1 is set, bytes
 //! 4. for each packet, ns: the time since the previous packet in this direction, minus the same time of that previous
 //!    packet
-//! 5. for each direction: a bit for each word that says whether it changes in any packet, and then, for each word that
-//!    does, its differences in all packets
+//! 5. for each direction: a bit for each word that says whether it changes in any packet; a bit for each word that says
+//!    whether it is stored as second differences (not in version 1 of the format); and then, for each word that changes,
+//!    its differences in all packets
 
 use crate::sk::Dir;
 
@@ -42,6 +46,8 @@ pub(crate) struct Packet<'a> {
 #[derive(Clone, Debug, Default)]
 struct Before {
     words: Vec<u32>,
+    /// The difference of each word between the previous packet and the one before that.
+    steps: Vec<u32>,
     len: usize,
     at_ns: u64,
     /// The time between the previous packet and the one before that, ns.
@@ -51,12 +57,14 @@ struct Before {
 impl Before {
     fn begin(&mut self, at_ns: u64) {
         self.words.fill(0);
+        self.steps.fill(0);
         (self.len, self.at_ns, self.since_ns) = (0, at_ns, 0);
     }
 
     fn make_room(&mut self, words: usize) {
         if self.words.len() < words {
             self.words.resize(words, 0);
+            self.steps.resize(words, 0);
         }
     }
 }
@@ -71,6 +79,8 @@ pub(crate) struct Packer {
     of_dir: [Vec<usize>; 2],
     /// For each direction and word, all differences of the block combined by OR; 0: the word never changes.
     changed: [Vec<u32>; 2],
+    /// The differences of one word in all packets of one direction.
+    column: Vec<u32>,
 }
 
 impl Packer {
@@ -94,14 +104,40 @@ impl Packer {
         out.extend(lengths);
         self.times(packets, out);
         for dir in 0..2 {
-            let changed = &self.changed[dir];
-            out.extend(changed.chunks(8).map(|bits| {
-                bits.iter().enumerate().fold(0, |byte, (bit, changed)| byte | u8::from(*changed != 0) << bit)
-            }));
-            for word in (0..words).filter(|word| changed[*word] != 0) {
-                for packet in &self.of_dir[dir] {
-                    put(out, zigzag(self.differences[packet * words + word]));
-                }
+            self.columns(dir, words, out);
+        }
+    }
+
+    /// Appends the differences of the packets of one direction to `out`.
+    fn columns(&mut self, dir: usize, words: usize, out: &mut Vec<u8>) {
+        let packets = &self.of_dir[dir];
+        let changed_at = out.len();
+        let seconds_at = changed_at + words.div_ceil(8);
+        out.resize(seconds_at + words.div_ceil(8), 0);
+        if packets.is_empty() {
+            return;
+        }
+        let set = |out: &mut Vec<u8>, at: usize, word: usize| out[at + word / 8] |= 1 << (word % 8);
+        for (word, step) in self.before[dir].steps.iter_mut().enumerate().take(words) {
+            if self.changed[dir][word] == 0 {
+                *step = 0;
+                continue;
+            }
+            set(out, changed_at, word);
+            self.column.clear();
+            self.column.extend(packets.iter().map(|packet| self.differences[packet * words + word]));
+            let before = std::mem::replace(step, self.column.last().copied().unwrap_or_default());
+            let seconds = || {
+                self.column
+                    .iter()
+                    .scan(before, |before, step| Some(zigzag(step.wrapping_sub(std::mem::replace(before, *step)))))
+            };
+            let firsts = || self.column.iter().map(|step| zigzag(*step));
+            if bits(seconds()) < bits(firsts()) {
+                set(out, seconds_at, word);
+                seconds().for_each(|number| put(out, number));
+            } else {
+                firsts().for_each(|number| put(out, number));
             }
         }
     }
@@ -117,9 +153,9 @@ impl Packer {
         self.of_dir.iter_mut().for_each(Vec::clear);
     }
 
-    /// For each packet appends a byte to `out` with its direction, and whether its length differs from that of the previous
-    /// packet in this direction, and calculates the difference of each of its words from the same word of that packet. Returns
-    /// the encoded lengths of the packets whose length differs.
+    /// For each packet appends a byte to `out`: its direction, and whether its length differs from that of the previous
+    /// packet in this direction. Also calculates the difference of each word from the same word of that previous
+    /// packet. Returns the encoded lengths of the packets whose length differs.
     fn packets<'a>(&mut self, packets: impl Iterator<Item = Packet<'a>>, words: usize, out: &mut Vec<u8>) -> Vec<u8> {
         let mut lengths = Vec::new();
         for (number, packet) in packets.enumerate() {
@@ -180,21 +216,22 @@ impl Unpacker {
         self.next = 0;
     }
 
-    /// Decodes the uncompressed contents of a block or piece. [`Self::next`] then returns its packets.
+    /// Decodes the uncompressed contents of a block or piece that has the version `version` of the format.
+    /// [`Self::next`] then returns its packets.
     ///
     /// # Errors
     /// The contents are damaged; there are no packets then.
-    pub fn take(&mut self, bytes: &[u8]) -> Result<(), NotPacked> {
+    pub fn take(&mut self, version: u8, bytes: &[u8]) -> Result<(), NotPacked> {
         self.packets.clear();
         self.next = 0;
-        let taken = self.read(bytes);
+        let taken = self.read(version, bytes);
         if taken.is_none() {
             self.packets.clear();
         }
         taken.ok_or(NotPacked)
     }
 
-    fn read(&mut self, mut bytes: &[u8]) -> Option<()> {
+    fn read(&mut self, version: u8, mut bytes: &[u8]) -> Option<()> {
         let bytes = &mut bytes;
         let count = usize::try_from(get(bytes)?).ok().filter(|count| *count <= PACKETS_MAX)?;
         self.words = usize::try_from(get(bytes)?).ok().filter(|words| *words <= BYTES_MAX / WORD)?;
@@ -222,18 +259,30 @@ impl Unpacker {
         }
         self.differences.clear();
         self.differences.resize(differences, 0);
-        [Dir::Write, Dir::Read].into_iter().try_for_each(|dir| self.read_differences(dir, bytes))
+        [Dir::Write, Dir::Read].into_iter().try_for_each(|dir| self.read_differences(version, dir, bytes))
     }
 
-    fn read_differences(&mut self, dir: Dir, bytes: &mut &[u8]) -> Option<()> {
+    fn read_differences(&mut self, version: u8, dir: Dir, bytes: &mut &[u8]) -> Option<()> {
         let words = self.words;
-        self.before[index(dir)].make_room(words);
-        let (bits, rest) = bytes.split_at_checked(words.div_ceil(8))?;
+        let before = &mut self.before[index(dir)];
+        before.make_room(words);
+        let (changed, rest) = bytes.split_at_checked(words.div_ceil(8))?;
+        let (seconds, rest) = if version > 1 { rest.split_at_checked(words.div_ceil(8))? } else { (&[][..], rest) };
         *bytes = rest;
-        for word in (0..words).filter(|word| bits[word / 8] & 1 << (word % 8) != 0) {
-            for (number, _) in self.packets.iter().enumerate().filter(|(_, packet)| packet.0 == dir) {
-                let number_of = u32::try_from(get(bytes)?).ok()?;
-                self.differences[number * words + word] = unzigzag(number_of);
+        let is_set = |bits: &[u8], word: usize| bits.get(word / 8).is_some_and(|byte| byte & 1 << (word % 8) != 0);
+        let packets = || self.packets.iter().enumerate().filter(|(_, packet)| packet.0 == dir);
+        let has_packets = packets().next().is_some();
+        for (word, step) in before.steps.iter_mut().enumerate().take(words) {
+            if !is_set(changed, word) {
+                if has_packets {
+                    *step = 0;
+                }
+                continue;
+            }
+            for (number, _) in packets() {
+                let difference = unzigzag(u32::try_from(get(bytes)?).ok()?);
+                *step = if is_set(seconds, word) { step.wrapping_add(difference) } else { difference };
+                self.differences[number * words + word] = *step;
             }
         }
         Some(())
@@ -287,6 +336,11 @@ const fn unzigzag(number: u32) -> u32 {
     number >> 1 ^ (number & 1).wrapping_neg()
 }
 
+/// The number of bits that the numbers need, which is about what they take in a compressed block.
+fn bits(numbers: impl Iterator<Item = u64>) -> u32 {
+    numbers.map(|number| u64::BITS - number.leading_zeros()).sum()
+}
+
 fn put(out: &mut Vec<u8>, mut number: u64) {
     while number >= 0x80 {
         out.push(number as u8 | 0x80);
@@ -312,6 +366,7 @@ fn get(bytes: &mut &[u8]) -> Option<u64> {
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::header::VERSION;
     use super::*;
 
     type Owned = (u64, bool, Vec<u8>);
@@ -321,7 +376,7 @@ mod tests {
     }
 
     fn unpacked(unpacker: &mut Unpacker, bytes: &[u8]) -> Vec<Owned> {
-        unpacker.take(bytes).expect("it was packed");
+        unpacker.take(VERSION, bytes).expect("it was packed");
         let mut found = Vec::new();
         loop {
             let mut bytes = Vec::new();
@@ -358,10 +413,48 @@ mod tests {
         fn other_bytes_are_refused(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
             let mut unpacker = Unpacker::default();
             unpacker.begin(0);
-            if unpacker.take(&bytes).is_ok() {
-                while unpacker.next(&mut Vec::new()).is_some() {}
+            for version in 1..=VERSION {
+                unpacker.begin(0);
+                if unpacker.take(version, &bytes).is_ok() {
+                    while unpacker.next(&mut Vec::new()).is_some() {}
+                }
+                prop_assert_eq!(unpacker.left(), 0);
             }
-            prop_assert_eq!(unpacker.left(), 0);
         }
+    }
+
+    /// A target that accelerates evenly is stored as second differences, which need one byte each although its
+    /// steps need more. A value with noise is not.
+    #[test]
+    fn smaller_differences_are_stored() {
+        let pack = |value: &dyn Fn(u32) -> u32| {
+            let packets: Vec<Owned> = (0..200).map(|n| (n, false, value(n as u32).to_le_bytes().to_vec())).collect();
+            let mut packed = Vec::new();
+            let mut packer = Packer::default();
+            packer.begin(0);
+            packer.pack(packets.iter().map(packet), &mut packed);
+            let mut unpacker = Unpacker::default();
+            unpacker.begin(0);
+            assert_eq!(unpacked(&mut unpacker, &packed), packets);
+            // Two bytes for the numbers of packets and words, a byte for each packet, its length once, and the times.
+            packed.split_off(3 + 200 + 1 + 200)
+        };
+        let even = pack(&|n| 25 * n * n);
+        assert_eq!(even[..2], [1, 1]);
+        assert!(even.len() < 2 + 200 + 4, "{}", even.len());
+        let noisy = pack(&|n| n.wrapping_mul(n).wrapping_mul(0x9E37_79B1) >> 26);
+        assert_eq!(noisy[..2], [1, 0]);
+    }
+
+    /// A block of version 1 of the format, with first differences alone, stays readable: two packets of one word, 5 and 12.
+    #[test]
+    fn version_1_stays_readable() {
+        let packed = [2, 1, OTHER_LENGTH, 0, 4, 0, 20, 1, 10, 14, 0];
+        let mut unpacker = Unpacker::default();
+        unpacker.begin(1000);
+        assert_eq!(unpacker.take(1, &packed), Ok(()));
+        let mut bytes = Vec::new();
+        assert_eq!([(); 2].map(|()| unpacker.next(&mut bytes)), [1000, 1010].map(|at_ns| Some((Dir::Write, at_ns))));
+        assert_eq!(bytes, [5, 0, 0, 0, 12, 0, 0, 0]);
     }
 }

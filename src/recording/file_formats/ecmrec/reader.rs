@@ -105,7 +105,7 @@ impl Reader {
             }
             self.lose(&header);
             // A block that was cut off may be followed by another recording, within the length that its header gives.
-            // So only the header is skipped, and the search for a block goes on behind it.
+            // So only the header is skipped, and the search for a block goes on after it.
             self.skip(input, if is_whole { header.block_len() } else { HEADER_LEN });
         }
     }
@@ -207,7 +207,7 @@ impl Reader {
         let unpacked = if header.is_compressed { decompress(bytes, header.unpacked as usize) } else { None };
         let bytes = unpacked.as_deref().or_else(|| (!header.is_compressed).then_some(bytes))?;
         self.unpacker.begin(header.times_ns.0);
-        self.unpacker.take(bytes).ok()?;
+        self.unpacker.take(header.version, bytes).ok()?;
         self.begin_unknown_section(header);
         self.tell_lost(Some(header.times_ns.0));
         (self.number, self.next_piece) = (header.number, (header.number.wrapping_add(1), 0));
@@ -227,7 +227,7 @@ impl Reader {
         }
         // If this piece cannot be read, the next one cannot either, because it is stored as differences from this one.
         self.next_piece = (0, 0);
-        self.unpacker.take(bytes).ok()?;
+        self.unpacker.take(header.version, bytes).ok()?;
         self.begin_unknown_section(header);
         self.tell_lost(Some(header.times_ns.0));
         self.next_piece = (header.number, header.piece.wrapping_add(1));

@@ -21,8 +21,8 @@ const REPEATED: &str = "repeated";
 pub(crate) struct Section {
     /// The metadata of the recording; `None` if the packets come from another program's capture.
     pub meta: Option<RecordMeta>,
-    /// How many packets at the beginning of the recording repeat earlier ones, which the rest can be understood with:
-    /// the settings of a board in a segment of a flight recorder.
+    /// The number of packets at the beginning of the recording that repeat earlier packets, without which the rest
+    /// cannot be understood: the settings of a board, in a segment of a flight recorder.
     pub repeated: u32,
 }
 

@@ -79,8 +79,8 @@ impl Controller {
         }
     }
 
-    /// If the network is about to read the event register, a sync manager status or a clock register, writes its present value
-    /// into the memory.
+    /// If the network is about to read the event register, a sync manager status or a clock register, writes the
+    /// present value of that register into the memory.
     fn refresh(&mut self, address: usize, len: usize) {
         if touches(address, len, ECAT_EVENT, 2) {
             let others = self.memory.u16(ECAT_EVENT) & 0x000F;
@@ -233,8 +233,8 @@ impl Controller {
             self.eeprom.written_in_part(&mut self.memory);
         }
         if eeprom_is_free && hits(registers::SII_CONTROL + 1, 1) {
-            // The write-enable bit counts only if the same datagram has written it: a datagram that begins behind the lower
-            // byte of the control register clears the bit.
+            // The write-enable bit counts only if the same datagram has written it: a datagram that begins after the
+            // lower byte of the control register clears the bit.
             let kept =
                 if address > usize::from(registers::SII_CONTROL) { SiiControl::WRITE_ENABLE } else { SiiControl::NONE };
             let written = SiiControl(self.memory.u16(registers::SII_CONTROL)).without(kept);
@@ -299,7 +299,8 @@ impl Controller {
             self.memory.set_u8(registers::SYNC_ACTIVATION, activation.0);
             let cycles = (self.sync0_cycle_ns(), self.memory.u32(registers::SYNC1_CYCLE));
             let (start, now) = (self.memory.u64(registers::SYNC0_START), self.clock.system());
-            // A clock of 32 bits knows the lower half of the start time only. \[OURS] The nearest such time counts.
+            // A clock of 32 bits uses only the lower half of the start time. \[OURS] The start is the nearest time with
+            // this lower half.
             let ahead = (start as u32).wrapping_sub(now as u32).cast_signed();
             let start = if self.has_long_clock() { start } else { now.wrapping_add_signed(ahead.into()) };
             self.sync.activate(activation, start, now, cycles);
@@ -340,8 +341,8 @@ impl Controller {
         self.memory.set_u64(registers::SYNC0_START, now.wrapping_add_signed(ahead.into()));
     }
 
-    /// Latches the receive times of the newest frame. In reverse mode the ports 1 to 3 show those of the frame before it:
-    /// that mode is for slaves which frames enter by one of these ports.
+    /// Latches the receive times of the newest frame. In reverse mode, ports 1 to 3 show the receive times of the
+    /// previous frame. That mode is for slaves that frames enter through one of these ports.
     fn latch_receive_times(&mut self) {
         let arrival = self.clock.local();
         let is_reverse = self.memory.u8(registers::RECEIVE_TIME_LATCH_MODE) & LATCH_REVERSE != 0;

@@ -129,8 +129,8 @@ impl Manager {
         self.buffer_start(self.last.unwrap_or(0))
     }
 
-    /// Whether the network may access the sync manager as its writer or as its reader: the direction in the control byte gives
-    /// it that side, the mode is valid, and the slave has not deactivated the sync manager.
+    /// Whether the network may access the sync manager as its writer or as its reader: the direction in the control
+    /// byte assigns this side to the network, the mode is valid, and the slave has not deactivated the sync manager.
     pub(super) fn is_open_to(&self, side: Side) -> bool {
         let SyncManager { control, pdi, .. } = self.registers;
         let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };

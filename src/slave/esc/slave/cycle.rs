@@ -24,8 +24,8 @@ impl EscSlave {
         self.end_cycle(now, self.state());
     }
 
-    /// Returns the time by which the device has to advance to reach `now`, ns, and counts it as passed. Schedules the next
-    /// cycle in `next_ns`, unless outputs or SYNC0 trigger one before.
+    /// Returns the time by which the caller must advance the device so that it reaches `now`, ns. Schedules the next
+    /// cycle in `next_ns`, if neither outputs nor SYNC0 trigger a cycle before.
     pub(super) fn pass_time(&mut self, now: Ns, next_ns: Ns) -> Ns {
         self.free_run = now + next_ns;
         let passed = now.saturating_sub(self.stepped);

@@ -21,7 +21,7 @@ pub(super) enum Work {
     /// The device's cycle has begun, and the device has to advance by this time, ns. If [`EscSlave::begin_work`] has returned
     /// its motor, the caller has to run the motor for that time.
     Stepping(Ns),
-    /// The device has advanced to the present time; taking over outputs and providing inputs is left.
+    /// The device has advanced to the present time. It still has to take over outputs and provide inputs.
     Stepped,
 }
 
@@ -55,9 +55,10 @@ impl EscSlave {
         }
     }
 
-    /// Begins the device's cycle for the outputs of the frame, if there are any. May return the device's motor, which the
-    /// caller runs together with those of other slaves before [`Self::end_work`]. All these motors run for `step_ns`: the first
-    /// slave that finds it 0 sets it, and a slave that needs another time advances its motor alone.
+    /// Begins the device's cycle for the outputs of the frame, if there are any. May return the device's motor, which
+    /// the caller runs together with the motors of other slaves before [`Self::end_work`]. All these motors run for the
+    /// same time `step_ns`, ns: the caller passes 0, and the first slave sets it. A slave that needs another time
+    /// advances its motor alone.
     #[inline]
     pub(in crate::slave::esc) fn begin_work(&mut self, step_ns: &mut Ns) -> Option<&mut Servo> {
         if self.work == Work::None {

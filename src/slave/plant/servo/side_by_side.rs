@@ -121,8 +121,8 @@ mod tests {
         (servo.position(), numbers.map(f64::to_bits), servo.is_limited())
     }
 
-    /// Motors computed side by side give the same bits as each motor alone: different motors, at rest, following, behind
-    /// their targets, blocked and at end stops, with places without a motor, and with cycles of any length.
+    /// Motors computed side by side give the same bits as each motor alone: different motors, at rest, following,
+    /// lagging their targets, blocked and at end stops, with elements without a motor, and with cycles of any length.
     #[test]
     fn side_by_side_is_as_one_by_one() {
         let mut dice = oorandom::Rand64::new(7);

@@ -20,7 +20,7 @@ impl<N: SlaveNetwork> Chip<N> {
         Ok(number.encode(data)?)
     }
 
-    /// ECAT_STATE_GET, from the chip's memory. `[OURS]` The state of all slaves together is the lowest of them.
+    /// ECAT_STATE_GET, from the chip's memory. `[OURS]` For all slaves together it returns the lowest state.
     pub(super) fn state_get(&self, request: &StateGet, data: &mut [u8]) -> CommandOutcome {
         let state = match request.slaves {
             Slaves::All => Some(self.bus.state_of_all()),

@@ -11,9 +11,9 @@ use crate::xf::response::Returned;
 impl<N: SlaveNetwork> Chip<N> {
     /// PDO_DATA_FIFO_OP: puts RxPDOs into the FIFO and takes TxPDOs out of it.
     ///
-    /// `[OURS]` Without configured process data, or if the data do not have the length of as many RxPDOs as the request says
-    /// (`count`), nothing is done: the answer says "failed", and the command error is set. RxPDOs beyond the free entries are
-    /// lost: the FIFO error is set, and the answer says "failed" and not "written".
+    /// `[OURS]` Nothing is done if process data are not configured, if `count` is 0, or if a write does not have
+    /// exactly `count` RxPDOs as its data. In this case the answer says "failed", and the command error is set. RxPDOs
+    /// beyond the free entries are lost: the FIFO error is set, and the answer says "failed" and not "written".
     pub(super) fn pdo_data_fifo(&mut self, request: &PdoDataFifo<'_>, data: &mut [u8]) -> Returned {
         let (writes, reads) = (has(request.operation, PdoOperation::WRITE), has(request.operation, PdoOperation::READ));
         let (count, rx_bytes) = (usize::from(request.count), usize::from(self.bus.rx_bytes));
@@ -43,10 +43,10 @@ impl<N: SlaveNetwork> Chip<N> {
     }
 
     /// PDO_DATA_OP: writes outputs and reads inputs without the FIFOs. The RxPDO is sent from the next cycle on; the
-    /// TxPDO is the newest one.
+    /// newest TxPDO is read.
     ///
-    /// Bit 2 of the operation, "bits are valid", says that its bits 0 and 1 select writing and reading. It is repeated in the
-    /// return byte, because the vendor's driver accepts inputs only with it (OBS).
+    /// Bit 2 of the operation, "bits are valid", says that its bits 0 and 1 select writing and reading. Bit 2 is
+    /// repeated in the return byte, because the vendor's driver accepts inputs only with it (OBS).
     ///
     /// `[OURS]` Without bit 2, a request with data writes, and every request reads. A wrong length fails as in
     /// [`Self::pdo_data_fifo`], without bit 2 in the return byte.

@@ -23,9 +23,10 @@ impl<N: SlaveNetwork> Chip<N> {
         done_if(self.start_job(job))
     }
 
-    /// Starts the update of states that a header requests. `[OURS]` The manuals request the update by control bit 1, the
-    /// vendor's header by bit 0; this is bit 1. The update takes time in addition to the packet's own command: if that is
-    /// running, the update follows it. Returns false if a command of an earlier packet is running, as `was_busy` tells.
+    /// Starts the update of states that a header requests. `[OURS]` The manuals request the update by control bit 1,
+    /// the vendor's header by bit 0; the model uses bit 1. The update takes time in addition to the packet's own
+    /// command: if that command is still running, the update follows it. Returns false if a command of an earlier
+    /// packet is still running; `was_busy` says whether one was running before the packet.
     pub(in crate::xf::chip) fn start_update(&mut self, was_busy: bool) -> bool {
         let starts = self.start_job(Job::StateUpdate);
         self.update_is_due |= !starts && !was_busy;

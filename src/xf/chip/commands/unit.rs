@@ -9,8 +9,8 @@ use crate::xf::response::{Answer, DriveStateByte, FirmwareVersion};
 use crate::xf::{DataSize, Errors};
 
 impl<N: SlaveNetwork> Chip<N> {
-    /// SPI_RECONFIG_OP sets the size of the data segment of packets. The new size applies to the next command packet and to the
-    /// answer to this one.
+    /// SPI_RECONFIG_OP sets the size of the data segment of packets. The new size applies to the next command packet
+    /// and to the answer of SPI_RECONFIG_OP itself.
     pub(super) fn set_size(&mut self, size: DataSize) -> CommandOutcome {
         let is_allowed = !self.profile.size_is_fixed;
         if is_allowed {

@@ -57,7 +57,7 @@ pub(in crate::xf::chip) struct StateJob {
     pub slaves: Slaves,
     /// The target state; `None` for Boot, which no simulated slave supports.
     pub target: Option<AlState>,
-    /// Whether all states are read at the end, which is so for ECAT_STATE_CHECK and not for ECAT_STATE_SET.
+    /// Whether all states are read at the end: true for ECAT_STATE_CHECK, false for ECAT_STATE_SET.
     pub updates: bool,
     /// Whether a slave does not answer or cannot be set up in the present step of the change of state.
     pub has_failed: bool,
@@ -69,7 +69,8 @@ pub(in crate::xf::chip) struct FileJob {
     pub name: Vec<u8>,
     pub password: u32,
     pub start: u32,
-    /// The length of the file; for a file that is read, 0 means any length.
+    /// The length of a file that is written to the slave, or the maximum length of a file that is read from it, where 0
+    /// means any length.
     pub bytes: u32,
     pub timeout_ns: Ns,
     /// Whether the file is written to the slave; otherwise it is read.

@@ -25,8 +25,9 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ask_for(Operation::Scan)
     }
 
-    /// Ends ECAT_INIT_OP. `[OURS]` The slaves are then in Init; a network without slaves is an error. The chip's own clock is
-    /// the reference clock if the request says so; firmware before 0x22 always uses that of the first slave.
+    /// Ends ECAT_INIT_OP. `[OURS]` The slaves are then in Init; a network without slaves is an error. The chip's own
+    /// clock is the reference clock if the request says so; firmware before 0x22 always uses the clock of the first
+    /// slave.
     pub(super) fn end_init(&mut self, init: &EcatInit, found: u8) -> Progress {
         self.bus.count = found;
         if found == 0 {
@@ -50,8 +51,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.end_init_dc()
     }
 
-    /// Begins the layout of process data. It is possible in PreOP, where the slaves' mailboxes answer and the mapping
-    /// may be changed.
+    /// Begins the layout of process data. It is possible only in PreOP, where the slaves' mailboxes answer and the
+    /// mapping may be changed.
     ///
     /// `[OURS]` If any slave is in another state the job fails. FIFOs that exceed their memory set the FIFO error, but the job
     /// succeeds.
@@ -146,8 +147,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.chosen(job.slaves).filter_map(|slave| self.network.state(slave)).any(|state| state < target)
     }
 
-    /// The next state for the slaves in the lowest state: one above, or the target. `None` if all are in the target
-    /// state, or none answers.
+    /// The next state for the slaves in the lowest state: the state above it, but at most the target. `None` if all
+    /// slaves that answer are in the target state, or if none answers.
     fn next_state(&self, job: &StateJob) -> Option<AlState> {
         let target = job.target?;
         let states = self.chosen(job.slaves).filter_map(|slave| self.network.state(slave));
@@ -158,7 +159,8 @@ impl<N: SlaveNetwork> Chip<N> {
     /// Begins one step of a change of state. Slaves go up together, one state at a time, beginning with those in the
     /// lowest state; they go down in a single step.
     ///
-    /// `[OURS]` If process data are not laid out yet, that is done before SafeOP, from the slaves' own mapping.
+    /// `[OURS]` If process data are not laid out yet, this is done before the step to SafeOP. The lengths are those
+    /// that the host has set, otherwise those of the slaves' mapping objects.
     pub(super) fn begin_change(&mut self, job: &mut StateJob) -> PartStart {
         let Some(target) = job.target else {
             self.note_boot(job);
@@ -202,7 +204,8 @@ impl<N: SlaveNetwork> Chip<N> {
     fn set_up(&mut self, slave: u8, to: AlState) -> bool {
         let place = &mut self.bus.places[usize::from(slave)];
         if self.network.takes_time() {
-            // While the slave leaves its state, the expected working counter does not include it.
+            // If the slave goes to a lower state, the expected working counter includes only the contribution of that
+            // state from now on.
             place.commanded = place.commanded.min(to);
         }
         if to != AlState::SafeOp || self.network.state(slave) != Some(AlState::PreOp) {
@@ -260,8 +263,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Shows for a slave, by its AL status code and its error bit, that the chip itself refuses a change of state: to Boot, or
-    /// to SafeOP with settings that the slave does not support.
+    /// Sets the AL status code and the error bit of a slave in the chip's memory when the chip itself refuses a change
+    /// of state: to Boot, or to SafeOP with settings that the slave does not support.
     fn refuse(&mut self, slave: u8, status: AlStatus) {
         self.bus.update(&self.network, slave);
         let known = &mut self.bus.known[usize::from(slave)];

@@ -69,8 +69,8 @@ async fn mapped_bytes(requests: &Requests, slave: u8, assignment: PdoAssignment)
     if bytes > IMAGE_MAX { Err(AbortCode::PDO_LENGTH) } else { Ok(bytes as u16) }
 }
 
-/// The sizes of each slave's outputs and inputs in bytes: the length that the host has assigned, otherwise that of the
-/// slave's mapping objects.
+/// The sizes of each slave's outputs and inputs in bytes: the length that the host has assigned, otherwise the length
+/// of the slave's mapping objects.
 ///
 /// # Errors
 /// The abort code of a slave, or [`AbortCode::PDO_LENGTH`] if the outputs or the inputs of all slaves together exceed the

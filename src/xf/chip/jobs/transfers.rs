@@ -21,7 +21,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ask_for(Operation::Read { slave, object, scope, room, timeout_ns })
     }
 
-    /// Ends SDO_REQ. If a slave does not answer within the timeout of SDO_REQ, the abort code is that of a timeout.
+    /// Ends SDO_REQ. If a slave does not answer within the timeout of SDO_REQ, the abort code is
+    /// [`AbortCode::TIMEOUT`].
     ///
     /// `[OURS]` The abort code is kept until the next transfer, and is 0 after a successful one. A value that is longer than
     /// the number of bytes in the request is cut to that number; a request of 0 bytes gets as many as a data segment holds.
@@ -40,7 +41,7 @@ impl<N: SlaveNetwork> Chip<N> {
             Ok(()) => AbortCode(0),
         };
         if result.is_err() && !job.writes {
-            // After a failed read ECAT_SDO_GET returns no bytes, instead of those of an earlier read.
+            // After a failed read ECAT_SDO_GET returns no bytes, instead of the bytes of an earlier read.
             self.sdo.len = Some(0);
         }
         if result.is_ok() { Progress::Done } else { Progress::Failed }

@@ -16,8 +16,8 @@ const EEPROM_WORDS: usize = 4;
 /// The first sync manager for process data; lower ones are for the mailbox.
 const PROCESS_MANAGERS: u8 = 2;
 
-/// The error code that EEPROM_GET returns for a failure of EEPROM_REQ. `[OURS]` The manuals define no codes but 0, which they
-/// only imply to be success.
+/// The error code that EEPROM_GET returns for a failure of EEPROM_REQ. `[OURS]` The manuals define only the code 0, and
+/// only imply that it means success.
 const fn eeprom_error(failure: EepromFailure) -> u8 {
     match failure {
         EepromFailure::NoAnswer => 1,
@@ -30,7 +30,7 @@ const fn eeprom_error(failure: EepromFailure) -> u8 {
 const EEPROM_TIMED_OUT: u8 = 2;
 
 impl<N: SlaveNetwork> Chip<N> {
-    /// Begins EEPROM_REQ. `[OURS]` At the end of the EEPROM fewer words are read.
+    /// Begins EEPROM_REQ. `[OURS]` A read that would go beyond the end of the EEPROM returns fewer words.
     pub(super) fn begin_eeprom(&mut self, job: &EepromJob) -> PartStart {
         let EepromJob { slave, position, operation, .. } = *job;
         let operation = match operation {
@@ -63,9 +63,10 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ask_for(Operation::SetManager { slave: request.slave.get(), number: request.number, registers })
     }
 
-    /// Ends CONFIG_SM. `[OURS]` The sync manager is set at once, and again whenever the slave goes to PreOP or SafeOP. A sync
-    /// manager for process data also sets a length: that of the slave's outputs or inputs, by the direction in its control
-    /// byte. The length applies from the next layout of process data on; it is 0 if the sync manager is off.
+    /// Ends CONFIG_SM. `[OURS]` The sync manager is set at once, and again whenever the slave goes to PreOP or SafeOP.
+    /// A sync manager for process data also sets the length of the slave's outputs or inputs, depending on the
+    /// direction in its control byte. The length applies from the next layout of process data on; it is 0 if the sync
+    /// manager is off.
     pub(super) fn end_set_manager(&mut self, request: &ConfigSyncManager, is_set: bool) -> Progress {
         if is_set && request.number >= PROCESS_MANAGERS {
             let is_on = SmActivate(request.activate).contains(SmActivate::ENABLE);

@@ -23,8 +23,8 @@ const WORK_NS: Ns = 50_000;
 /// Timeout of a slave's change of state. `[OURS]`
 const STATE_MAX_NS: Ns = 10_000_000_000;
 
-/// After the host's last RAW_ECAT_FUNC_REQ to or from the mailbox of a slave, the chip leaves the messages in that mailbox for
-/// this time, so that the host can read the answer to its own request. `[OURS]`
+/// After the host's last RAW_ECAT_FUNC_REQ that accesses the mailbox of a slave, the chip leaves the messages in that
+/// mailbox for this time. So the host can read the answer to its own request. `[OURS]`
 const HOST_MAIL_NS: Ns = 1_000_000_000;
 
 /// A running operation, which consists of jobs of the master.
@@ -79,7 +79,8 @@ pub struct Controllers {
 struct Mail {
     /// The slaves whose messages the host fetches itself, since it has selected their mailboxes for polling by MBX_STAT.
     chosen: SlaveSet,
-    /// The slaves whose mailboxes the host itself accesses by RAW_ECAT_FUNC_REQ, and when the chip reads each mailbox again.
+    /// The slaves whose mailboxes the host itself accesses by RAW_ECAT_FUNC_REQ, each with the time from which on the
+    /// chip reads the mailbox again, ns.
     by_datagrams: Vec<(u8, Ns)>,
 }
 
@@ -115,12 +116,12 @@ impl Controllers {
         self.handle.clone()
     }
 
-    /// The chain of slave controllers with the slaves behind them.
+    /// The chain of slave controllers with their slaves.
     pub const fn chain(&self) -> &Chain {
         self.wire.slaves.chain()
     }
 
-    /// The chain of slave controllers with the slaves behind them, to cause faults in it.
+    /// The chain of slave controllers with their slaves, to cause faults in it.
     pub const fn chain_mut(&mut self) -> &mut Chain {
         self.wire.slaves.chain_mut()
     }

@@ -27,7 +27,7 @@ pub trait ImmediateNetwork: Send {
     /// The AL state of a slave; `None` if the slave does not answer.
     fn state(&self, slave: u8) -> Option<AlState>;
 
-    /// Requests an AL state.
+    /// Requests an AL state from a slave, which enters or refuses it at once.
     ///
     /// # Errors
     /// The slave does not answer, or refuses the state.

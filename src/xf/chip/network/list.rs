@@ -32,7 +32,7 @@ impl<T: Copy, const N: usize> List<T, N> {
         }
     }
 
-    /// Lets `fill` write new items into the first `room` entries, in place of the present ones. Returns the number that `fill`
+    /// Replaces the items: `fill` writes new items into the first `room` entries. Returns the number that `fill`
     /// returns, which may be larger than the room; the list has then `room` items.
     ///
     /// # Errors

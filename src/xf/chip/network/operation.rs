@@ -152,7 +152,8 @@ pub enum OperationAnswer {
 pub enum EepromFailure {
     /// The slave does not answer.
     NoAnswer,
-    /// The EEPROM was busy for too long, or the slave is changing its state or in another access to its EEPROM.
+    /// The EEPROM was busy for too long, or another job of the master prevents the access: a change of the slave's
+    /// state or another access to its EEPROM.
     Busy,
     /// The EEPROM refuses the command.
     CommandRefused,

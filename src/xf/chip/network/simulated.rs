@@ -1,4 +1,4 @@
-//! Simulated slaves behind the chip, either as models or with slave controllers.
+//! The simulated slaves of a modelled chip, either as models or with slave controllers.
 
 use super::{
     Controllers, Operation, OperationAnswer, ProcessExchange, SlaveIdentity, SlaveModels, SlaveNetwork, SlaveSetup,
@@ -8,12 +8,12 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::Slave;
 use crate::slave::handle::SimHandle;
 
-/// A network of simulated slaves behind the chip.
+/// The network of a modelled chip, with simulated slaves.
 #[allow(clippy::large_enum_variant, reason = "a chip has one")]
 pub enum SimulatedNetwork {
     /// Slave models that are called directly.
     Models(SlaveModels),
-    /// Slaves behind slave controllers, reached by frames.
+    /// Slaves with slave controllers, reached by frames.
     Controllers(Controllers),
 }
 
@@ -43,7 +43,7 @@ impl SimulatedNetwork {
     }
 }
 
-/// Evaluates a method call on the network, of whichever kind it is: `either!(self, network => network.method())`.
+/// Evaluates a method call on either kind of network: `either!(self, network => network.method())`.
 macro_rules! either {
     ($self:expr, $network:ident => $call:expr) => {
         match $self {

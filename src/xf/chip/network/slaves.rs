@@ -27,19 +27,19 @@ impl SlaveModels {
         Self { stations: slaves.into_iter().map(station).collect(), handle: SimHandle::default(), clock: 0 }
     }
 
-    /// The same network, controlled by `handle` instead of its own one: a script, for example, has a copy of that handle
-    /// already.
+    /// The same network, controlled by `handle` instead of its own handle. This is for a script, for example, that
+    /// already has a copy of `handle`.
     pub fn reached_by(self, handle: SimHandle) -> Self {
         Self { handle, ..self }
     }
 
-    /// The handle with which scripts and tests control the network while it runs. It counts slaves from 1. It can cause faults
-    /// in the first 40 slaves, the maximum of a board; a cut affects those behind them too.
+    /// The handle with which scripts and tests control the network while it runs. It counts slaves from 1. It can cause
+    /// faults in the first 40 slaves, the maximum of a board; a cut cable affects the slaves after these too.
     pub fn handle(&self) -> SimHandle {
         self.handle.clone()
     }
 
-    /// Cuts the cable after that many slaves; 0 cuts it before the first one, so that the port has no link.
+    /// Cuts the cable after the first `slaves` slaves; 0 cuts it before the first one, so that the port has no link.
     pub fn cut_after(&mut self, slaves: u8) {
         self.handle.cut_after(slaves);
     }
@@ -102,8 +102,7 @@ impl SlaveModels {
     }
 }
 
-/// Reads a slave's identity by SDO, in PreOP, in place of the EEPROM, which models do not have. The slave is in Init
-/// afterwards.
+/// Reads a slave's identity by SDO, in PreOP, since models have no EEPROM. The slave is in Init afterwards.
 fn identity(slave: &mut dyn Slave) -> SlaveIdentity {
     // The result is ignored: if a slave refuses PreOP and therefore aborts the SDOs, its numbers are 0 and its name is empty.
     let _ = slave.enter(AlState::PreOp);

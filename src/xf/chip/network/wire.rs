@@ -6,9 +6,9 @@ use crate::ethercat::Ns;
 use crate::master::{FrameBuffer, Wire, WireDown};
 use crate::slave::esc::{CabledChain, FrameFate};
 
-/// Slave controllers on a wire. `[OURS]` A frame makes its whole way when the master sends it. Each slave processes the frame
-/// with the simulated time at which a real frame would pass it, but for the master the round trip takes no time: it can receive
-/// the frame at once.
+/// Slave controllers on a wire. `[OURS]` A frame passes all slaves within the call with which the master sends it. Each
+/// slave processes the frame with the simulated time at which a real frame would pass it, but for the master the round
+/// trip takes no time: it can receive the frame at once.
 pub(super) struct ChainWire {
     pub(super) slaves: CabledChain,
     pub(super) now: Ns,

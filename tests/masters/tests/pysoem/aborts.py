@@ -13,7 +13,7 @@ drive, stepper = network.slaves
 def code_of(slave, call, *arguments):
     """The abort code of a call; None: it was not refused."""
     try:
-        getattr(slave, call)(*arguments)
+        sdo(getattr(slave, call), *arguments)
     except pysoem.SdoError as error:
         expect(error.desc != "", True, "SOEM knows what it means")
         return error.abort_code

@@ -8,10 +8,10 @@ outputs = {"control": "H", "target": "i"}
 inputs = {"status": "H", "position": "i", "torque": "h", "error": "H"}
 mover, stander = (Axis(network, slave, outputs, inputs) for slave in network.slaves)
 for axis in (mover, stander):
-    axis.slave.sdo_write(MODE, 0, b"\x08")
+    sdo(axis.slave.sdo_write, MODE, 0, b"\x08")
     axis.put(target=axis.get("position"))
     axis.enable()
-    expect(axis.slave.sdo_read(MODE_SHOWN, 0), b"\x08", "mode")
+    expect(sdo(axis.slave.sdo_read, MODE_SHOWN, 0), b"\x08", "mode")
 
 network.counters.clear()
 begin, stood = mover.get("position"), stander.get("position")

@@ -16,7 +16,7 @@ expect([slave.man for slave in network.slaves], [0x0556] * 2, "vendor")
 
 
 def use(mode):
-    axis.slave.sdo_write(MODE, 0, struct.pack("b", mode))
+    sdo(axis.slave.sdo_write, MODE, 0, struct.pack("b", mode))
     wait_for(lambda: axis.get("mode") == mode, f"mode {mode}", step=network.cycle)
 
 
@@ -27,9 +27,9 @@ def settle(bit, what):
 # Homing on the negative limit switch, and then at the present position.
 for method, speed in ((17, 20_000), (37, 20_000)):
     use(HOMING)
-    axis.slave.sdo_write(HOMING_METHOD, 0, struct.pack("b", method))
+    sdo(axis.slave.sdo_write, HOMING_METHOD, 0, struct.pack("b", method))
     for sub in (1, 2):
-        axis.slave.sdo_write(SPEEDS, sub, struct.pack("<I", speed))
+        sdo(axis.slave.sdo_write, SPEEDS, sub, struct.pack("<I", speed))
     axis.put(control=0, target=0)
     axis.enable()
     axis.put(control=0x1F)
@@ -43,9 +43,9 @@ expect(axis.get("position"), 0, "position where it stands")
 axis.put(control=0x0F)
 network.cycles()
 use(PROFILE_POSITION)
-axis.slave.sdo_write(PROFILE_VELOCITY, 0, struct.pack("<I", 20_000))
+sdo(axis.slave.sdo_write, PROFILE_VELOCITY, 0, struct.pack("<I", 20_000))
 for index in (ACCELERATION, DECELERATION):
-    axis.slave.sdo_write(index, 0, struct.pack("<I", 200_000))
+    sdo(axis.slave.sdo_write, index, 0, struct.pack("<I", 200_000))
 for target in (5_000, 12_000, 3_000):
     axis.put(control=0x0F | IMMEDIATELY, target=target)
     network.cycles()

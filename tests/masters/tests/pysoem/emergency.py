@@ -8,7 +8,7 @@ outputs = {"control": "H", "target": "i"}
 inputs = {"status": "H", "position": "i", "torque": "h", "error": "H"}
 axes = [Axis(network, slave, outputs, inputs) for slave in network.slaves]
 for axis in axes:
-    axis.slave.sdo_write(MODE, 0, b"\x08")
+    sdo(axis.slave.sdo_write, MODE, 0, b"\x08")
     axis.put(target=axis.get("position"))
     axis.enable()
 
@@ -20,7 +20,7 @@ expect(axes[1].get("error"), 0x7500, "error code")
 def look():
     network.cycles(5)
     # SOEM fetches mail with an SDO.
-    network.slaves[1].sdo_read(0x1001, 0)
+    sdo(network.slaves[1].sdo_read, 0x1001, 0)
 
 
 wait_for(lambda: (2, 0x7500) in network.emergencies, "the emergency", step=look)

@@ -18,7 +18,7 @@ def go(state):
 
 def refused(call, *arguments):
     try:
-        return getattr(slave, call)(*arguments)
+        return sdo(getattr(slave, call), *arguments)
     except Exception as error:
         return f"{type(error).__name__} {error}"
 

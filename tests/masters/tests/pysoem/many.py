@@ -11,12 +11,12 @@ network.scan(COUNT)
 
 def map_more(position):
     slave = network.slaves[position]
-    slave.sdo_write(0x1C13, 0, b"\x00")
-    slave.sdo_write(0x1A00, 0, b"\x00")
+    sdo(slave.sdo_write, 0x1C13, 0, b"\x00")
+    sdo(slave.sdo_write, 0x1A00, 0, b"\x00")
     for sub, entry in enumerate(INPUTS, 1):
-        slave.sdo_write(0x1A00, sub, struct.pack("<I", entry))
-    slave.sdo_write(0x1A00, 0, bytes([len(INPUTS)]))
-    slave.sdo_write(0x1C13, 0, b"\x01")
+        sdo(slave.sdo_write, 0x1A00, sub, struct.pack("<I", entry))
+    sdo(slave.sdo_write, 0x1A00, 0, bytes([len(INPUTS)]))
+    sdo(slave.sdo_write, 0x1C13, 0, b"\x01")
 
 
 for position, slave in enumerate(network.slaves):
@@ -31,7 +31,7 @@ network.cycles(200)
 network.expect_counters(3 * COUNT, "working counters")
 # Each slave has its own image.
 for number, slave in enumerate(network.slaves):
-    slave.sdo_write(MODE, 0, b"\x08")
+    sdo(slave.sdo_write, MODE, 0, b"\x08")
     slave.output = struct.pack("<Hi", 0x06, number)
 network.cycles(20)
 for slave in network.slaves:

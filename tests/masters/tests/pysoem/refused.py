@@ -26,11 +26,11 @@ network.master.config_map()
 network.master.state = pysoem.PREOP_STATE
 network.master.write_state()
 wait_for(lambda: network.states() == [pysoem.PREOP_STATE] * 2, "PreOP")
-first.sdo_write(0x1C12, 0, b"\x00")
+sdo(first.sdo_write, 0x1C12, 0, b"\x00")
 first.state = pysoem.SAFEOP_STATE
 first.write_state()
 wait_for(lambda: state_of(first) == (pysoem.PREOP_STATE | ERROR, 0x1D), "PreOP with code 0x001D")
-first.sdo_write(0x1C12, 0, b"\x01")
+sdo(first.sdo_write, 0x1C12, 0, b"\x01")
 first.state = pysoem.PREOP_STATE + pysoem.STATE_ACK
 first.write_state()
 wait_for(lambda: state_of(first) == (pysoem.PREOP_STATE, 0), "acknowledged")

@@ -39,6 +39,19 @@ def wait_for(condition, what, seconds=10.0, step=lambda: time.sleep(CYCLE_S)):
         step()
 
 
+def sdo(call, *arguments):
+    """Sends an SDO. If the frames of a busy machine come too late for SOEM to send it, it is sent again."""
+    for _ in range(10):
+        begin = time.monotonic()
+        try:
+            return call(*arguments)
+        except pysoem.WkcError:
+            # SOEM waits 20 ms until it has sent a request, and 700 ms for the answer. A slave that does not answer fails.
+            if time.monotonic() - begin > 0.6:
+                raise
+    raise AssertionError(f"no SDO was sent within ten tries: {arguments}")
+
+
 class Network:
     """The slaves behind an interface, with their process data."""
 

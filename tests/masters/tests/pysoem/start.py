@@ -9,8 +9,8 @@ network.scan(2)
 for slave in network.slaves:
     # The words of the EEPROM, as read by SOEM, agree with object 0x1018.
     expect((slave.man, slave.id, slave.rev), (ECMS, 0x53455256, 0x10000), "identity by the EEPROM")
-    expect(slave.name, slave.sdo_read(0x1008, 0).decode(), "name")
-    identity = [struct.unpack("<I", slave.sdo_read(0x1018, sub))[0] for sub in (1, 2, 3)]
+    expect(slave.name, sdo(slave.sdo_read, 0x1008, 0).decode(), "name")
+    identity = [struct.unpack("<I", sdo(slave.sdo_read, 0x1018, sub))[0] for sub in (1, 2, 3)]
     expect(identity, [slave.man, slave.id, slave.rev], "identity by SDO")
     expect(slave.eeprom_read(0x08), struct.pack("<I", ECMS), "word 8 of the EEPROM")
     expect(slave.eeprom_read(0x0A), struct.pack("<I", slave.id), "word 10 of the EEPROM")

@@ -9,7 +9,7 @@ for with_dc in (False, True):
     network.scan(1)
     [slave] = network.slaves
     for index in (0x1C32, 0x1C33):
-        slave.sdo_write(index, 1, struct.pack("<H", 2))
+        sdo(slave.sdo_write, index, 1, struct.pack("<H", 2))
     network.map(with_dc)
     if with_dc:
         network.to_op()

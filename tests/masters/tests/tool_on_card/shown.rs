@@ -8,7 +8,7 @@ mod needs_network_namespace {
     use masters::{MASTER, Rig};
     use serde_json::json;
 
-    use crate::card::{CARD, LIST, look, run, tool};
+    use crate::card::{CARD, LIST, in_time, look, run, tool};
 
     /// BUS-3.1, BUS-4.1, BUS-7.1 On a card the verbs print the same about slaves as in virtual time, which snapshots
     /// keep, in words and as JSON. `list --scan` shows the slaves after the list.
@@ -32,7 +32,7 @@ mod needs_network_namespace {
             &["errors"],
             &["errors", "--json"],
         ] {
-            let card = look(words);
+            let card = in_time(|| look(words));
             let simulated = run(&[&["bus"], words, &["--link", &simulated]].concat());
             assert!(simulated.code == Some(0) && simulated.out.len() > 5, "{simulated:?}");
             // In virtual time a drive was switched on only just before, and has no state yet.
@@ -43,10 +43,11 @@ mod needs_network_namespace {
             let others = |line: &&str| !(line.starts_with("note: slave ") && line.contains("was found in PreOP"));
             assert_eq!(card.err.lines().filter(others).collect::<Vec<_>>(), simulated.err.lines().collect::<Vec<_>>());
         }
-        let tree = look(&["scan"]).good();
-        let (list, with_slaves) = (run(&["list"]), run(&["list", "--scan", MASTER]));
+        let tree = in_time(|| look(&["scan"])).good();
+        let (list, with_slaves) = (run(&["list"]), in_time(|| run(&["list", "--scan", MASTER])));
         assert_eq!((with_slaves.code, with_slaves.out), (list.code, list.out + &tree));
-        let (list, with_slaves) = (run(&["list", "--json"]), run(&["list", "--json", "--scan", MASTER]));
+        let with_slaves = in_time(|| run(&["list", "--json", "--scan", MASTER]));
+        let list = run(&["list", "--json"]);
         let slaves = with_slaves.lines().split_off(list.lines().len());
         let names: Vec<&str> = slaves.iter().filter_map(|slave| slave["name"].as_str()).collect();
         assert_eq!((with_slaves.code, names), (list.code, vec!["drive", "drive", "io"]));

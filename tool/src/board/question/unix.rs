@@ -1,10 +1,10 @@
-//! Reads a line that is typed at the terminal, without a thread that waits for it.
+//! Reads a line that is typed at the terminal, without a thread.
 
 use std::io;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-/// \[OURS] The longest answer, bytes. Terminals return a whole line at once, and longer ones are cut.
+/// \[OURS] The longest answer in bytes. A terminal returns a whole line at once; a longer line is cut.
 const LINE_BYTES_MAX: usize = 256;
 const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 
@@ -16,8 +16,8 @@ impl TypedLine {
         Self
     }
 
-    /// The line, once it was typed; empty at the end of the input. It does not use the buffer of [`io::Stdin`], so what
-    /// is typed afterwards stays there for the next reader.
+    /// The line, once it was typed; empty at the end of the input. It bypasses the buffer of [`io::Stdin`], so that
+    /// input after this line is left for the next reader.
     pub fn take(&mut self) -> Option<String> {
         let stdin = io::stdin();
         let mut fds = [PollFd::new(&stdin, PollFlags::IN)];

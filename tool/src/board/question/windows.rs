@@ -4,7 +4,7 @@ use std::io;
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::thread;
 
-/// Reads one line from the console in a thread of its own, which sends it here.
+/// Reads one line from the console in a separate thread, which sends the line to this value.
 pub struct TypedLine(Receiver<String>);
 
 impl TypedLine {
@@ -12,7 +12,7 @@ impl TypedLine {
         let (sender, typed) = mpsc::channel();
         thread::spawn(move || {
             let mut line = String::new();
-            // An error of reading the console counts as the end of the input.
+            // An error of reading the console is ignored: the empty line then means the end of the input.
             let _ = io::stdin().read_line(&mut line);
             let _ = sender.send(line);
         });

@@ -1,4 +1,4 @@
-//! Reads the contents of a program's folder.
+//! Reads which files the folder of a program contains.
 
 use std::fs;
 use std::io;
@@ -27,17 +27,18 @@ pub struct Entry {
 pub struct Library {
     /// The path of the file relative to the folder, for messages.
     pub name: String,
-    /// The sub-folder, `x86` or `x64`, that contains the library; `None` if it is beside the programs.
+    /// The sub-folder that contains the library, `x86` or `x64`; `None` if the library is in the folder of the
+    /// programs.
     pub folder: Option<&'static str>,
     /// The content of the file, or why it cannot be read.
     pub image: Result<Image, String>,
 }
 
-/// The contents of a folder. Names are compared without regard to case, as Windows does.
+/// The contents of a folder. Names are compared case-insensitively, as on Windows.
 pub struct Contents {
     pub programs: Vec<Entry>,
-    /// DLLs with the name of a program, by that name: for .NET 5 and later `press.dll` contains the code, and `press.exe` only
-    /// starts it.
+    /// DLLs with the same name as a program, each with this name. For .NET 5 and later, `press.dll` contains the code,
+    /// and `press.exe` only starts it.
     pub others: Vec<(String, Entry)>,
     pub libraries: Vec<Library>,
     pub assemblies: Vec<Entry>,
@@ -70,7 +71,7 @@ impl Contents {
     }
 }
 
-/// The maker and the version of a file as text, from its version resource.
+/// The company and the version of a file as text, from its version resource.
 pub fn whose(image: &Image) -> String {
     let whose = match &image.company {
         _ if image.is_ours() => "this project's".to_owned(),
@@ -80,7 +81,7 @@ pub fn whose(image: &Image) -> String {
     image.version.as_ref().map_or_else(|| whose.clone(), |version| format!("{whose}, version {version}"))
 }
 
-/// A name in lower case without the part after its last dot.
+/// A file name in lower case, without its extension.
 pub fn stem(name: &str) -> String {
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
     stem.to_ascii_lowercase()
@@ -93,7 +94,7 @@ fn library(folder: &Path, width: Option<&'static str>) -> Option<Library> {
     Some(Library { name, folder: width, image })
 }
 
-/// The file names in a folder, sorted. Names that are not Unicode are left out, since Windows has none.
+/// The file names in a folder, sorted. Names that are not valid Unicode are left out, since Windows programs have none.
 fn names(folder: &Path) -> io::Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -104,7 +105,7 @@ fn names(folder: &Path) -> io::Result<Vec<String>> {
 }
 
 fn look(file: &Path) -> Result<Image, String> {
-    // Opening a pipe would wait for its other end.
+    // Only regular files are opened, since opening a pipe would block until its other end is opened.
     if !fs::metadata(file).is_ok_and(|data| data.is_file()) {
         return Err("it is no file".to_owned());
     }

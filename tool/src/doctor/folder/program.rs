@@ -7,12 +7,12 @@ use crate::image::{Image, Managed};
 
 /// The name of the check of programs in the output of `doctor`.
 pub const CHECK: &str = "program";
-/// The text that every program that uses the library contains: the beginning of the library's name and of its assemblies'
-/// names.
+/// A text that every program that uses the library contains, because the name of the library begins with it. The next
+/// constant is the beginning of the names of the .NET assemblies.
 const LIBRARY_STEM: &str = "NEXTWUSB";
 const ASSEMBLY: &str = "NEXTWUSB_dotNET";
 
-/// The finding about a program: which library it loads, or why it finds none.
+/// The finding about a program: which library it loads, or why it finds no library.
 pub fn finding(program: &Entry, there: &Contents) -> Finding {
     let finding = match &program.image {
         Ok(image) => of_image(program, image, there),
@@ -23,7 +23,7 @@ pub fn finding(program: &Entry, there: &Contents) -> Finding {
 
 fn of_image(program: &Entry, image: &Image, there: &Contents) -> Finding {
     let kind = kind(image);
-    // The code of a program for .NET 5 and later is in a DLL of the same name.
+    // The code of a program for .NET 5 and later is in a DLL with the same name.
     let parts = there.others.iter().filter(|(name, _)| *name == stem(&program.name));
     let parts: Vec<&Image> =
         std::iter::once(image).chain(parts.filter_map(|(_, part)| part.image.as_ref().ok())).collect();
@@ -38,7 +38,7 @@ fn of_image(program: &Entry, image: &Image, there: &Contents) -> Finding {
     let ours = there.assemblies.iter().any(|assembly| assembly.image.as_ref().is_ok_and(Image::is_ours));
     let takes = |library: &&Library| library.image.as_ref().is_ok_and(|library| library.width == image.width);
     let beside = there.libraries.iter().find(|library| library.folder.is_none());
-    // The assemblies of this project also look into the folder for the width, and skip a library that does not fit.
+    // The assemblies of this project also search the sub-folder for the width, and skip a library that does not fit.
     let elsewhere = there.libraries.iter().find(|library| library.folder == Some(folder));
     let elsewhere = elsewhere.filter(|_| ours && names(ASSEMBLY));
     if let Some(library) = beside.filter(takes).or(elsewhere.filter(takes)) {

@@ -1,4 +1,4 @@
-//! Writes the udev rule. If this user may not, prints the commands with which root can.
+//! Writes the udev rule. If the user may not write it, prints the commands with which root can.
 
 use std::fs::OpenOptions;
 use std::io::{self, ErrorKind, Write};
@@ -18,15 +18,15 @@ pub enum RuleError {
     /// The file of the rule exists, but with other content.
     #[error("{PLACE} exists with another content and was not changed; check it, sudo rm {PLACE}, then try again")]
     Different,
-    /// The file of the udev rule cannot be written for another reason than missing rights.
+    /// The file of the udev rule cannot be written, for a reason other than missing rights.
     #[error("{PLACE} was not written: {0}; does this machine have udev, and room on its disk?")]
     Failed(io::Error),
 }
 
-/// Writes the udev rule, unless its file exists already with the same content.
+/// Writes the udev rule, unless its file already exists with the same content.
 ///
 /// # Errors
-/// [`RuleError`] if the file has other content or cannot be written; an error of standard output.
+/// [`RuleError`] if the file exists with other content or cannot be written; an error of standard output.
 pub fn write(machine: &Machine) -> Result<(), CliError> {
     let file = machine.file(PLACE);
     if let Ok(there) = std::fs::read(&file) {
@@ -45,11 +45,11 @@ pub fn write(machine: &Machine) -> Result<(), CliError> {
     }
 }
 
-/// Writes the udev rule completely to this file, which must not exist; if that fails, no file is left.
+/// Writes the udev rule to a new file. If writing fails, the file is removed.
 fn put(file: &Path) -> io::Result<()> {
     let mut opened = OpenOptions::new().write(true).create_new(true).open(file)?;
     opened.write_all(RULE.as_bytes()).inspect_err(|_| {
-        // An error of removing the file is ignored: the error of the write is the one to report.
+        // An error of removing the file is ignored, because the error of writing is the one to report.
         let _ = std::fs::remove_file(file);
     })
 }

@@ -1,5 +1,5 @@
-//! JSON output: one object on a line for each frame or packet. The names of fields contain units; the field `text` has the
-//! lines of the text output.
+//! JSON output: one object per line for each frame or packet. The names of fields contain the units. The field `text`
+//! has the lines of the text output.
 
 use std::io::{self, Write};
 
@@ -98,7 +98,7 @@ struct FrameJson<'a> {
     /// Time of the recording in nanoseconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     time_ns: Option<i64>,
-    /// Nanoseconds as recorded: since 1970-01-01, or of a virtual clock.
+    /// The recorded time in nanoseconds: since 1970-01-01, or of a virtual clock.
     #[serde(skip_serializing_if = "Option::is_none")]
     recorded_ns: Option<u64>,
     direction: &'static str,
@@ -126,7 +126,7 @@ impl From<CrcStatus> for CrcJson {
     }
 }
 
-/// The JSON object for the bytes of a packet in one direction: raw, as text and as fields.
+/// The JSON object for the bytes of a packet in one direction: the bytes themselves, the text, and the decoded fields.
 fn of_packet(direction: Dir, bytes: &[u8]) -> Value {
     let decoded = Decoded::of(direction, bytes);
     let mut object = json!({

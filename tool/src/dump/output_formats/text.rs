@@ -1,4 +1,5 @@
-//! Text output: a line for each frame or packet, followed by a line for each slot of the frame or by the meaning of the packet.
+//! Text output: a line for each frame or packet, followed by a line for each shown slot of the frame, or by the decoded
+//! packet.
 
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -16,7 +17,7 @@ use crate::output::seconds;
 
 /// The output format without `--json`: text.
 pub struct Text {
-    /// Whether the bytes of packets are shown, too.
+    /// Whether the bytes of packets are shown as well.
     pub with_bytes: bool,
 }
 
@@ -52,7 +53,7 @@ impl Format for Text {
     }
 
     fn lacks(&self, _: &mut dyn Write, _: &Lacks) -> io::Result<()> {
-        // What a recording lacks is an object of its own only in JSON; in text mode a note on standard error says it.
+        // In text mode, a note on standard error says what the recording lacks, so nothing is written here.
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! Running the program on Unix: signals and exit codes.
+//! Runs the program on Unix: signals and exit codes.
 
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -15,25 +15,25 @@ use super::{ExecError, failed, not_started};
 use crate::lock::lock;
 use crate::signals;
 
-/// The next step for a program without the right to execute it.
+/// The advice for a file that the user may not execute.
 pub const MAKE_EXECUTABLE: &str = "make it executable with `chmod +x`";
 
 /// Starts `command` and waits for its end.
 ///
-/// A terminal sends SIGINT and SIGQUIT to the program as well, which is in the same process group, so the tool leaves
-/// them to the program. SIGTERM and SIGHUP, which only the tool gets, are passed on. The tool then ends as the
-/// program does.
+/// A terminal sends SIGINT and SIGQUIT to the program too, because it is in the same process group. So the tool catches
+/// these signals and does nothing. SIGTERM and SIGHUP, which only the tool gets, are passed on to the program. The tool
+/// ends when the program ends.
 pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecError> {
-    // The signals are caught and not ignored, because a program inherits ignored signals. Signals that were already
-    // ignored when the tool started (`nohup`) stay ignored. This happens before the program starts, so that no signal
-    // is lost in between.
+    // The signals are caught and not ignored, because a child process inherits ignored signals. Signals that were
+    // already ignored when the tool started (`nohup`) stay ignored. This is done before the program starts, so that no
+    // signal is lost.
     let ours = signals::not_ignored(&[SIGINT, SIGQUIT, SIGTERM, SIGHUP]);
     let mut signals = Signals::new(ours).map_err(failed("catch signals"))?;
-    // The program's process id, while it runs; `None` before it is started and after it was waited for.
+    // The process id of the program while it runs; `None` before it is started and after its end was collected.
     let running = Arc::new(Mutex::new(None));
     let mut started = lock(&running);
-    // The signals have their own thread, so that the end of the program is noticed even if the system loses a signal.
-    // The thread waits for the lock until the program runs.
+    // A separate thread handles the signals, so that the end of the program is noticed even if a signal is lost. The
+    // thread waits for the lock until the program runs.
     let passed_on = Arc::clone(&running);
     let pass_on = move || {
         for signal in signals.forever() {
@@ -60,19 +60,19 @@ pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecErro
     child.wait().map_err(failed("wait for the program"))
 }
 
-/// The exit code of the program, or 128 + n after signal n, as shells return it.
+/// The exit code of the program; after signal n, 128 + n, as in a shell.
 pub fn end_as(ended: ExitStatus) -> ExitCode {
     let code = ended.code().or_else(|| ended.signal().map(|signal| 128 + signal));
-    // Exit codes have 8 bits. The largest signal number is 64.
+    // An exit code has 8 bits. It fits, since the largest signal number is 64.
     ExitCode::from(code.and_then(|code| u8::try_from(code).ok()).unwrap_or(u8::MAX))
 }
 
-/// Passes a signal on to the program, unless the program was waited for: its process id may then belong to another
-/// process.
+/// Passes a signal on to the program. After the end of the program was collected, nothing is sent, because its process
+/// id may then belong to another process.
 fn pass_on(running: &Mutex<Option<Pid>>, signal: Signal) {
     let running = lock(running);
     if let Some(id) = *running {
-        // Sending fails if the program has ended already.
+        // Sending fails only if the program has already ended.
         let _ = kill_process(id, signal);
     }
 }

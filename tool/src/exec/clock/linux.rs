@@ -1,4 +1,4 @@
-//! Preloading on Linux.
+//! Preloads the library for the virtual clock on Linux.
 
 use std::fs::{self, File};
 use std::io::Read;
@@ -12,15 +12,15 @@ use crate::exec::library::LibraryFolder;
 use crate::exec::link::program_file;
 use crate::stderr::say;
 
-/// The file name of the library.
+/// The file name of the preloaded library.
 pub const FILE_NAME: &str = "libecmsk_sleep.so";
-/// The variable with the libraries that the dynamic linker loads before all others.
+/// The environment variable with the libraries that the dynamic linker loads before all others.
 const PRELOAD: &str = "LD_PRELOAD";
-/// The variable with the path of the file for the counts. The library reads it.
+/// The environment variable with the path of the file of counts, which the library reads.
 const COUNTS_VARIABLE: &str = "ECMSK_SLEEP_COUNTS";
-/// The numbers in that file: how often the library was loaded, the waits that it has passed on, how far the virtual
-/// clock has come, in nanoseconds, and how many boards were opened that pass time with it, and that do not. The library's
-/// `counts.rs` has the same.
+/// The number of 64-bit counts in that file: how often the library was loaded, the waits that it has passed on, the
+/// time of the virtual clock in nanoseconds, the number of opened boards that follow the virtual clock, and of those
+/// that do not. Must agree with `counts.rs` of the library.
 const COUNTS: usize = 5;
 
 /// The preloaded library and the file with its counts.
@@ -32,7 +32,7 @@ impl Preloaded {
     /// Makes `command` preload the library.
     pub fn set(command: &mut Command, library: &LibraryFolder) -> Result<Self, ExecError> {
         let failed = |source| ExecError::Folder { place: library.folder().to_owned(), source };
-        // Blanks separate the entries of the variable, as colons do.
+        // The entries of the variable are separated by whitespace or colons, so the path must not contain whitespace.
         if library.folder().as_os_str().as_bytes().iter().any(u8::is_ascii_whitespace) {
             return Err(ExecError::UnlinkableFolder { folder: library.folder().to_owned() });
         }
@@ -49,8 +49,8 @@ impl Preloaded {
         Ok(Self { counts })
     }
 
-    /// Says after the program's end what the library has passed on, if the user wants details, why it did nothing, and which
-    /// boards did not follow. `is_opened`: NEXTWUSBLib was to open a board.
+    /// Prints messages after the end of the program: why the library had no effect, which boards did not follow the
+    /// virtual clock, and with `is_verbose` what it has passed on. `is_opened`: NEXTWUSBLib was asked to open a board.
     pub fn say(self, program: &Path, is_verbose: bool, is_opened: bool) {
         let bytes = fs::read(&self.counts).unwrap_or_default();
         let mut numbers = bytes.as_chunks().0.iter().map(|bytes| u64::from_ne_bytes(*bytes));
@@ -80,7 +80,8 @@ impl Preloaded {
     }
 }
 
-/// The library: beside NEXTWUSBLib, or in the folder `ecmsk` there. NEXTWUSBLib may be a symbolic link.
+/// Finds the preloaded library, which is in the folder of NEXTWUSBLib or in its sub-folder `ecmsk`. NEXTWUSBLib may be
+/// a symbolic link.
 fn find(library: &Path) -> Result<PathBuf, ExecError> {
     let files = [Some(library.to_owned()), fs::canonicalize(library).ok()];
     let mut places = files
@@ -90,7 +91,7 @@ fn find(library: &Path) -> Result<PathBuf, ExecError> {
     places.find(|file| file.is_file()).ok_or_else(|| ExecError::NoSleepLibrary { library: library.to_owned() })
 }
 
-/// Why the dynamic linker has not loaded the library into the program.
+/// Why the dynamic linker did not load the library into the program.
 fn not_loaded(program: &Path) -> &'static str {
     let file = program_file(program);
     let mode = file.as_ref().and_then(|file| fs::metadata(file).ok()).map_or(0, |about| about.mode());
@@ -104,7 +105,8 @@ fn not_loaded(program: &Path) -> &'static str {
     }
 }
 
-/// Whether a program of this machine has no dynamic linker. `None`: it is no such program.
+/// Whether a program is statically linked, so that it names no dynamic linker. `None` if it is no ELF program of this
+/// width.
 ///
 /// Source: the System V ABI, chapters 4 and 5 (ELF header, program header).
 fn is_static(file: &Path) -> Option<bool> {
@@ -112,7 +114,7 @@ fn is_static(file: &Path) -> Option<bool> {
     const INTERPRETER: u32 = 3;
     let mut bytes = Vec::new();
     File::open(file).ok()?.take(64 << 10).read_to_end(&mut bytes).ok()?;
-    // 64 bits, the width of this tool's machine.
+    // The ELF class must be 64-bit, as on this machine.
     if !bytes.starts_with(b"\x7fELF\x02") {
         return None;
     }

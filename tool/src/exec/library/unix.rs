@@ -17,7 +17,7 @@ pub const FILE_NAME: &str = "libNEXTWUSBLib.so";
 const SONAME: &str = "libNEXTWUSBLib.so.0";
 /// The file names by which programs ask for the library.
 pub const NAMES: &[&str] = &[FILE_NAME, SONAME];
-/// The variable with the folders in which the dynamic linker looks first.
+/// The environment variable with the folders that the dynamic linker searches first.
 pub const SEARCH_PATH: &str = "LD_LIBRARY_PATH";
 /// The separator between the folders of [`SEARCH_PATH`].
 pub const SEPARATOR: &str = ":";
@@ -28,16 +28,16 @@ pub const UNOPENED: &str =
 /// Why a folder cannot be on the search path, with the next step.
 pub const UNLINKABLE: &str = "it takes no `:`, `;` or `$`, and with --clock no blank; set TMPDIR to another folder";
 
-/// The usual folders of the library: that of this tool, `../lib` from there, and the sub-folder of the latter with
-/// Debian's libraries for this architecture.
+/// The usual folders of the library: the folder of this tool, `../lib` relative to it, and the sub-folder of `../lib`
+/// for the libraries of this architecture on Debian.
 pub fn usual_folders(beside_tool: &Path, _program: Option<&Path>) -> Vec<PathBuf> {
     let stage = beside_tool.parent().map(|above| above.join("lib"));
     let debian = stage.as_ref().map(|lib| lib.join(format!("{}-linux-gnu", std::env::consts::ARCH)));
     std::iter::once(beside_tool.to_owned()).chain(stage).chain(debian).collect()
 }
 
-/// Checks that the file is a library. The dynamic linker would silently skip one that is not, and take the next one
-/// that it finds.
+/// Checks that the file is a library. The dynamic linker would silently skip a file that is no library, and load the
+/// next one that it finds.
 pub fn check(file: &Path, _program: Option<&Path>) -> Result<(), ExecError> {
     let mut magic = [0; 4];
     match File::open(file).and_then(|mut file| file.read_exact(&mut magic)) {
@@ -50,11 +50,11 @@ pub fn check(file: &Path, _program: Option<&Path>) -> Result<(), ExecError> {
     }
 }
 
-/// Makes a private folder with the library under both its names, and with its configuration if there is one.
+/// Makes a private folder with the library under both of its names, and with its configuration file if there is one.
 pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     let place = std::env::temp_dir();
     let failed = |source| ExecError::Folder { place: place.clone(), source };
-    // The path is made absolute, because the program may change its working directory.
+    // The path must be absolute, because the program may change its working directory.
     let place = std::path::absolute(&place).map_err(failed)?;
     let failed = |source| ExecError::Folder { place: place.clone(), source };
     if place.as_os_str().as_bytes().iter().any(|byte| b":;$".contains(byte)) {
@@ -66,7 +66,7 @@ pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     for name in [SONAME, FILE_NAME] {
         symlink(library, folder.path().join(name)).map_err(failed)?;
     }
-    // The library looks for its configuration beside the name by which it was loaded.
+    // The library looks for its configuration file in the folder from which it was loaded.
     let configuration = library.with_file_name(config::FILE_NAME);
     if configuration.exists() {
         symlink(configuration, folder.path().join(config::FILE_NAME)).map_err(failed)?;

@@ -1,4 +1,5 @@
-//! How Windows finds a library: in the program's folder, then in the system's folders, then in those of `PATH`.
+//! How Windows finds a library: in the folder of the program, then in the system folders, then in the folders of
+//! `PATH`.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +13,7 @@ use crate::image::{Image, Width};
 pub const FILE_NAME: &str = "NEXTWUSBLib.dll";
 /// The file names by which programs ask for the library.
 pub const NAMES: &[&str] = &[FILE_NAME];
-/// The variable with the folders in which Windows looks last.
+/// The environment variable with the folders that Windows searches last.
 pub const SEARCH_PATH: &str = "PATH";
 /// The separator between the folders of [`SEARCH_PATH`].
 pub const SEPARATOR: &str = ";";
@@ -26,8 +27,8 @@ pub const UNLINKABLE: &str = "PATH takes no `;` and no quotes; put the library i
 /// The width (32 or 64 bits) of this tool, and so of the library beside it.
 const OURS: Width = if cfg!(target_pointer_width = "64") { Width::X64 } else { Width::X86 };
 
-/// The usual folder of the library: the tool's own folder. For a program of the other width it is the folder `x86` or `x64`
-/// beside that, as in the package.
+/// The usual folder of the library: the folder of the tool. For a program of the other width it is the folder `x86` or
+/// `x64` next to it, as in the package.
 pub fn usual_folders(beside_tool: &Path, program: Option<&Path>) -> Vec<PathBuf> {
     let width = program.and_then(width_of);
     if width.is_none_or(|width| width == OURS) {
@@ -37,8 +38,8 @@ pub fn usual_folders(beside_tool: &Path, program: Option<&Path>) -> Vec<PathBuf>
     other.map_or_else(|| vec![beside_tool.to_owned()], |(name, above)| vec![above.join(name)])
 }
 
-/// Checks that the library has the program's width, and that no other library of that name is in the program's
-/// folder, where Windows looks first.
+/// Checks that the library has the width of the program, and that the folder of the program has no other library with
+/// this name, because Windows searches that folder first.
 pub fn check(file: &Path, program: Option<&Path>) -> Result<(), ExecError> {
     let library = Image::read(file).map_err(|error| not_a_library(file, error.to_string()))?;
     let Some(program) = program.and_then(program_file) else { return Ok(()) };
@@ -60,7 +61,7 @@ fn width_of(program: &Path) -> Option<Width> {
     Some(Image::read(&file).ok()?.width)
 }
 
-/// Creates a private folder for the file that shows whether the library was used. The library stays where it is.
+/// Creates a private folder for the file that shows whether the library was used. The library itself is not moved.
 pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     let place = std::env::temp_dir();
     let failed = |source| ExecError::Folder { place: place.clone(), source };
@@ -72,7 +73,7 @@ pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     Ok(folder)
 }
 
-/// The folder that is put first on `PATH`: the library's own.
+/// The folder that is put first on `PATH`: the folder of the library.
 pub fn first<'a>(_folder: &'a Path, library: &'a Path) -> &'a Path {
     library.parent().unwrap_or(Path::new("\\"))
 }

@@ -1,8 +1,8 @@
-//! A board as its server sees it: a link around the board's link that looks at each frame that passes, and what it has
-//! seen, for metrics and for the watchdog.
+//! Monitors a board that a server serves. A wrapper around the link of the board examines each frame, for the metrics
+//! and the watchdog.
 //!
-//! The threads that exchange frames with the board never wait for a reader of the metrics: they leave what they have seen
-//! in a copy, unless that is being read at the moment. The next report is left there then.
+//! The threads that exchange frames with the board never wait for a reader of the metrics. They store their results in
+//! a copy. If a reader has locked the copy at that moment, this update is skipped and the next report updates it.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,20 +17,21 @@ use super::frames::{Frames, Shown};
 use super::trouble;
 use crate::lock::lock;
 
-/// A board on the real clock that runs no cycle, or sends no report, for this long counts as silent. \[OURS]
+/// A board on the real clock counts as silent if it runs no cycle, or sends no report, for longer than this. \[OURS]
 pub const SILENT: Duration = Duration::from_secs(1);
-/// An attempt to open a board that takes longer counts as one that hangs: the scan of a long network and its EEPROMs take
-/// seconds. \[OURS]
+/// If opening a board takes longer than this, it hangs. Scanning a long network and its EEPROMs takes several seconds.
+/// \[OURS]
 const OPENING_MAX: Duration = Duration::from_secs(60);
 
-/// A board that a server serves, watched.
+/// The monitoring of a board that a server serves.
 pub struct BoardWatch {
-    /// The scheme of its link, such as `sim`. The rest of the link is not shown: it may name files and machines.
+    /// The scheme of the link, such as `sim`. The rest of the link is not shown, because it may contain names of files
+    /// and machines.
     pub scheme: &'static str,
-    /// Where the link records, with the word for each: `record` or `flight`.
+    /// The paths of the recordings of the link, each with its kind: `record` or `flight`.
     pub recordings: Vec<(&'static str, PathBuf)>,
     uri: LinkUri,
-    /// The machine file that recordings of the link carry.
+    /// The machine file that is stored in recordings of the link.
     machine: Option<Arc<CarriedFile>>,
     wanted: Wanted,
     calls: Calls,
@@ -41,18 +42,19 @@ pub struct BoardWatch {
     looked: Mutex<Look>,
 }
 
-/// What is wanted of a board.
+/// Which data about a board are needed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wanted {
-    /// Nothing: its link is used as it is.
+    /// None: the link is used without a wrapper.
     Nothing,
-    /// Whether it lives.
+    /// Whether the board is alive, for the watchdog.
     Life,
-    /// That, and what its frames show.
+    /// Whether the board is alive, and the values in its frames, for the metrics.
     Metrics,
 }
 
-/// The calls of the server, since it was started. A board that is opened again goes on counting.
+/// Counts the server's calls of the link since the server was started. The counts continue when the board is opened
+/// again.
 #[derive(Default)]
 struct Calls {
     written: AtomicU64,
@@ -64,7 +66,7 @@ struct Calls {
     reading: AtomicU64,
 }
 
-/// The counts of a server's calls on a board.
+/// The counts of the server's calls of a board's link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CallCounts {
     /// The command frames that the board has taken.
@@ -81,7 +83,8 @@ pub struct CallCounts {
 
 /// Whether the board is open.
 enum Open {
-    /// It is not. `since`: an attempt to open it is under way since then; `why`: the error of the last attempt.
+    /// The board is not open. `since`: when opening it began, while an attempt to open it is in progress; `why`: the
+    /// error of the last attempt.
     No {
         since: Option<Instant>,
         why: String,
@@ -89,33 +92,33 @@ enum Open {
     Yes(Weak<WatchedLink>),
 }
 
-/// What shows that the board lives, with its newest value and the time at which that value was seen first.
+/// The latest sign of life of the board, and when it was seen first.
 struct Progress {
     sign: Option<Sign>,
     since: Instant,
 }
 
-/// A sign of life, which has another value whenever the board has lived on.
+/// A value that changes as long as the board is alive.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Sign {
-    /// The cycles that a board in this process has run.
+    /// The number of cycles that a board in this process has run.
     Cycles(u64),
-    /// The reports of another board, while the server waits for one.
+    /// The number of reports of another board; used only while the server waits for one.
     Reports(u64),
 }
 
-/// What a look at the board has found.
+/// The result of a check of the board.
 #[derive(Clone, Debug, Default)]
 pub struct Look {
-    /// The counters of the board's link; `None`: it is not open.
+    /// The counters of the board's link; `None` if the link is not open.
     pub stats: Option<LinkStats>,
-    /// How long the board stands still, in steps of the looks; 0 if it lives.
+    /// How long the board has shown no sign of life, as seen by the checks; 0 if it is alive.
     pub stands: Duration,
-    /// Why the board is not as it has to be, in words; `None`: it answers and has lost no slave.
+    /// What is wrong with the board, in words; `None` if it answers and has lost no slave.
     pub trouble: Option<String>,
 }
 
-/// The link around the board's link.
+/// The wrapper around the link of the board.
 struct WatchedLink {
     inner: Arc<dyn Link>,
     info: LinkInfo,
@@ -123,7 +126,7 @@ struct WatchedLink {
 }
 
 impl BoardWatch {
-    /// The watch of the board of this link, which is not open yet.
+    /// Creates the monitoring of the board of this link; the board is not open yet.
     pub fn new(uri: &LinkUri, machine: Option<Arc<CarriedFile>>, wanted: Wanted) -> Arc<Self> {
         let recordings = [("record", "record"), ("flight", "flight")];
         let recordings = recordings.into_iter().filter_map(|(key, word)| Some((word, PathBuf::from(uri.value(key)?))));
@@ -142,7 +145,8 @@ impl BoardWatch {
         })
     }
 
-    /// Opens the board, watched. A simulated board stays in this process, so opening it again finds the same one.
+    /// Opens the board and returns the wrapped link. A simulated board stays in this process, so opening it again finds
+    /// the same board.
     ///
     /// # Errors
     /// Those of [`link::open`].
@@ -162,7 +166,7 @@ impl BoardWatch {
         }
     }
 
-    /// The link around a link to the board that was opened.
+    /// Wraps the link to a board that was opened.
     pub fn around(self: &Arc<Self>, inner: Arc<dyn Link>) -> Arc<dyn Link> {
         if self.wanted == Wanted::Nothing {
             return inner;
@@ -170,7 +174,8 @@ impl BoardWatch {
         let info = inner.info();
         lock(&self.frames).begin(info.slot, &self.uri, inner.network());
         {
-            // What the board showed before it was lost. Its counts stay: a counter that falls looks like a start.
+            // Values from before the board was lost are cleared. The counts are kept, because a counter that falls
+            // looks like a restart.
             let mut shown = lock(&self.shown);
             shown.board = None;
             shown.slaves.clear();
@@ -181,7 +186,8 @@ impl BoardWatch {
         watched
     }
 
-    /// Looks at the board, and keeps what that shows. Only the thread of the watch calls this: on a network it may wait.
+    /// Checks the board and stores the result. Only the monitoring thread may call this, because on a network it may
+    /// block.
     pub fn look(&self) -> Look {
         let look = match self.opened() {
             Ok(link) => self.look_at(&link),
@@ -194,7 +200,7 @@ impl BoardWatch {
         look
     }
 
-    /// The link if the board is open; otherwise how long opening it hangs, and why it is not open.
+    /// The link if the board is open. Otherwise how long opening it hangs (0 if it does not), and why it is not open.
     fn opened(&self) -> Result<Arc<WatchedLink>, (Duration, String)> {
         match &*lock(&self.open) {
             Open::No { since, why } => {
@@ -215,7 +221,7 @@ impl BoardWatch {
         } else if self.calls.reading.load(Ordering::Relaxed) > 0 {
             Some(Sign::Reports(self.calls.read.load(Ordering::Relaxed)))
         } else {
-            // Nobody waits for this board, so that its silence shows nothing.
+            // Nobody reads reports of this board at present, so missing reports mean nothing.
             None
         };
         let stands = lock(&self.progress).stands(sign, Instant::now());
@@ -228,12 +234,12 @@ impl BoardWatch {
         Look { stats: Some(stats), stands, trouble }
     }
 
-    /// What the newest look has found.
+    /// The result of the latest check.
     pub fn looked(&self) -> Look {
         lock(&self.looked).clone()
     }
 
-    /// What the newest report has shown.
+    /// The values of the latest report.
     pub fn shown(&self) -> Shown {
         lock(&self.shown).clone()
     }
@@ -252,7 +258,7 @@ impl BoardWatch {
 }
 
 impl Progress {
-    /// How long the sign has the same value. Without a sign the board counts as alive.
+    /// How long the sign of life has not changed. Without a sign the board counts as alive.
     fn stands(&mut self, sign: Option<Sign>, now: Instant) -> Duration {
         if sign.is_none() || self.sign != sign {
             (self.sign, self.since) = (sign, now);
@@ -296,7 +302,8 @@ impl Layer for WatchedLink {
     }
 }
 
-/// Counts a call: an error, unless it has only waited for its time or was cancelled.
+/// Counts a call as successful or failed. A call that timed out, found the board silent or was cancelled is not
+/// counted.
 fn count<T>(done: &Result<T, LinkError>, good: &AtomicU64, bad: &AtomicU64) {
     let counted = match done {
         Ok(_) => good,
@@ -310,7 +317,8 @@ fn count<T>(done: &Result<T, LinkError>, good: &AtomicU64, bad: &AtomicU64) {
 mod tests {
     use super::*;
 
-    /// Who reads what a board has shown holds up no exchange with the board; the next report is shown then.
+    /// A reader of the values of a board does not block an exchange with the board. The values of the next report are
+    /// stored again.
     #[test]
     fn a_reader_holds_up_no_exchange() {
         let uri = LinkUri::parse("sim:?slaves=drive&clock=virtual").expect("a link");
@@ -330,7 +338,7 @@ mod tests {
         assert!(board.look().trouble.is_some_and(|why| why.starts_with("the board is gone: ")));
     }
 
-    /// A board lives as long as its sign of life changes, or if nobody would hear one.
+    /// A board is alive as long as its sign of life changes. It also counts as alive if there is no sign to check.
     #[test]
     fn a_sign_that_stays_is_no_life() {
         let began = Instant::now();

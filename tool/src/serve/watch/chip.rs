@@ -1,4 +1,4 @@
-//! A chip ECM-XF as its server sees it: a link around the chip's link that counts the exchanges.
+//! Monitors an ECM-XF chip that a server serves: a wrapper around the link of the chip counts the exchanges.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -8,14 +8,14 @@ use ecmsk::xf::host::{HostConfig, Wires};
 
 use crate::lock::lock;
 
-/// A chip that a server serves, watched.
+/// The monitoring of a chip that a server serves.
 #[derive(Default)]
 pub struct ChipWatch {
     exchanges: AtomicU64,
     bytes: AtomicU64,
     errors: AtomicU64,
     opened: AtomicU64,
-    /// Why the newest exchange, or the newest attempt to open the chip, has failed; `None`: it has not.
+    /// Why the latest exchange, or the latest attempt to open the chip, has failed; `None` if it succeeded.
     failed: Mutex<Option<String>>,
 }
 
@@ -24,7 +24,7 @@ pub struct ChipWatch {
 pub struct ChipCounts {
     /// The exchanges with the chip.
     pub exchanges: u64,
-    /// The bytes of these exchanges, in one direction; the other one has as many.
+    /// The bytes of all exchanges in one direction; the other direction has as many.
     pub bytes: u64,
     /// The exchanges that failed.
     pub errors: u64,
@@ -32,14 +32,14 @@ pub struct ChipCounts {
     pub opened: u64,
 }
 
-/// The link around the chip's link.
+/// The wrapper around the link of the chip.
 struct WatchedChip {
     inner: Box<dyn ChipLink>,
     watch: Arc<ChipWatch>,
 }
 
 impl ChipWatch {
-    /// Opens the chip of a link, watched.
+    /// Opens the chip of a link and returns the wrapped link.
     ///
     /// # Errors
     /// Those of [`chip::open`].
@@ -52,7 +52,8 @@ impl ChipWatch {
     }
 
     fn note(&self, error: Option<&ChipError>) {
-        // Who reads the reason holds up no exchange: the next one is noted.
+        // An exchange never waits for a reader of the reason: while the reason is being read, this result is not
+        // stored.
         if let Ok(mut failed) = self.failed.try_lock()
             && (error.is_some() || failed.is_some())
         {
@@ -71,7 +72,7 @@ impl ChipWatch {
         }
     }
 
-    /// Why the chip cannot be used, in words; `None`: it can, as far as it was.
+    /// Why the chip cannot be used, in words; `None` if its latest exchange succeeded or there was none yet.
     pub fn trouble(&self) -> Option<String> {
         let failed = lock(&self.failed);
         failed.as_ref().map(|why| format!("the chip: {why}"))

@@ -1,8 +1,9 @@
-//! What the frames between a server and its board show, for metrics: states, positions, following errors, alarms and gaps.
+//! Extracts values for the metrics from the frames between a server and its board: states, positions, following errors,
+//! alarms and gaps.
 
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{Dir, KnownNetwork};
-use ecmsk::recording::{Recorded, SizeFinder};
+use ecmsk::recording::SizeFinder;
 use ecmsk::sk::dump::MAX_SLAVES;
 use ecmsk::sk::{
     CommandId, DriveResponse, FRAME_LEN, Frame, HspResponse, MasterResponse, MasterState, SlaveKind, SlotSize,
@@ -13,54 +14,56 @@ use crate::monitor;
 use crate::motion::{Axes, Quantity};
 use crate::recording::Framed;
 
-/// Follows the frames of a board.
+/// Processes the frames of a board.
 pub struct Frames {
     finder: SizeFinder,
     size: SlotSize,
     watch: FrameWatch,
     axes: Axes,
-    /// The kinds of the slaves, slave 1 first, as the link or its server names them; empty if nobody does.
+    /// The kinds of the slaves, slave 1 first, as reported by the link or its server; empty if they are unknown.
     known: Vec<SlaveKind>,
-    /// How many alarms each slave has had.
+    /// The number of alarms of each slave.
     alarms: [u64; MAX_SLAVES],
-    /// The counts of slot sizes that turned out to be wrong.
+    /// The counts from before the last restart of `watch`: after the board was opened again, or another slot size was
+    /// found.
     before: FrameCounts,
-    /// The following error of each axis in the newest report that shows it, counts.
+    /// The following error of each axis, from the latest report that has it, in counts.
     following: [Option<i64>; MAX_SLAVES],
 }
 
-/// What the newest report shows, and the counts so far.
+/// The values of the latest report, and the counts so far.
 #[derive(Clone, Default)]
 pub struct Shown {
-    /// The board's own part of the report; `None` before the first one.
+    /// Slot 0 of the report: the state of the board itself; `None` before the first report.
     pub board: Option<MasterResponse>,
-    /// Gaps in motions.
+    /// The number of gaps in motions (the FIFO was empty while an axis moved).
     pub gaps: u64,
-    /// Command frames that found the FIFO full, as slot 0 counts them.
+    /// The number of command frames that found the FIFO full, from the count in slot 0.
     pub full: u64,
-    /// Command frames with a wrong CRC, as slot 0 counts them.
+    /// The number of command frames with a wrong CRC, from the count in slot 0.
     pub bad_crc: u64,
-    /// The slaves that are known, in network order.
+    /// The known slaves, in network order.
     pub slaves: Vec<SlaveShown>,
 }
 
-/// A slave in the newest report.
+/// The values of a slave in the latest report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveShown {
-    /// Its number, from 1.
+    /// The number of the slave, from 1.
     pub number: u8,
-    /// What it shows as an axis; `None`: it is none, or the network is below SafeOP, where slots have no process data.
+    /// Its values as an axis; `None` if it has no axis, or the network is below SafeOP, where slots have no process
+    /// data.
     pub axis: Option<AxisShown>,
-    /// How many alarms it has had since the server was started.
+    /// The number of its alarms since the server was started.
     pub alarms: u64,
 }
 
-/// An axis in the newest report.
+/// The values of an axis in the latest report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisShown {
     /// The statusword (0x6041), the actual position in counts and the error code (0x603F).
     pub drive: DriveResponse,
-    /// The target in force minus the actual position, counts; `None`: no target is in force.
+    /// The target in force minus the actual position, in counts; `None` if no target is in force.
     pub following_error: Option<i64>,
 }
 
@@ -81,7 +84,7 @@ impl Default for Frames {
 }
 
 impl Frames {
-    /// The board was opened, anew or for the first time. Counts go on.
+    /// Must be called when the board was opened, for the first time or again. The counts continue.
     pub fn begin(&mut self, slot: Option<SlotSize>, uri: &LinkUri, network: Option<KnownNetwork>) {
         self.finder = SizeFinder::new(slot);
         self.known = monitor::known_kinds(None, uri, None, network).unwrap_or_default();
@@ -107,7 +110,8 @@ impl Frames {
         }
     }
 
-    /// Finds the slot size if the link does not know it, and begins anew if it is another one than was assumed.
+    /// Determines the slot size if the link does not know it. If it differs from the assumed size, processing starts
+    /// anew.
     fn look_at_size(&mut self, frame: &Frame) {
         if self.finder.is_sure() {
             return;
@@ -119,14 +123,14 @@ impl Frames {
         }
     }
 
-    /// A command frame that the board has taken.
+    /// Processes a command frame that the board has accepted.
     pub fn command(&mut self, at_ns: i64, frame: &Frame) {
         self.look_at_size(frame);
         self.watch.command(at_ns, frame);
-        self.axes.frame(&framed(at_ns, Dir::Write, frame, self.size), &mut |_| {});
+        self.axes.frame(&Framed::live(at_ns, Dir::Write, frame.clone(), self.size), &mut |_| {});
     }
 
-    /// A report of the board.
+    /// Processes a report of the board.
     pub fn report(&mut self, at_ns: i64, frame: &Frame) {
         self.look_at_size(frame);
         let alarms = &mut self.alarms;
@@ -138,7 +142,7 @@ impl Frames {
             }
         });
         let following = &mut self.following;
-        self.axes.frame(&framed(at_ns, Dir::Read, frame, self.size), &mut |value| {
+        self.axes.frame(&Framed::live(at_ns, Dir::Read, frame.clone(), self.size), &mut |value| {
             if value.quantity == Quantity::FollowingError
                 && let Some(error) = value.slave.checked_sub(1).and_then(|place| following.get_mut(place))
             {
@@ -152,7 +156,7 @@ impl Frames {
         }
     }
 
-    /// Copies what the newest report, which is `frame`, and those before it have shown.
+    /// Copies the values of the latest report, which is `frame`, and the counts so far to `shown`.
     pub fn show(&self, frame: &Frame, shown: &mut Shown) {
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
         let FrameCounts { full, crc, gaps, .. } = self.counts();
@@ -163,7 +167,8 @@ impl Frames {
         for slave in 1..=self.size.max_slaves() {
             let slot = frame.slot(self.size, slave);
             let kind = self.axes.kind(slave).or_else(|| self.known.get(slave - 1).copied());
-            // The program may have declared its slaves before the server came.
+            // If the host has declared its slaves before the server was started, their kinds are unknown. A slot with a
+            // command for axes then counts as a drive.
             let kind = kind.or_else(|| CommandId::from_code(slot.id).is_for_axes().then_some(SlaveKind::Drive));
             let drive = match kind {
                 None | Some(SlaveKind::None) => continue,
@@ -184,10 +189,4 @@ impl Frames {
             shown.slaves.push(SlaveShown { number: slave as u8, axis, alarms: self.alarms[slave - 1] });
         }
     }
-}
-
-fn framed(at_ns: i64, dir: Dir, frame: &Frame, size: SlotSize) -> Framed {
-    let recorded =
-        Recorded { at_ns: at_ns.max(0).unsigned_abs(), dir, frame: frame.clone(), bus: 0, device: 0, damage_before: 0 };
-    Framed { number: 0, time_ns: at_ns, recorded, size, meta: None }
 }

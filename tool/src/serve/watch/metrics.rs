@@ -1,4 +1,4 @@
-//! The metrics of a server as Prometheus reads them: names, units and texts, and the values of a scrape.
+//! The metrics of a server in the text format of Prometheus: names, units, help texts, and the values for a scrape.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -18,7 +18,8 @@ use super::board::{CallCounts, Look};
 use super::chip::ChipCounts;
 use super::frames::{AxisShown, Shown, SlaveShown};
 
-/// The `Content-Type` of the text without its charset: [`prometheus_text::CONTENT_TYPE`] has that, too.
+/// The `Content-Type` of the text without its charset, unlike [`prometheus_text::CONTENT_TYPE`], which includes the
+/// charset.
 pub const CONTENT_TYPE: &str = "text/plain; version=0.0.4";
 
 const AXIS_STATES: [DriveState; 8] = [
@@ -33,32 +34,32 @@ const AXIS_STATES: [DriveState; 8] = [
 ];
 const NETWORK_STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 
-/// What a scrape shows.
+/// The values for one scrape.
 #[derive(Debug)]
 pub struct Scrape {
     /// The verb of the server: `tcp`, `usbip` and so on.
     pub server: &'static str,
-    /// The number of clients; `None`: the server does not count them.
+    /// The number of clients; `None` if the server does not count them.
     pub clients: Option<usize>,
     /// The boards, in the order of the command line.
     pub boards: Vec<Seen>,
-    /// The counts of a chip, and whether it can be used; `None`: the server serves none.
+    /// The counts of the chip, and whether it can be used; `None` if the server serves no chip.
     pub chip: Option<(ChipCounts, bool)>,
 }
 
-/// What a scrape shows of a board.
+/// The values of one board for a scrape.
 pub struct Seen {
-    /// Its number on the command line, from 1.
+    /// The number of the board on the command line, from 1.
     pub number: usize,
-    /// The scheme of its link.
+    /// The scheme of the board's link.
     pub scheme: &'static str,
-    /// What the newest look has found.
+    /// The result of the latest check of the board.
     pub look: Look,
-    /// What the newest report has shown.
+    /// The values of the latest report.
     pub shown: Shown,
-    /// The counts of the server's calls.
+    /// The counts of the server's calls of the link.
     pub counts: CallCounts,
-    /// The bytes of its recordings by their word.
+    /// The sizes of the board's recordings in bytes, by kind: `record` or `flight`.
     pub recorded: BTreeMap<&'static str, u64>,
 }
 
@@ -87,14 +88,14 @@ enum Value {
     Gauge(f64),
 }
 
-/// Writes families of metrics.
+/// Writes metric families of Prometheus.
 struct Put<'e, 'b> {
     encoder: DescriptorEncoder<'e>,
     boards: &'b [Seen],
 }
 
 impl Put<'_, '_> {
-    /// Writes a family; one without values is left out.
+    /// Writes a metric family. A family without values is left out.
     fn family(
         &mut self,
         name: &str,
@@ -117,14 +118,14 @@ impl Put<'_, '_> {
         Ok(())
     }
 
-    /// A counter with one value for each board that has it. Prometheus' `_total` is added to its name.
+    /// Writes a counter with a value for each board that has one. The encoder adds `_total` to its name.
     fn counter(&mut self, name: &str, help: &str, of: impl Fn(&Seen) -> Option<u64>) -> fmt::Result {
         let boards = self.boards;
         let values = boards.iter().filter_map(|board| Some((board.labels(), Value::Count(of(board)?))));
         self.family(name, help, MetricType::Counter, values)
     }
 
-    /// As [`Self::counter`], with a further label, whose name is `label`.
+    /// As [`Self::counter`], with one more label, whose name is `label`.
     fn counters(
         &mut self,
         name: &str,
@@ -139,14 +140,14 @@ impl Put<'_, '_> {
         self.family(name, help, MetricType::Counter, values)
     }
 
-    /// A gauge with one value for each board that has it.
+    /// Writes a gauge with a value for each board that has one.
     fn gauge(&mut self, name: &str, help: &str, of: impl Fn(&Seen) -> Option<f64>) -> fmt::Result {
         let boards = self.boards;
         let values = boards.iter().filter_map(|board| Some((board.labels(), Value::Gauge(of(board)?))));
         self.family(name, help, MetricType::Gauge, values)
     }
 
-    /// A metric with one value for each slave that has it.
+    /// Writes a metric with a value for each slave that has one.
     fn slaves(
         &mut self,
         name: &str,
@@ -162,7 +163,7 @@ impl Put<'_, '_> {
         self.family(name, help, kind, values)
     }
 
-    /// A gauge with one value for each axis that has it.
+    /// Writes a gauge with a value for each axis that has one.
     fn axes(&mut self, name: &str, help: &str, of: impl Fn(&AxisShown) -> Option<f64>) -> fmt::Result {
         self.slaves(name, help, MetricType::Gauge, |_, slave| Some(Value::Gauge(of(slave.axis.as_ref()?)?)))
     }
@@ -183,12 +184,12 @@ impl Seen {
         self.with("slave", slave.number.to_string())
     }
 
-    /// The counters of the board itself; `None`: its link does not know them.
+    /// The counters of the board itself; `None` if the link does not know them.
     fn counters(&self) -> Option<&Counters> {
         self.look.stats.as_ref()?.board.as_ref()
     }
 
-    /// Whether the board is open and has a report. The values of a board that is gone would be old ones.
+    /// Whether the values of the board are shown: it must be open, since the values of a lost board would be outdated.
     fn is_shown(&self) -> bool {
         self.look.stats.is_some()
     }
@@ -317,7 +318,7 @@ fn commands(put: &mut Put<'_, '_>) -> fmt::Result {
         "reason",
         |board| {
             let Some(counters) = board.counters() else {
-                // A real board shows these two alone.
+                // A real board reports only these two counts.
                 return vec![("fifo_full", board.shown.full), ("bad_crc", board.shown.bad_crc)];
             };
             vec![
@@ -436,8 +437,8 @@ fn recordings(put: &mut Put<'_, '_>) -> fmt::Result {
     })
 }
 
-/// The bytes that a file has, or the files of a folder; `None`: it is not there. At most two folders deep, as a flight
-/// recorder writes.
+/// The size in bytes of a file, or of all files in a folder; `None` if the path does not exist. Files at most two
+/// folder levels deep count, which is how deep a flight recorder writes.
 pub fn bytes_of(path: &Path) -> Option<u64> {
     fn below(path: &Path, depth: u32) -> Option<u64> {
         let there = path.metadata().ok()?;

@@ -1,11 +1,11 @@
-//! `/metrics` and `/healthz`: what they answer, and to whom.
+//! Answers requests for `/metrics` and `/healthz`, and checks who may send them.
 
 use std::io;
-use std::net::{Shutdown, TcpStream};
 
 use super::Shared;
 use super::metrics::CONTENT_TYPE;
 use crate::serve::http::{self, PLAIN, Refusal, Request};
+use crate::serve::http_stream::Stream;
 
 const NOT_HERE: Refusal = Refusal {
     status: "403 Forbidden",
@@ -18,8 +18,8 @@ const NOT_FOUND: Refusal = Refusal { status: "404 Not Found", text: "Here are /m
 /// Answers a request.
 ///
 /// # Errors
-/// The client does not take the answer.
-pub fn serve(mut stream: TcpStream, request: &Request, shared: &Shared) -> io::Result<()> {
+/// The client does not receive the answer.
+pub fn serve(mut stream: Stream, request: &Request, shared: &Shared) -> io::Result<()> {
     match wish(request, shared.is_loopback) {
         Err(refusal) => http::refuse(&mut stream, refusal)?,
         Ok(Wish::Metrics) => http::send_text(&mut stream, "200 OK", CONTENT_TYPE, &shared.metrics())?,
@@ -28,7 +28,7 @@ pub fn serve(mut stream: TcpStream, request: &Request, shared: &Shared) -> io::R
             Some(why) => http::send_text(&mut stream, "503 Service Unavailable", PLAIN, &format!("{why}\n"))?,
         },
     }
-    stream.shutdown(Shutdown::Both)
+    stream.finish()
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -37,8 +37,8 @@ enum Wish {
     Health,
 }
 
-/// Checks a request, and returns what it asks for. A server on the loopback address answers to names of this machine alone:
-/// a page in a browser could give it another name.
+/// Checks a request and returns what it asks for. A server on the loopback address only answers requests that name this
+/// machine as their host, to prevent DNS rebinding: see [`http::is_this_machine`].
 fn wish(request: &Request, is_loopback: bool) -> Result<Wish, Refusal> {
     if is_loopback && !http::is_this_machine(&request.host) {
         return Err(NOT_HERE);

@@ -1,11 +1,12 @@
-//! Why a board is not as it has to be, in words: for `/healthz`, for the log and for systemd.
+//! Texts for what is wrong with a board, for `/healthz`, the log and systemd.
 
 use std::time::Duration;
 
 use ecmsk::link::LinkStats;
 use ecmsk::sk::{MasterState, StateByte};
 
-/// The words for a board that is open and stands still. `is_here`: it is in this process, so that its cycles are known.
+/// The text for a board that is open but shows no sign of life. `is_here`: the board runs in this process, so its
+/// cycles are counted. Otherwise only its reports are.
 pub fn silence(is_here: bool, stands: Duration) -> String {
     let seconds = stands.as_secs_f64();
     if is_here {
@@ -15,8 +16,8 @@ pub fn silence(is_here: bool, stands: Duration) -> String {
     }
 }
 
-/// What is wrong with the network of a board that answers: its cable, or slaves that are lost. `state` is the state in the
-/// newest report.
+/// What is wrong with the network of a board that answers: the cable, or lost slaves. `state` is the state in the
+/// latest report.
 pub fn of_network(stats: &LinkStats, state: StateByte) -> Option<String> {
     if stats.network_down {
         return Some(
@@ -40,8 +41,8 @@ mod tests {
 
     use super::*;
 
-    /// Lost slaves are named if the board knows them; otherwise the state byte shows that there is one. A change of state that
-    /// has failed below OP is no lost slave.
+    /// Lost slaves are named if the board knows them; otherwise the state byte only shows that there is one. A state
+    /// change that has failed below OP is no lost slave.
     #[test]
     fn lost_slaves_are_named() {
         let of = |lost, state| {

@@ -1,8 +1,8 @@
-//! Makes messages of reports, and puts them into the queue of each page.
+//! Makes messages from the reports of a board, and puts them into the queue of each page.
 //!
-//! The thread that reads the board only appends reports to a buffer. A thread of this file takes them 20 times a second,
-//! makes one block, and offers it to each queue. It waits for no queue: blocks that find a queue full are left out and
-//! counted.
+//! The thread that reads the board only appends reports to a buffer. The thread of this module empties the buffer 20
+//! times a second, makes one block of it, and offers the block to each queue. It never waits for a queue: a block that
+//! finds a queue full is dropped and counted.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,39 +21,45 @@ use serde_json::json;
 
 use super::WebError;
 use crate::CliError;
+use crate::find::Search;
 use crate::kind_list::KindList;
 use crate::link_option::{ChosenLink, as_reader};
 use crate::lock::lock;
 use crate::monitor::source::Feed;
 use crate::monitor::{self, json as view_json};
+use crate::recording::Framed;
 use crate::serve::watch::BoardWatch;
 use crate::web::channels::Channels;
-use crate::web::events::Events;
+use crate::web::events::{Event, Events};
 use crate::web::hello::{FORMAT, Hello, Names, Picture, Words, slaves};
 use crate::web::sampler::Sampler;
 
 /// The time between two blocks. \[OURS]
 const BLOCK_INTERVAL: Duration = Duration::from_millis(50);
-/// How many blocks are between two messages with the counters. \[OURS]
+/// Every block of this number is followed by a message with the counters. \[OURS]
 const BLOCKS_PER_STATUS: u32 = 5;
-/// The largest number of reports in the buffer: two seconds at the fastest cycle, 250 us. Reports that find it full are left
-/// out and counted. \[OURS]
+/// The largest number of reports in the buffer: those of two seconds at the fastest cycle, 250 us. Reports that find
+/// the buffer full are dropped and counted. \[OURS]
 const REPORTS_MAX: usize = 8000;
+/// A condition of `--find` that becomes true again within this time, ns, is the same event: one that flickers must not hide
+/// alarms. \[OURS]
+const FOUND_APART_NS: i64 = 1_000_000_000;
 /// The largest number of pages that show a board at the same time. \[OURS]
 const PAGES_MAX: usize = 16;
-/// The largest number of messages in the queue of a page: some 3 s. \[OURS]
+/// The largest number of messages in the queue of a page, about 3 s. \[OURS]
 const QUEUE_MAX: usize = 64;
 
-/// A message to a page, which shows a board.
+/// A message to a page that shows a board.
 #[derive(Clone)]
 pub enum Out {
     /// A JSON object: the first message (hello), or new channels, events or counters.
     Text(Arc<str>),
-    /// A block of new points of channels, in the page's binary format.
+    /// A binary message: the samples of all channels since the last one. A page that has just connected gets the newest
+    /// sample of each channel first.
     Block(Arc<[u8]>),
 }
 
-/// The board that the pages show, and the options that say how.
+/// The board that the pages show, and the options for showing it.
 pub struct Subject {
     /// The link as the user gave it; the link that is opened may have a longer queue.
     pub uri: LinkUri,
@@ -65,6 +71,10 @@ pub struct Subject {
     pub scales: Option<Scales>,
     /// The slot size of `--slot-size`.
     pub slot_size: Option<SlotSize>,
+    /// The condition of `--find`, with its expression.
+    pub find: Option<(String, Search)>,
+    /// Whether pages may move axes, from `--control`.
+    pub has_control: bool,
 }
 
 impl Subject {
@@ -81,17 +91,18 @@ pub struct Hub {
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// The queue to a connected page, which a thread of its own sends over a WebSocket.
+/// The queue to a connected page. A separate thread sends the queued messages over a WebSocket.
 struct Page {
     queue: SyncSender<Out>,
-    /// Whether the page needs the hello message with all channels and events: it is new, or its queue was full for a
-    /// message that it must not miss.
+    /// Whether the page needs the hello message with all channels and events: because it is new, or because its queue
+    /// was full when a message for it could not be dropped.
     is_new: bool,
-    /// The number of blocks that found the queue of the page full, and of reports that were left out for all pages.
+    /// The number of blocks that found the queue of this page full, plus the number of reports that were dropped for
+    /// all pages.
     dropped: u64,
 }
 
-/// Reports that were read and not yet sent.
+/// The buffer of reports that were read from the board and not yet sent to pages.
 #[derive(Default)]
 struct Inbox {
     reports: Vec<(i64, Frame)>,
@@ -100,7 +111,7 @@ struct Inbox {
 }
 
 impl Hub {
-    /// Opens the board, and starts a thread that makes messages from its reports.
+    /// Opens the board, and starts the thread that makes messages from its reports.
     ///
     /// # Errors
     /// [`CliError`] if the board cannot be opened or read, or if no thread can be started.
@@ -138,11 +149,11 @@ impl Hub {
         Ok(hub)
     }
 
-    /// Ends the thread and closes the board. A recording by the link's `record=` is complete afterwards.
+    /// Ends the thread and closes the board. After that, a recording by `record=` of the link is complete.
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = lock(&self.thread).take() {
-            // A panic of the thread was printed already.
+            // A panic of the thread was already printed.
             let _ = thread.join();
         }
     }
@@ -152,7 +163,7 @@ impl Hub {
         &self.name
     }
 
-    /// The number of pages that are connected, or were when the board's newest points were sent.
+    /// The number of connected pages. Pages that have disconnected since the last message was sent still count.
     pub fn page_count(&self) -> usize {
         lock(&self.pages).len()
     }
@@ -170,8 +181,8 @@ impl Hub {
 }
 
 impl Page {
-    /// Offers a message to the queue of the page; returns whether the page is still connected. If the queue is full, a
-    /// message that the page may miss is counted. With `must` the page gets a new hello message later instead.
+    /// Puts a message into the queue of the page; returns whether the page is still connected. If the queue is full,
+    /// the message is dropped and counted. With `must`, it is not counted, but the page gets a new hello message later.
     fn offer(&mut self, message: Out, must: bool) -> bool {
         match self.queue.try_send(message) {
             Ok(()) => true,
@@ -184,18 +195,21 @@ impl Page {
         }
     }
 
-    /// Offers the messages since the last call to the queue of the page. A new page gets `hello`, the message with all channels
-    /// and events so far, and the newest points instead. Returns whether the page is still connected.
+    /// Puts the messages since the last call into the queue of the page. A new page gets instead the hello message of
+    /// `hello`, with all channels and events so far, and the newest points. Returns whether the page is still
+    /// connected.
     fn deliver(&mut self, news: &News, hello: impl Fn() -> Arc<str>) -> bool {
         self.dropped += news.left_out;
         if std::mem::take(&mut self.is_new) {
-            // A new page gets the newest points at once, because a board that sends no more reports gives it no others.
+            // A new page gets the newest points at once, because it would show nothing if the board sends no further
+            // reports.
             return self.offer(Out::Text(hello()), true) && self.offer(Out::Block(Arc::clone(&news.newest)), false);
         }
         if !news.texts.iter().all(|text| self.offer(Out::Text(Arc::clone(text)), true)) {
             return false;
         }
-        // A page that has missed a text cannot read the blocks after it, until it gets a new hello message.
+        // If a text was dropped, the page cannot interpret the following blocks, so it gets no block before the next
+        // hello message.
         if self.is_new {
             return true;
         }
@@ -204,14 +218,14 @@ impl Page {
         }
         let Some(status) = &news.status else { return true };
         let text = format!(r#"{{"type":"status","status":{},"dropped":{}}}"#, status.trim_end(), self.dropped);
-        // A status that finds the queue full is not sent again, because the next one replaces it.
+        // A status that finds the queue full is dropped, because the next status replaces it.
         !matches!(self.queue.try_send(Out::Text(text.into())), Err(TrySendError::Disconnected(_)))
     }
 }
 
-/// What one call of [`Publisher::publish`] sends to the pages.
+/// The messages that one call of [`Publisher::publish`] sends to the pages.
 struct News {
-    /// Messages about new channels and events. A page that misses one gets a new hello message.
+    /// Messages about new channels and events. If a page misses one of them, it gets a new hello message.
     texts: Vec<Arc<str>>,
     /// The block of points since the last call.
     block: Arc<[u8]>,
@@ -219,7 +233,7 @@ struct News {
     newest: Arc<[u8]>,
     /// The counters of the link and the board as JSON, with every fifth block; otherwise `None`.
     status: Option<String>,
-    /// The number of reports that were left out because the buffer was full.
+    /// The number of reports that were dropped because the buffer was full.
     left_out: u64,
 }
 
@@ -234,7 +248,9 @@ struct Publisher {
     channels: Channels,
     events: Option<Events>,
     first_ns: Option<i64>,
-    /// The number of channels and the number of events that the pages have been sent.
+    /// The time of the latest event of `--find`.
+    found_ns: Option<i64>,
+    /// The number of channels and the number of events that were already sent to the pages.
     told: (usize, u64),
     blocks: u32,
 }
@@ -251,6 +267,7 @@ impl Publisher {
             channels: Channels::default(),
             events: None,
             first_ns: None,
+            found_ns: None,
             told: (0, 0),
             blocks: 0,
         };
@@ -258,8 +275,8 @@ impl Publisher {
         publisher
     }
 
-    /// Takes over from the link which slaves there are; returns whether that has changed. The server of a board reports its
-    /// slaves again when a program has configured the network.
+    /// Reads from the link which slaves the network has; returns whether that has changed. The server of a board
+    /// reports its slaves again after a program has configured the network.
     fn look_at_network(&mut self) -> bool {
         let network = self.feed.network();
         if self.events.is_some() && network == self.network {
@@ -286,25 +303,39 @@ impl Publisher {
         if is_other {
             events.set_kinds(self.kinds.clone());
         }
+        if let Some((_, search)) = self.subject.find.as_mut().filter(|_| is_other || self.first_ns.is_none()) {
+            search.set_kinds(self.kinds.clone());
+        }
         self.take(&reports, size, &mut events);
         let news = self.news(&events, left_out, is_status, is_other);
         lock(pages).retain_mut(|page| page.deliver(&news, || self.hello(name, &events)));
         self.events = Some(events);
     }
 
-    /// Adds what these reports show: events to `events`, and points to the channels.
+    /// Processes these reports: adds events to `events`, and points to the channels.
     fn take(&mut self, reports: &[(i64, Frame)], size: SlotSize, events: &mut Events) {
+        let mut find = self.subject.find.take();
         let machine = self.subject.machine.as_deref();
         let names = self.subject.names();
         for (at_ns, frame) in reports {
             let at_ns = at_ns - *self.first_ns.get_or_insert(*at_ns);
             events.frame(at_ns, Dir::Read, frame, machine);
+            if let Some((expression, search)) = &mut find {
+                search.frame(&Framed::live(at_ns, Dir::Read, frame.clone(), size), true);
+                let begun =
+                    search.begun().filter(|at_ns| self.found_ns.is_none_or(|last| at_ns - last > FOUND_APART_NS));
+                if let Some(at_ns) = begun {
+                    self.found_ns = Some(at_ns);
+                    events.add(Event::found(at_ns, expression));
+                }
+            }
             self.sampler.report(&mut self.channels, &names, at_ns, (frame, size), &self.kinds);
         }
+        self.subject.find = find;
     }
 
-    /// Makes the messages for the pages: the points, channels and events since the last call. `is_status`: the status, which is
-    /// the counters of the link and the board, is due. `is_other`: the network has other slaves than before.
+    /// Makes the messages for the pages: points, channels and events since the last call. `is_status`: a message with
+    /// the counters of the link and the board is due. `is_other`: the slaves of the network have changed.
     fn news(&mut self, events: &Events, left_out: u64, is_status: bool, is_other: bool) -> News {
         let block = self.channels.take_block().into();
         let (channels, found) = (self.channels.list(), events.found());
@@ -341,10 +372,12 @@ impl Publisher {
             spans: Vec::new(),
             plane: None,
             picture: Picture::of(self.subject.machine.as_deref()),
+            find: self.subject.find.as_ref().map(|(expression, _)| &**expression),
             block: String::new(),
         };
         let mut hello = json!(hello);
         hello["type"] = "hello".into();
+        hello["control"] = self.subject.has_control.into();
         hello.to_string().into()
     }
 }
@@ -361,8 +394,8 @@ mod tests {
         Out::Block([0].into())
     }
 
-    /// A page that reads nothing loses blocks, which are counted. If it loses a message that it must not miss, it gets a
-    /// new hello message.
+    /// A page that reads nothing loses blocks, which are counted. If it loses a message that must not be dropped, it
+    /// gets a new hello message.
     #[test]
     fn a_slow_page_loses_blocks_and_nobody_waits_for_it() {
         let (queue, messages) = sync_channel(2);

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use rustix::termios::{OptionalActions, Termios, tcgetattr, tcsetattr};
 
-/// The saved modes; `None` if standard input is no terminal.
+/// The saved modes; `None` if standard input is not a terminal.
 pub struct Terminal(Option<Termios>);
 
 impl Terminal {
@@ -17,7 +17,7 @@ impl Terminal {
     pub fn restore(&self) {
         if let Some(was) = &self.0 {
             let _ = tcsetattr(io::stdin(), OptionalActions::Now, was);
-            // Switches bracketed paste off and begins a new line.
+            // Ends bracketed paste mode, which the line editor has switched on, and begins a new line.
             let _ = io::stdout().write_all(b"\x1b[?2004l\r\n");
             let _ = io::stdout().flush();
         }

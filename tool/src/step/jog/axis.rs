@@ -1,5 +1,5 @@
-//! The motion of one axis that is jogged, cycle by cycle: the profile of a `move` to its soft limit, and the brake of a
-//! `move` when its key is released.
+//! The motion of one axis that is jogged, cycle by cycle. It follows the same profile as a `move` to its soft limit,
+//! and brakes like a `move` when its key is released.
 
 use ecmsk::ecm::{Guard, SoftLimits};
 
@@ -7,21 +7,22 @@ use super::super::frames::BRAKE_LIMIT;
 use super::super::motion::Speeds;
 use super::super::profile::{Limits, Profile};
 
-/// \[OURS] How long a motion that nothing ends runs at its speed before its profile would brake; it is prolonged meanwhile.
+/// \[OURS] The time at full speed in each planned profile, seconds. While the key is held, the motion at full speed is
+/// prolonged before the profile would brake.
 const CRUISE_S: f64 = 1.0;
-/// The part of the limits by which a point of a profile may differ from the motion at full speed.
+/// The relative tolerance with which a point of a profile counts as motion at full speed.
 const CLOSE: f64 = 1e-6;
 
-/// One axis.
+/// The motion of one jogged axis.
 pub struct JogAxis {
     speeds: Speeds,
     limits: SoftLimits,
-    /// Where the axis stands, or where its present profile begins, in counts.
+    /// The position of the axis at rest, or the position at which its present profile begins, in counts.
     base: f64,
     motion: Motion,
 }
 
-/// What an axis does.
+/// The present motion of an axis.
 enum Motion {
     Stands,
     /// The axis moves along a profile.
@@ -31,13 +32,13 @@ enum Motion {
         time: f64,
         /// The direction, 1 or -1.
         sign: f64,
-        /// How far the motion may still be prolonged at full speed, in counts; 0 while the axis brakes.
+        /// How much longer the motion at full speed may become, in counts; 0 while the axis brakes.
         more: f64,
         brakes: bool,
     },
 }
 
-/// What an axis does, in words.
+/// The phase of the motion of an axis, for the screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doing {
     Stands,
@@ -45,19 +46,19 @@ pub enum Doing {
     Brakes,
 }
 
-/// The limits of an axis that goes no further than the guard from `start`. Where it stands beyond `limits`, it has room to go
-/// back, but for that as far as the guard says.
+/// The soft limits narrowed to the distance `guard` from `start`. If the axis is beyond one of its limits, it has room
+/// only in the direction back, as far as the guard allows.
 pub fn within_guard(limits: SoftLimits, start: i32, guard: Guard) -> SoftLimits {
     let Guard::Within(way) = guard else { return limits };
     let SoftLimits { min, max } = limits;
     SoftLimits { min: min.max(start.saturating_sub_unsigned(way)), max: max.min(start.saturating_add_unsigned(way)) }
 }
 
-/// How far one tap of a key moves an axis, counts, if its terminal does not report releases: for `held_s` seconds the key
-/// counts as held, then the axis brakes.
+/// How far one tap of a key moves an axis, in counts, if the terminal does not report releases. The key counts as held
+/// for `held_s` seconds, then the axis brakes. `cycle`: the cycle time in seconds.
 ///
 /// # Errors
-/// The library for trajectories finds no motion within the limits.
+/// The trajectory library finds no motion within the limits.
 pub fn tap(speeds: Speeds, held_s: f64, cycle: f64) -> Result<i32, String> {
     let mut axis = JogAxis::new(0, speeds, SoftLimits::NONE);
     axis.run(true)?;
@@ -70,9 +71,13 @@ pub fn tap(speeds: Speeds, held_s: f64, cycle: f64) -> Result<i32, String> {
 }
 
 impl JogAxis {
-    /// An axis that stands at `position`.
+    /// Creates an axis at rest at `position`.
     pub fn new(position: i32, speeds: Speeds, limits: SoftLimits) -> Self {
         Self { speeds, limits, base: position.into(), motion: Motion::Stands }
+    }
+
+    pub const fn speeds(&self) -> Speeds {
+        self.speeds
     }
 
     pub const fn doing(&self) -> Doing {
@@ -83,7 +88,7 @@ impl JogAxis {
         }
     }
 
-    /// How far the axis may go in this direction from where it stands, in counts: to its soft limit, or not at all if it is
+    /// How far the axis may move in this direction from its rest position, in counts: up to its soft limit; 0 if it is
     /// at that limit or beyond it.
     pub fn room(&self, is_positive: bool) -> f64 {
         let SoftLimits { min, max } = self.limits;
@@ -91,7 +96,7 @@ impl JogAxis {
         room.max(0.0)
     }
 
-    /// Whether the axis stands, or runs in this direction already.
+    /// Whether the axis can obey a key for this direction: it is at rest, or runs in this direction already.
     pub fn is_free_for(&self, is_positive: bool) -> bool {
         match self.motion {
             Motion::Stands => true,
@@ -99,17 +104,17 @@ impl JogAxis {
         }
     }
 
-    /// Begins to move, if the axis stands and has room.
+    /// Begins to move, if the axis is at rest and has room in this direction.
     ///
     /// # Errors
-    /// The library for trajectories finds no motion within the limits.
+    /// The trajectory library finds no motion within the limits.
     pub fn run(&mut self, is_positive: bool) -> Result<(), String> {
         let room = self.room(is_positive);
         if !matches!(self.motion, Motion::Stands) || room < 1.0 {
             return Ok(());
         }
         let Speeds { velocity, acceleration, jerk } = self.speeds;
-        // The times to reach the speed and to lose it, and some time at that speed. A longer profile would be less exact.
+        // The length covers accelerating, braking and [`CRUISE_S`] at full speed. A longer profile would be less exact.
         let ramp_s = velocity / acceleration + jerk.map_or(0.0, |jerk| acceleration / jerk + (velocity / jerk).sqrt());
         let length = room.min(velocity * (2.0 * ramp_s + CRUISE_S));
         let profile = Profile::rest_to_rest(length, Limits { velocity, acceleration, jerk })?;
@@ -118,10 +123,10 @@ impl JogAxis {
         Ok(())
     }
 
-    /// Brakes, with the acceleration of the axis or harder, within 1.5 s.
+    /// Brakes within 1.5 s, with the acceleration of the axis or more.
     ///
     /// # Errors
-    /// The library for trajectories finds no brake: the axis holds its last target.
+    /// The trajectory library finds no profile to rest. The axis then holds its last target.
     pub fn brake(&mut self) -> Result<(), String> {
         let Motion::Moves { profile, time, brakes: false, sign, .. } = &self.motion else { return Ok(()) };
         let (point, sign) = (profile.at(*time), *sign);
@@ -138,7 +143,7 @@ impl JogAxis {
         }
     }
 
-    /// The axis stands at its last target.
+    /// Ends the motion: the axis holds its last target.
     pub fn stand(&mut self) {
         self.base = self.exact();
         self.motion = Motion::Stands;
@@ -161,9 +166,10 @@ impl JogAxis {
         }
     }
 
-    /// The target of the present cycle, in counts. It is never further beyond a soft limit than where the axis stood.
+    /// The target of the present cycle, in counts. It is never beyond a soft limit, except for an axis that started
+    /// beyond it; such a target is never further beyond it than the start.
     pub fn target(&self) -> i32 {
-        // The range of positions is that of i32, so the conversion loses nothing but the fraction.
+        // Positions are in the range of i32, so the conversion only drops the fraction.
         self.exact().round() as i32
     }
 
@@ -191,7 +197,7 @@ mod tests {
         Speeds::of((Some(velocity), None), (None, None), None)
     }
 
-    /// The targets of so many cycles.
+    /// The targets of the next `count` cycles.
     fn cycles(axis: &mut JogAxis, count: usize) -> Vec<i32> {
         let target = |axis: &mut JogAxis| {
             axis.advance(CYCLE);
@@ -200,7 +206,7 @@ mod tests {
         (0..count).map(|_| target(axis)).collect()
     }
 
-    /// The cycles until the axis stands, and the furthest targets.
+    /// The number of cycles until the axis is at rest, and the lowest and the highest target.
     fn until_it_stands(axis: &mut JogAxis) -> (usize, i32, i32) {
         let (mut count, mut low, mut high) = (0, axis.target(), axis.target());
         while axis.doing() != Doing::Stands {
@@ -212,7 +218,8 @@ mod tests {
         (count, low, high)
     }
 
-    /// A key that is held for long moves the axis at its speed, and its release brakes it with the default acceleration.
+    /// A key that is held for a long time moves the axis at its speed; releasing it brakes the axis with the default
+    /// acceleration.
     #[test]
     fn a_held_axis_runs_at_its_speed_and_brakes_when_it_is_released() {
         let mut axis = JogAxis::new(100, speeds(10_000.0), SoftLimits::NONE);
@@ -227,20 +234,22 @@ mod tests {
         assert_eq!(axis.target(), high);
     }
 
-    /// A tap is as long as the key counts as held, at the speed of the axis: the brake takes the time that the start took.
+    /// A tap moves the axis as far as its speed would in the time for which the key counts as held, since accelerating
+    /// and braking take equal times.
     #[test]
     fn a_tap_moves_the_axis_for_the_time_of_a_key() {
         for (velocity, held_s) in [(10_000.0, 0.4), (20_000.0, 0.4), (2000.0, 1.0)] {
             let way = f64::from(tap(speeds(velocity), held_s, CYCLE).unwrap());
             assert!((way / (velocity * held_s) - 1.0).abs() < 0.05, "{velocity} {held_s}: {way}");
         }
-        // 0.05 s of the jerk raise the acceleration to half of its limit. The axis does not reach its speed: four such parts of
-        // the jerk, with 1250 counts/s in the middle of 0.2 s.
+        // In 0.05 s the jerk raises the acceleration to half of its limit, so the axis does not reach its speed. The
+        // motion has four such phases, and a speed of 1250 counts/s in the middle of 0.2 s.
         let short = tap(speeds(10_000.0), 0.05, CYCLE).unwrap();
         assert!((124..=126).contains(&short), "{short}");
     }
 
-    /// A held axis stops at its soft limit exactly, goes no further, and comes back. Beyond a limit it goes only back.
+    /// A jogged axis stops exactly at its soft limit, goes no further, and comes back. From beyond a limit it moves
+    /// only back.
     #[test]
     fn a_held_axis_stops_at_its_soft_limit() {
         let limits = SoftLimits { min: -500, max: 40_000 };
@@ -260,7 +269,8 @@ mod tests {
         assert_eq!((low, high), (-500, 50_000));
     }
 
-    /// `--guard` ends the way in both directions, within the limits of the machine file, and also for an axis beyond one.
+    /// `--guard` limits the motion in both directions, in addition to the limits of the machine file, also for an axis
+    /// beyond one.
     #[test]
     fn a_guard_limits_the_way_from_the_start() {
         let limits = SoftLimits { min: -500, max: 40_000 };
@@ -288,8 +298,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever keys are held for however long: no target is beyond a limit, and none is further from the last one
-        /// than the speed allows.
+        /// Whichever keys are held for whatever time: no target is beyond a limit, and the distance of two successive
+        /// targets is never more than the speed allows.
         #[test]
         fn no_target_is_beyond_a_limit_or_too_fast(
             start in -60_000..60_000_i32, velocity in 10.0..1e6_f64, holds in prop::collection::vec((any::<bool>(), 1..1500_usize, 0..400_usize), 1..12),

@@ -1,88 +1,81 @@
-//! The dead man's rule: which key counts as held, by the times at which keys arrive.
+//! The dead man's switch: decides from the arrival times of keys which key counts as held.
 //!
 //! A terminal reports a key again and again while it is held, and nothing when it is released. So an axis runs only as
-//! long as its key arrives again in time. Over a slow line, keys may come late and many at once. Such a burst says no more
-//! than that the key was held at some time before: it counts once, and begins no motion. Keys that may be old do not count
-//! at all, as far as the line is measured.
+//! long as its key arrives again in time. Over a slow line, keys may arrive late and many at once. Such a burst only
+//! shows that the key was held at some earlier time, so it counts as one key and starts no motion. If the delay of the
+//! line is measured, keys that may be old do not count at all.
 
 use std::time::Duration;
 
+use super::JogMotion;
 use super::line::Line;
 
-/// \[OURS] Keys that follow one another within this time are a burst, whose keys have waited somewhere: keyboards repeat a
-/// key 50 times a second at most.
+/// \[OURS] Keys that arrive within this time of each other are a burst, which was delayed on the line: a keyboard
+/// repeats a key at most 50 times a second.
 const BURST: Duration = Duration::from_millis(10);
-/// \[OURS] For how long no key counts after the beginning, and after this process has stalled. The keys that were typed
-/// before arrive then.
+/// \[OURS] For this long after the beginning and after a stall of this process no key counts, because keys that were
+/// typed before arrive in this time.
 const DEAF: Duration = Duration::from_millis(100);
 
-/// A key that moves an axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MotionKey {
-    /// The index of the axis among those of the verb.
-    pub axis: usize,
-    /// Whether the key moves the axis in the positive direction of its unit.
-    pub is_positive: bool,
-}
-
-/// How long the repeat of a key may be missing.
+/// How long the repeat of a held key may take; after this time the key counts as released.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Times {
-    /// After the first key: until the keyboard begins to repeat it.
+    /// The time after the first press, in which the keyboard must begin to repeat the key.
     pub first: Duration,
-    /// After a repeat.
+    /// The time after each repeat.
     pub repeat: Duration,
 }
 
-/// The key that counts as held. Times count from the moment at which keys begin to be read.
+/// Tracks which key counts as held. All times are relative to the moment at which reading keys begins.
 #[derive(Debug)]
 pub struct DeadMan {
     times: Times,
     held: Option<Held>,
-    /// When the newest key has arrived.
+    /// The arrival time of the latest key.
     newest: Option<Duration>,
     deaf_until: Duration,
-    /// The line to the terminal; `None`: it is not measured.
+    /// Measures the delay of the line to the terminal; `None` if it is not measured.
     line: Option<Line>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Held {
-    key: MotionKey,
+    key: JogMotion,
     until: Duration,
     /// Whether the key has been repeated since the motion began.
     is_repeated: bool,
 }
 
 impl DeadMan {
-    /// No key is held. `is_measured`: no key counts unless the line to the terminal shows that it is not old.
+    /// Starts with no key held. `is_measured`: a key counts only if the measured delay of the line shows that it is not
+    /// old.
     pub fn new(times: Times, is_measured: bool) -> Self {
         let line = is_measured.then(Line::default);
         Self { times, held: None, newest: None, deaf_until: DEAF, line }
     }
 
-    /// Notes that the terminal is asked, as [`Line::ask`].
+    /// Records that a status query is sent to the terminal; returns false if none should be sent, see [`Line::ask`].
     pub fn ask(&mut self, at: Duration) -> bool {
         self.line.as_mut().is_some_and(|line| line.ask(at))
     }
 
-    /// The terminal has answered.
+    /// Records that the terminal has answered a query.
     pub fn answer(&mut self) {
         self.line.iter_mut().for_each(Line::answer);
     }
 
-    /// Whether no key counts now, because the line to the terminal is late.
+    /// Whether no key counts at present, because the line to the terminal is too slow.
     pub fn is_line_late(&self, now: Duration) -> bool {
         self.line.as_ref().is_some_and(|line| line.is_late(now))
     }
 
-    /// The key that counts as held at the time `now`; `None`: all axes have to stand.
-    pub fn held(&self, now: Duration) -> Option<MotionKey> {
+    /// The key that counts as held at the time `now`; `None` if all axes must stop.
+    pub fn held(&self, now: Duration) -> Option<JogMotion> {
         self.held.filter(|held| now < held.until).map(|held| held.key)
     }
 
-    /// A key that moves an axis has arrived, for the first time or again.
-    pub fn press(&mut self, at: Duration, key: MotionKey) {
+    /// Processes a key that moves an axis: its first press or a repeat.
+    pub fn press(&mut self, at: Duration, key: JogMotion) {
         let is_burst = self.newest.replace(at).is_some_and(|newest| at < newest + BURST);
         if at < self.deaf_until {
             return;
@@ -92,7 +85,8 @@ impl DeadMan {
             return;
         }
         self.held = match self.held.filter(|held| at < held.until) {
-            // A key that moves the axis already goes on until the time that the first key of the burst has allowed.
+            // In a burst, a key that already moves the axis stays held, but only until the time set by the first key of
+            // the burst.
             Some(held) if is_burst => (held.key == key && held.is_repeated).then_some(held),
             None if is_burst => None,
             Some(held) if held.key == key => Some(Held { key, until: at + self.times.repeat, is_repeated: true }),
@@ -100,13 +94,13 @@ impl DeadMan {
         };
     }
 
-    /// A key was released, or another one has arrived that moves no axis: all axes stop.
+    /// Stops all axes, because a key was released, or a key has arrived that moves no axis.
     pub const fn stop(&mut self, at: Duration) {
         self.newest = Some(at);
         self.held = None;
     }
 
-    /// This process has stalled until now: all axes stop, and the keys that were typed meanwhile do not count.
+    /// Stops all axes, because this process has stalled until now. Keys that were typed meanwhile do not count.
     pub fn stalled(&mut self, now: Duration) {
         self.held = None;
         self.deaf_until = now + DEAF;
@@ -120,16 +114,16 @@ mod tests {
     use super::*;
 
     const TIMES: Times = Times { first: Duration::from_millis(400), repeat: Duration::from_millis(150) };
-    const RIGHT: MotionKey = MotionKey { axis: 0, is_positive: true };
-    const LEFT: MotionKey = MotionKey { axis: 0, is_positive: false };
+    const RIGHT: JogMotion = JogMotion { axis: 0, is_positive: true };
+    const LEFT: JogMotion = JogMotion { axis: 0, is_positive: false };
 
-    /// A time, counted from when keys begin to count.
+    /// A time after [`DEAF`], from which on keys count.
     fn ms(time: u64) -> Duration {
         DEAF + Duration::from_millis(time)
     }
 
-    /// The key held at each of these times, after keys that arrived at those times.
-    fn held(keys: &[(u64, MotionKey)], looks: &[u64]) -> Vec<bool> {
+    /// Whether a key counts as held at each of the times `looks`, if keys arrive as in `keys` (time, key).
+    fn held(keys: &[(u64, JogMotion)], looks: &[u64]) -> Vec<bool> {
         let mut dead_man = DeadMan::new(TIMES, false);
         let mut keys = keys.iter().peekable();
         looks
@@ -143,20 +137,20 @@ mod tests {
             .collect()
     }
 
-    /// docs/SAFETY.md: without a repeat an axis stops 400 ms after the first key, and 150 ms after a repeat.
+    /// docs/SAFETY.md: without a repeat of its key, an axis stops 400 ms after the first key and 150 ms after a repeat.
     #[test]
     fn a_key_without_a_repeat_is_released() {
         assert_eq!(held(&[(0, RIGHT)], &[0, 399, 400]), [true, true, false]);
         assert_eq!(held(&[(0, RIGHT), (300, RIGHT)], &[449, 450]), [true, false]);
         let keys: Vec<_> = std::iter::once(0).chain((300..2000).step_by(33)).map(|at| (at, RIGHT)).collect();
-        // The last one arrives after 1983 ms.
+        // The last repeat arrives after 1983 ms.
         assert_eq!(held(&keys, &[100, 1000, 1990, 2132, 2133]), [true, true, true, true, false]);
-        // After that it is a first key again.
+        // After the key has counted as released, the same key counts as a first key again.
         assert_eq!(held(&[(0, RIGHT), (1000, RIGHT)], &[500, 1399, 1400]), [false, true, false]);
     }
 
-    /// docs/SAFETY.md: keys that a stalled line delivers in a burst begin no motion, and prolong one only by the time of
-    /// one key.
+    /// docs/SAFETY.md: keys that a stalled line delivers in a burst start no motion, and prolong a motion only by the
+    /// time of one key.
     #[test]
     fn a_burst_counts_once() {
         let burst = |from: u64| (0..100).map(move |n| (from + n / 10, RIGHT));
@@ -164,17 +158,17 @@ mod tests {
         let held_before = [(0, RIGHT), (300, RIGHT), (333, RIGHT)];
         let keys: Vec<_> = held_before.into_iter().chain(burst(450)).collect();
         assert_eq!(held(&keys, &[449, 460, 599, 600]), [true, true, true, false]);
-        // A trickle of old keys, each 5 ms after the last one, is a burst as well.
+        // A sequence of old keys, each 5 ms after the previous one, is a burst too.
         let trickle = (0..400).map(|n| (450 + 5 * n, RIGHT));
         let keys: Vec<_> = held_before.into_iter().chain(trickle).collect();
         assert_eq!(held(&keys, &[599, 600, 1000]), [true, false, false]);
-        // The key that is held still, behind the burst, moves the axis again.
+        // A key that is still held after the burst moves the axis again.
         let keys: Vec<_> = burst(0).chain([(60, RIGHT), (93, RIGHT)]).collect();
         assert_eq!(held(&keys, &[59, 61, 242, 243]), [false, true, true, false]);
     }
 
-    /// What moves an axis under a key that is held for a second, over a line that is late by this time in each direction:
-    /// for how long after the key was pressed first, and after it was released, in ms. `None`: nothing moves.
+    /// Simulates a key that is held for a second, over a line with this delay in each direction. Returns when the
+    /// motion begins after the first press, and when it ends after the release, in ms; `None` if nothing moves.
     fn over_a_line(delay: u64) -> Option<(u64, u64)> {
         const RELEASED: u64 = 2000;
         let mut dead_man = DeadMan::new(TIMES, true);
@@ -198,8 +192,8 @@ mod tests {
         Some((moves.first()? - 1000, moves.last()?.saturating_sub(RELEASED)))
     }
 
-    /// docs/SAFETY.md: keys that may be older than 200 ms move nothing, so that a line that is late by a constant time prolongs
-    /// no motion by more than that.
+    /// docs/SAFETY.md: keys that may be older than 200 ms move nothing. So a line with a constant delay prolongs no
+    /// motion by more than this time.
     #[test]
     fn keys_of_a_late_line_do_not_count() {
         for delay in [0, 20, 70] {
@@ -211,7 +205,7 @@ mod tests {
         }
     }
 
-    /// A line that answers no more ends the motion with the next key, and is asked no more after two seconds.
+    /// If a line no longer answers, the next key ends the motion, and after two seconds no more queries are sent.
     #[test]
     fn a_line_that_answers_no_more_ends_the_motion() {
         let mut dead_man = DeadMan::new(TIMES, true);
@@ -227,7 +221,7 @@ mod tests {
         assert_eq!(questions, 40);
     }
 
-    /// What was typed before the beginning, and arrives just after it, does not count. A key that is held still does.
+    /// Keys that were typed before the beginning and arrive just after it do not count. A key that is still held does.
     #[test]
     fn keys_from_before_the_beginning_do_not_count() {
         let mut dead_man = DeadMan::new(TIMES, false);
@@ -239,7 +233,7 @@ mod tests {
         assert_eq!(dead_man.held(Duration::from_millis(132)), Some(RIGHT));
     }
 
-    /// Another key, a release and a stall end the motion. What was typed during a stall does not count.
+    /// Another key, a release and a stall end the motion. Keys that were typed during a stall do not count.
     #[test]
     fn another_key_a_release_and_a_stall_end_the_motion() {
         let mut dead_man = DeadMan::new(TIMES, false);
@@ -258,7 +252,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever arrives, and however late: nothing runs longer than the newest key allows.
+        /// Whatever arrives, and however late: no axis runs longer than the newest key allows.
         #[test]
         fn nothing_runs_longer_than_the_newest_key_allows(steps in prop::collection::vec((0_u64..700, any::<bool>(), 0..8), 1..60)) {
             let mut dead_man = DeadMan::new(TIMES, false);
@@ -268,7 +262,7 @@ mod tests {
                 match what {
                     1 => dead_man.stop(ms(now)),
                     2 => dead_man.stalled(ms(now)),
-                    _ => dead_man.press(ms(now), MotionKey { axis: 0, is_positive }),
+                    _ => dead_man.press(ms(now), JogMotion { axis: 0, is_positive }),
                 }
                 prop_assert_eq!(dead_man.held(ms(now + 400)), None);
                 let is_running = dead_man.held(ms(now + 150)).is_some();

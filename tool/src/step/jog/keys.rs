@@ -1,7 +1,7 @@
-//! Keys from the bytes that a terminal sends, and its answers to [`ASK`](super::terminal::ASK).
+//! Decodes the bytes that a terminal sends: keys, and answers to [`ASK`](super::terminal::ASK).
 //!
-//! The library for terminals drops such answers, which measure how late keys come. So this reads the few sequences that
-//! matter here. Whatever else arrives is a key that moves no axis.
+//! The terminal library discards these answers, but they are needed to measure how late keys arrive. So this module
+//! decodes the few sequences that `jog` needs. Any other sequence counts as a key that moves no axis.
 
 use ratatui::crossterm::event::KeyCode;
 
@@ -12,7 +12,7 @@ const CTRL_C: u8 = 3;
 /// A key that moves no axis.
 const OTHER: Token = Token::Key { code: KeyCode::Null, is_release: false };
 
-/// Bytes that have arrived, of which the last sequence may not be complete yet.
+/// The bytes that have arrived and are not decoded yet. The last sequence may be incomplete.
 #[derive(Debug, Default)]
 pub struct Decoder(Vec<u8>);
 
@@ -21,19 +21,19 @@ impl Decoder {
         self.0.extend_from_slice(bytes);
     }
 
-    /// Whether a sequence has begun and not ended.
+    /// Whether an incomplete sequence is buffered.
     pub fn waits(&self) -> bool {
         !self.0.is_empty()
     }
 
-    /// The next token; `None` if it has not arrived completely.
+    /// Removes and returns the next token; `None` if no token has arrived completely.
     pub fn take(&mut self) -> Option<Token> {
         let (token, length) = first(&self.0)?;
         self.0.drain(..length);
         Some(token)
     }
 
-    /// The token of bytes that are all that has come: the key Esc for its byte alone.
+    /// Ends an incomplete sequence, because no more bytes have come in time: a lone ESC byte is the key Esc.
     pub fn end(&mut self) -> Option<Token> {
         match std::mem::take(&mut self.0)[..] {
             [] => None,
@@ -47,7 +47,7 @@ const fn key(code: KeyCode) -> Token {
     Token::Key { code, is_release: false }
 }
 
-/// The first token of some bytes, and its length; `None` if its end has not arrived.
+/// The first token of `bytes` and its length in bytes; `None` if the token is incomplete.
 fn first(bytes: &[u8]) -> Option<(Token, usize)> {
     match *bytes {
         [] | [ESC] | [ESC, b'O'] => None,
@@ -55,7 +55,7 @@ fn first(bytes: &[u8]) -> Option<(Token, usize)> {
             let end = rest.iter().position(|byte| !(b' '..=b'?').contains(byte))?;
             match rest[end] {
                 last @ b'@'..=b'~' => Some((control_sequence(&rest[..end], last), end + 3)),
-                // This byte does not belong to it: the sequence was cut.
+                // This byte cannot be in the sequence, so the sequence was cut off.
                 _ => Some((OTHER, end + 2)),
             }
         }
@@ -78,8 +78,9 @@ const fn arrow(last: u8) -> KeyCode {
     }
 }
 
-/// A sequence `ESC [ PARAMETERS LAST`. With kitty's protocol the second parameter has modifiers and, behind a colon, whether
-/// the key was pressed, repeated (2) or released (3); sequences that end with `u` begin with the key's number.
+/// Decodes a sequence `ESC [ PARAMETERS LAST`. With kitty's protocol the second parameter contains the modifiers and,
+/// after a colon, whether the key was pressed, repeated (2) or released (3). If `LAST` is `u`, the first parameter is
+/// the number of the key.
 fn control_sequence(parameters: &[u8], last: u8) -> Token {
     const CONTROL: u32 = 4;
     let number = |field, part| -> Option<u32> {
@@ -118,8 +119,8 @@ mod tests {
         std::iter::from_fn(|| decoder.take()).collect()
     }
 
-    /// The keys that move axes and end the verb, as terminals send them, with and without kitty's protocol, and with answers
-    /// between them.
+    /// The keys that move axes or end jogging, as terminals send them: with and without kitty's protocol, and with
+    /// answers between them.
     #[test]
     fn keys_are_told_from_answers() {
         let right = key(KeyCode::Right);
@@ -133,7 +134,7 @@ mod tests {
         assert_eq!(tokens(b"\x1b[3n"), [Token::Answer]);
     }
 
-    /// All else is a key that moves nothing, so that it stops: a tabulator, Ctrl-\, a letter that is no ASCII, F5, a cut
+    /// Every other key moves nothing, and so stops the axes: the tab key, Ctrl-\, a non-ASCII letter, F5, a cut
     /// sequence, Alt.
     #[test]
     fn all_else_stops() {
@@ -144,7 +145,7 @@ mod tests {
         assert_eq!(tokens(b"\x1b[1;\x1b[C"), [OTHER, key(KeyCode::Right)]);
     }
 
-    /// A sequence may come in parts. If nothing follows, its first byte alone is Esc.
+    /// A sequence may arrive in parts. If nothing follows the byte ESC, it is the key Esc.
     #[test]
     fn a_sequence_may_come_in_parts() {
         let mut decoder = Decoder::default();
@@ -160,7 +161,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any bytes become tokens, however they are cut, and nothing waits for ever.
+        /// Any bytes are decoded to tokens, however they are split, and no byte stays in the decoder for ever.
         #[test]
         fn any_bytes_become_tokens(parts in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..9), 0..9)) {
             let mut decoder = Decoder::default();

@@ -1,28 +1,30 @@
-//! How late the line to a terminal is. Questions are sent to the terminal all the time. It answers each behind the keys that
-//! were pressed before. So a key that follows an answer was pressed after that question was asked.
+//! Measures the delay of the line to a terminal. A status query is sent to the terminal at regular intervals. The
+//! terminal puts its answer after the keys that were pressed before. So a key that arrives after an answer was pressed
+//! after the query was sent.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// \[OURS] How often the terminal is asked.
+/// \[OURS] The interval between two status queries.
 pub const ASK_INTERVAL: Duration = Duration::from_millis(50);
-/// \[OURS] Keys count if they follow the answer to a question that was asked this long ago at most: so much later than the
-/// hand an axis may stop.
+/// \[OURS] Keys count only if the latest answered query was sent at most this long ago. So an axis stops at most this
+/// much later than the key is released.
 const LATE: Duration = Duration::from_millis(200);
-/// \[OURS] Questions without an answer, from which on no further one is asked.
+/// \[OURS] With this many unanswered queries, no further query is sent.
 const UNANSWERED_MAX: usize = 40;
 
-/// The questions to a terminal, and its answers.
+/// The status queries to a terminal, and its answers.
 #[derive(Debug, Default)]
 pub struct Line {
-    /// When those were asked that have no answer yet, the oldest first.
+    /// The send times of the unanswered queries, the oldest first.
     unanswered: VecDeque<Duration>,
-    /// When the newest one was asked that has an answer.
+    /// The send time of the latest answered query.
     answered: Option<Duration>,
 }
 
 impl Line {
-    /// Notes that the terminal is asked. Returns false if it should not be: it does not answer.
+    /// Records that a query is sent. Returns false if it must not be sent, because [`UNANSWERED_MAX`] queries are
+    /// unanswered.
     pub fn ask(&mut self, at: Duration) -> bool {
         let may = self.unanswered.len() < UNANSWERED_MAX;
         if may {
@@ -31,12 +33,12 @@ impl Line {
         may
     }
 
-    /// The terminal has answered the oldest question.
+    /// Records that the terminal has answered its oldest unanswered query.
     pub fn answer(&mut self) {
         self.answered = self.unanswered.pop_front().or(self.answered);
     }
 
-    /// Whether keys that arrive now may be too old.
+    /// Whether keys that arrive at the time `now` may be too old.
     pub fn is_late(&self, now: Duration) -> bool {
         self.answered.is_none_or(|asked| now > asked + LATE)
     }

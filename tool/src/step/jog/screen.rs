@@ -1,25 +1,20 @@
 //! The line on the screen that shows the axes.
 
-use std::time::Instant;
-
 use ecmsk::ecm::{Guard, SoftLimits};
 use ecmsk::machine_file::MachineAxis;
 use serde_json::json;
 
 use super::axis::Doing;
-use super::{Jog, Jogged, WHAT, terminal};
+use super::{HoldToRun, Jog, Jogged, WHAT};
 use crate::board::{BoardError, statusword_text};
 use crate::machine_option::in_unit;
 
-impl Jog<'_> {
+impl<H: HoldToRun> Jog<'_, H> {
     /// Shows the axes on one line.
     pub fn show(&self) -> Result<(), BoardError> {
-        let width = terminal::width().saturating_sub(1);
-        let late =
-            self.keys.is_line_late(self.at(Instant::now())).then(|| "keys come late and do not count".to_owned());
         let axes = self.axes.iter().map(|axis| self.axis_text(axis));
-        let text = late.into_iter().chain(axes).collect::<Vec<_>>().join(" | ");
-        let text: String = text.chars().take(width).collect();
+        let text = self.hand.trouble().into_iter().chain(axes).collect::<Vec<_>>().join(" | ");
+        let text: String = text.chars().take(self.hand.width()).collect();
         let json = || {
             let axis = |axis: &Jogged| {
                 json!({
@@ -45,7 +40,7 @@ impl Jog<'_> {
         format!("axis {label}: {state} at {}, following error {error}, {word}", shown(at))
     }
 
-    /// Why an axis that stands goes no further; `None` if it is between its limits.
+    /// Why an axis at rest cannot go further; `None` if it is between its limits.
     fn end_of(&self, axis: &Jogged) -> Option<String> {
         let SoftLimits { min, max } = axis.limits;
         let at = axis.motion.target();
@@ -63,14 +58,15 @@ impl Jog<'_> {
         }
     }
 
-    /// The distance of an axis from the target that the board executes, in counts.
+    /// The following error: the target that the board executes minus the actual position, in counts.
     fn following_error(&self, axis: &Jogged) -> i32 {
         let position = self.snapshot.position(axis.slave).unwrap_or_default();
         axis.sent.front().map_or(0, |target| target.wrapping_sub(position))
     }
 }
 
-/// The soft limit of a machine file as the file has it: `max = 250.000 mm`. `is_upper`: in counts it is the greater one.
+/// A soft limit in the notation of the machine file: `max = 250.000 mm`. `is_upper`: the limit is the upper one in
+/// counts, which is the lower one in units if the axis counts backwards.
 fn limit_words(machine: &MachineAxis, limit: i32, is_upper: bool) -> String {
     let word = if is_upper == (machine.scale.counts_per_unit > 0.0) { "max" } else { "min" };
     format!("{word} = {}", in_unit(machine, limit.into()))

@@ -1,7 +1,7 @@
-//! The keys of a terminal, with the times at which they arrive.
+//! Reads the keys of a terminal, with their arrival times.
 //!
-//! A thread of its own reads them, because a read waits, and the motion must not. Nobody waits for the end of this
-//! thread: it ends with the process.
+//! A separate thread reads them, because a read blocks, and the motion must not wait. The thread is never joined: it
+//! ends with the process.
 
 use std::cell::Cell;
 use std::io;
@@ -14,21 +14,22 @@ use ratatui::crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 
 use crate::{signals, stderr};
 
-/// Most keys that are buffered; further ones wait in the terminal. \[OURS]
+/// The largest number of keys that this process buffers; further ones stay in the terminal's own buffer. \[OURS]
 const KEYS_BUFFERED: usize = 256;
-/// Asks a terminal with the keyboard protocol of kitty to report releases of keys (flags 1 and 2), and takes that back.
-/// Other terminals ignore these sequences. <https://sw.kovidgoyal.net/kitty/keyboard-protocol/>
+/// Asks a terminal with the keyboard protocol of kitty to report releases of keys (flags 1 and 2). The next constant
+/// ends this mode. Other terminals ignore both sequences. <https://sw.kovidgoyal.net/kitty/keyboard-protocol/>
 const REPORT_RELEASES: &str = "\x1b[>3u";
 const REPORT_NO_RELEASES: &str = "\x1b[<u";
-/// Asks a terminal for its status (DSR, ECMA-48 8.3.35). It answers `ESC [ 0 n`, behind the keys that it has sent before.
+/// Asks a terminal for its status (DSR, ECMA-48 8.3.35). The terminal answers `ESC [ 0 n` after the keys that it has
+/// sent before.
 pub const ASK: &str = "\x1b[5n";
-/// Whether a line is measured by answers. The console of Windows has none.
+/// Whether the delay of the line can be measured by status queries. The Windows console does not answer them.
 pub const HAS_ANSWERS: bool = cfg!(unix);
-/// \[OURS] How long dropping a [`Terminal`] waits for the terminal's answers to [`ASK`] that are still on their way: the shell that
-/// reads next would take them for keys.
+/// \[OURS] How long dropping a [`Terminal`] waits for outstanding answers to [`ASK`]. The shell that reads next would
+/// take such answers for keys.
 const LAST_ANSWERS: Duration = Duration::from_millis(200);
 
-/// What a terminal has sent.
+/// A key or another message that a terminal has sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Token {
     Key {
@@ -43,19 +44,19 @@ pub enum Token {
     Answer,
 }
 
-/// A token, and when it has arrived.
+/// A token with its arrival time.
 type Arrived = (Instant, Token);
 
 /// A terminal that reports each key when it arrives. Dropping it restores the terminal.
 pub struct Terminal {
     arrived: Receiver<io::Result<Arrived>>,
-    /// Questions that the terminal has not answered, and whether it has answered any.
+    /// The number of unanswered status queries. The next field says whether the terminal has answered any query.
     unanswered: Cell<u32>,
     answers: Cell<bool>,
 }
 
 impl Terminal {
-    /// Begins to read keys. Those that were typed before are dropped.
+    /// Begins to read keys. Keys that were typed before are dropped.
     ///
     /// # Errors
     /// Errors of the operating system.
@@ -70,10 +71,10 @@ impl Terminal {
         Ok(terminal)
     }
 
-    /// What has arrived next; never waits. `None`: nothing.
+    /// Returns the next token that has arrived, without blocking; `None` if there is no new one.
     ///
     /// # Errors
-    /// The keys cannot be read any more, for example because the terminal was closed.
+    /// The keys can no longer be read, for example because the terminal was closed.
     pub fn next(&self) -> io::Result<Option<Arrived>> {
         match self.arrived.try_recv() {
             Ok(arrived) => arrived.inspect(|arrived| self.note(*arrived)).map(Some),
@@ -82,7 +83,7 @@ impl Terminal {
         }
     }
 
-    /// Asks the terminal for an answer.
+    /// Sends a status query to the terminal.
     pub fn ask(&self) {
         self.unanswered.set(self.unanswered.get() + 1);
         stderr::raw(ASK);
@@ -106,14 +107,14 @@ impl Drop for Terminal {
             }
         }
         stderr::raw(REPORT_NO_RELEASES);
-        // An error would be that of a terminal that was closed.
+        // This fails only if the terminal was closed, so the error is ignored.
         let _ = disable_raw_mode();
     }
 }
 
 /// The width of the terminal in columns.
 pub fn width() -> usize {
-    /// The width of a terminal that does not say it.
+    /// The width that is assumed if the terminal does not report it.
     const DEFAULT: u16 = 80;
     #[cfg(unix)]
     let columns = rustix::termios::tcgetwinsize(io::stderr()).map_or(0, |size| size.ws_col);
@@ -122,7 +123,7 @@ pub fn width() -> usize {
     usize::from(if columns == 0 { DEFAULT } else { columns })
 }
 
-/// Reads until nobody takes what it has read, or an error, which is the last item.
+/// Reads tokens and sends them, until the receiver is dropped or reading fails. The error is sent as the last item.
 fn read(sender: &SyncSender<io::Result<Arrived>>) {
     let done = read_tokens(|at, token| {
         if token == Token::Interrupt {
@@ -131,7 +132,7 @@ fn read(sender: &SyncSender<io::Result<Arrived>>) {
         sender.send(Ok((at, token))).is_ok()
     });
     if let Err(error) = done {
-        // Sending fails if nobody takes it any more.
+        // Sending fails only if the receiver was dropped.
         let _ = sender.send(Err(error));
     }
 }
@@ -142,7 +143,7 @@ fn read_tokens(mut take: impl FnMut(Instant, Token) -> bool) -> io::Result<()> {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     use rustix::io::Errno;
 
-    /// \[OURS] The bytes of a sequence follow one another within this time.
+    /// \[OURS] The longest time between two bytes of one sequence.
     const SEQUENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
     let stdin = io::stdin();
     let mut decoder = super::keys::Decoder::default();
@@ -188,8 +189,8 @@ fn read_tokens(mut take: impl FnMut(Instant, Token) -> bool) -> io::Result<()> {
     }
 }
 
-/// Lets Ctrl-C send its signal, and lines end as before, which raw mode has switched off. Ctrl-Z and Ctrl-\ stay keys: a
-/// program that they suspend or end could not brake.
+/// Restores two functions that raw mode has switched off: Ctrl-C sends its signal, and line ends are converted on
+/// output. Ctrl-Z and Ctrl-\ stay keys, because a suspended or killed program could not brake.
 #[cfg(unix)]
 fn keep_signals() -> io::Result<()> {
     use rustix::termios::{LocalModes, OptionalActions, OutputModes, SpecialCodeIndex, tcgetattr, tcsetattr};
@@ -207,7 +208,7 @@ const fn keep_signals() -> io::Result<()> {
     Ok(())
 }
 
-/// Drops the keys that were typed while nobody read them.
+/// Drops the keys that were typed before reading began.
 #[cfg(unix)]
 fn drop_keys() -> io::Result<()> {
     Ok(rustix::termios::tcflush(io::stdin(), rustix::termios::QueueSelector::IFlush)?)

@@ -10,7 +10,7 @@ use crate::board::{Board, BoardError};
 /// \[OURS] A move longer than this is announced, in seconds. A mistyped number should not start a move of more than a minute.
 const TOLD_FROM_S: f64 = 60.0;
 
-/// A duration as text for users, from seconds: `8 min 20 s`, `3 h 5 min`.
+/// A duration in seconds that is displayed as text for users: `8 min 20 s`, `3 h 5 min`.
 struct Long(f64);
 
 impl fmt::Display for Long {
@@ -25,8 +25,8 @@ impl fmt::Display for Long {
     }
 }
 
-/// Announces the duration of a long move. At a terminal it asks whether to continue, unless `yes` is set. \[OURS] Without a
-/// terminal the move continues, so that older scripts still run.
+/// Announces the duration of a long move. At a terminal the user is asked whether to continue, unless `yes` is set.
+/// \[OURS] Without a terminal the move continues, so that older scripts still run.
 ///
 /// # Errors
 /// [`BoardError::Refused`] if the user does not answer yes, [`BoardError::Stopped`], and errors of reading reports.
@@ -50,7 +50,8 @@ pub fn announce(board: &Board, path: &Path, yes: bool) -> Result<Asked, BoardErr
     Err(refused(format!("nobody has said yes to {takes}"), "give a higher --velocity, or --yes"))
 }
 
-/// Whether the user was asked. If so, the axes may have been moved by hand before the answer.
+/// Whether the user was asked. If so, the axes may have been moved by hand before the answer, so the path must be
+/// planned again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {
     No,

@@ -1,19 +1,20 @@
-//! Detects that a drive holds an axis back from its targets, by bit 11 of its statusword (internal limit active, CiA
-//! 402): at a limit switch, at a software limit, or because its torque is too low.
+//! Detects that a drive keeps an axis away from its targets, by bit 11 of the statusword (internal limit active, CiA
+//! 402). Reasons are a limit switch, a software limit, or too little torque.
 
 use ecmsk::cia402::Statusword;
 use ecmsk::ecm::Snapshot;
 
 use crate::board::{Board, NEAR_COUNTS};
 
-/// \[OURS] An axis counts as standing if its position changes by at most this many counts: encoders have noise.
+/// \[OURS] An axis counts as at rest if its position changes by at most this many counts, because encoders have noise.
 const STANDING_COUNTS: u32 = 16;
 
-/// Tracks in each cycle of a move whether an axis is held back.
+/// Tracks from cycle to cycle whether an internal limit keeps an axis away from its target.
 #[derive(Clone, Copy, Debug)]
 pub struct Watched {
     pub slave: u8,
-    /// Since when the axis has been standing under an internal limit, in seconds since the move began, and at which position.
+    /// Since when the axis is at rest under an internal limit, in seconds since the move began, and its position then;
+    /// `None` if it is not.
     since: Option<(f64, i32)>,
 }
 
@@ -22,8 +23,8 @@ impl Watched {
         Self { slave, since: None }
     }
 
-    /// Examines the newest report, `seconds` after the move began. Returns for how many seconds the axis has been held back
-    /// from its target.
+    /// Examines the latest report, `seconds` after the move began. Returns for how many seconds an internal limit has
+    /// kept the axis away from its target.
     pub fn held_for(&mut self, board: &Board, now: &Snapshot, target: i32, seconds: f64) -> f64 {
         let at = now.position(self.slave).unwrap_or_default();
         if !is_limited(board, now, self.slave) || target.wrapping_sub(at).unsigned_abs() <= NEAR_COUNTS {
@@ -37,12 +38,12 @@ impl Watched {
     }
 }
 
-/// Whether the drive of an axis shows internal limit active.
+/// Whether the statusword of an axis has bit 11, internal limit active.
 pub fn is_limited(board: &Board, now: &Snapshot, slave: u8) -> bool {
     board.statusword(now, slave).0 & Statusword::INTERNAL_LIMIT != 0
 }
 
-/// The meaning of an internal limit, for errors.
+/// What an internal limit is, for error texts.
 pub const WHY: &str = "its drive holds it back (internal limit active, statusword bit 11)";
-/// What the user can look at after an internal limit, for errors.
+/// What the user can check after an internal limit, for error texts.
 pub const NEXT: &str = "see its limit switches (0x60FD), its software limits (0x607D), its torque limit and its load";

@@ -1,4 +1,4 @@
-//! The straight path of all axes of a move, and its limits.
+//! The straight path of all axes of a move, and the limits of its motion.
 
 use ecmsk::ecm::{Scale, Snapshot};
 
@@ -6,12 +6,12 @@ use super::super::profile::{Limits, Profile};
 use super::target::Jerk;
 use crate::board::{BoardError, Units};
 
-/// \[OURS] The default speed in counts per second, which is slow for every motor: with a 17-bit encoder it is less than a tenth
-/// of a turn per second (13107 counts).
+/// \[OURS] The default speed in counts per second, which is slow for every motor: with a 17-bit encoder it is less than
+/// a tenth of a turn per second (13107 counts).
 pub const DEFAULT_VELOCITY: f64 = 10_000.0;
-/// \[OURS] With the default acceleration an axis reaches its velocity limit in this many seconds.
+/// \[OURS] The default acceleration is such that an axis reaches its velocity limit in this many seconds.
 pub const DEFAULT_ACCELERATION_TIME_S: f64 = 0.2;
-/// \[OURS] With the default jerk an axis reaches its acceleration limit in this many seconds.
+/// \[OURS] The default jerk is such that an axis reaches its acceleration limit in this many seconds.
 pub const DEFAULT_JERK_TIME_S: f64 = 0.1;
 
 /// The limits of one axis, in counts and seconds.
@@ -23,11 +23,12 @@ pub struct Speeds {
 }
 
 /// A limit for the velocity or the acceleration: the value of the option, and the highest value that the machine file
-/// allows. `None` where there is none.
+/// allows. Each is `None` if there is no such value.
 type Asked = (Option<f64>, Option<f64>);
 
 impl Speeds {
-    /// Makes the limits. An option that is not given gets its default, which is never above the limit of the machine file.
+    /// Makes the limits. A missing option gets its default value, which is reduced to the limit of the machine file if
+    /// it is above it.
     pub fn of(velocity: Asked, acceleration: Asked, jerk: Option<Jerk>) -> Self {
         let or = |(asked, max): Asked, default: f64| asked.unwrap_or(max.map_or(default, |max| default.min(max)));
         let velocity = or(velocity, DEFAULT_VELOCITY);
@@ -41,7 +42,7 @@ impl Speeds {
     }
 }
 
-/// The speed options of a verb, in the unit of an axis; `None` where an option is not given.
+/// The speed options of a verb, in the unit of an axis; `None` for an option that was not given.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AskedSpeeds {
     pub velocity: Option<f64>,
@@ -61,8 +62,8 @@ impl AskedSpeeds {
             let asked = asked.map(|units| units * counts);
             let Some((axis, max)) = axis.zip(max) else { return Ok((asked, None)) };
             let max_counts = max * axis.scale.counts_per_unit.abs();
-            // The same limit in the unit of the option and in that of the machine file may differ by a rounding error,
-            // which is allowed.
+            // An option equal to the limit of the machine file may exceed it by a rounding error, if the two have
+            // different units. This is allowed.
             if asked.is_none_or(|asked| asked <= max_counts * (1.0 + f64::EPSILON)) {
                 return Ok((asked, Some(max_counts)));
             }
@@ -104,7 +105,7 @@ impl AxisPath {
     }
 }
 
-/// The path of all axes of a move, which they travel with one motion profile.
+/// The path of all axes of a move. All axes follow the same motion profile, each scaled to its own distance.
 pub struct Path {
     pub axes: Vec<AxisPath>,
     /// The distance of the axis that moves furthest, in counts.
@@ -118,7 +119,7 @@ impl Path {
     /// Makes a path. Its limits are chosen so that no axis exceeds its own limits.
     ///
     /// # Errors
-    /// The library for trajectories finds no motion within the limits, or the motion would take infinitely long.
+    /// The trajectory library finds no motion within the limits, or the motion would take infinitely long.
     pub fn new(axes: Vec<AxisPath>) -> Result<Self, String> {
         let length = axes.iter().map(|axis| axis.distance().abs()).fold(0.0, f64::max);
         let moving = || axes.iter().filter(|axis| axis.distance() != 0.0);
@@ -135,7 +136,7 @@ impl Path {
         Ok(Self { axes, length, limits, profile })
     }
 
-    /// The remaining path from the fraction `part` (0 to 1), where the axes stand.
+    /// The rest of the path, from the fraction `part` (0 to 1) at which the axes have stopped.
     ///
     /// # Errors
     /// As [`Path::new`].

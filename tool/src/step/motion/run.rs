@@ -1,4 +1,4 @@
-//! The motion along the path of a move, frame by frame, and its brake.
+//! Sends the frames of a move along its path, and brakes if the move must end early.
 
 use std::time::Duration;
 
@@ -14,11 +14,11 @@ use crate::board::{Board, BoardError};
 
 /// How the motion along a path has ended, with its duration in seconds.
 pub enum Ended {
-    /// The last targets were sent to all axes, or Ctrl-C has braked the motion. In the latter case [`Run::go`] returns an
-    /// error instead.
+    /// The last targets were sent to all axes, or the motion was braked after Ctrl-C. After Ctrl-C, [`Run::go`] returns
+    /// an error and not this value.
     Arrived(f64),
-    /// The FIFO was empty for too long, so the axes stand. The second value is the fraction of the path that they have covered,
-    /// 0 to 1.
+    /// The FIFO was empty for too long, so the axes have stopped. The second value is the fraction of the path that
+    /// they have covered, 0 to 1.
     Stood(f64, f64),
 }
 
@@ -26,17 +26,17 @@ pub enum Ended {
 pub struct Run<'a> {
     pub board: &'a Board,
     pub path: &'a Path,
-    /// Whether the board had lost a slave before the move, which does not end the move then.
+    /// Whether the board had already lost a slave before the move. If so, a lost slave does not end the move.
     pub lost_before: bool,
     /// The cycle time in seconds.
     pub cycle: f64,
-    /// How long an internal limit may hold an axis away from its target, in seconds.
+    /// How long an internal limit of a drive may keep an axis away from its target before the move fails, in seconds.
     pub held_limit_s: f64,
 }
 
 impl Run<'_> {
-    /// Sends one target per cycle until all axes have arrived, or until a gap that is so long that the axes stand. Returns how
-    /// the move ended, and the counters of the stream.
+    /// Sends one target per cycle until all axes have arrived, or until a gap has stopped the axes. Returns how the
+    /// motion ended, and the counters of the stream.
     pub fn go(&self, mut frames: Frames<'_>) -> Result<(Ended, StreamStats), BoardError> {
         let stepped = self.steps(&mut frames);
         // `finish` brakes axes that are still moving, also after an error.
@@ -53,7 +53,8 @@ impl Run<'_> {
         let mut watched: Vec<Watched> = self.path.axes.iter().map(|axis| Watched::new(axis.slave)).collect();
         for frame in 1_u64.. {
             let time = frame as f64 * self.cycle;
-            // This comes first: a brake begins at the speed of the path, and would start axes that stand.
+            // This check comes first: otherwise braking would begin at the commanded speed and start axes that have
+            // stopped.
             if frames.axes_stand() {
                 return Ok(Ended::Stood(time - self.cycle, last.length / self.path.length));
             }
@@ -90,8 +91,8 @@ impl Run<'_> {
         Ok(Ended::Arrived(0.0))
     }
 
-    /// The first axis that an internal limit of its drive has held back for too long, with its position; `None` if there is
-    /// none.
+    /// The first axis that an internal limit of its drive has kept away from its target for too long, with its
+    /// position; `None` if there is no such axis.
     fn held_axis(&self, now: &Snapshot, watched: &mut [Watched], last: PathPoint, time: f64) -> Option<(u8, i32)> {
         for (axis, watched) in self.path.axes.iter().zip(watched) {
             let target = axis.at(last.length / self.path.length);
@@ -102,7 +103,7 @@ impl Run<'_> {
         None
     }
 
-    /// Brakes along the path, from its point `last` on, which was sent.
+    /// Brakes along the path. `last` is the point of the path whose targets were sent last.
     fn brake(&self, frames: &mut Frames<'_>, last: PathPoint) -> Result<(), BoardError> {
         let brake = Profile::to_rest(last, self.path.limits, BRAKE_LIMIT);
         let brake = brake.map_err(|why| refused(why, "the axes hold their last targets"))?;
@@ -115,9 +116,9 @@ impl Run<'_> {
         })
     }
 
-    /// Brakes because of an error, which is returned.
+    /// Brakes because of an error, and returns that error.
     fn braked(&self, frames: &mut Frames<'_>, last: PathPoint, error: BoardError) -> BoardError {
-        // An error of the brake says less. The axes hold their last targets then.
+        // If braking fails, the axes hold their last targets. Its error is ignored, since the first error says more.
         let _ = self.brake(frames, last);
         error
     }

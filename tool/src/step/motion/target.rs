@@ -1,4 +1,4 @@
-//! The operands and options of `move`.
+//! The targets and the `--jerk` option of `move`.
 
 use ecmsk::ecm::Scale;
 use ecmsk::machine_file::Unit;
@@ -6,7 +6,7 @@ use ecmsk::machine_file::Unit;
 use crate::board::{AxisWord, BoardError, SLAVES_MAX, Units, positive};
 use crate::machine_option::{self, number_and_unit};
 
-/// A target of one axis, as it is written: `1=10000`, `X=12.5`, `X=12.5mm`, `X=500counts`.
+/// A target of one axis as the user writes it: `1=10000`, `X=12.5`, `X=12.5mm`, `X=500counts`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
     axis: AxisWord,
@@ -14,7 +14,7 @@ pub struct Target {
     unit: Option<Unit>,
 }
 
-/// A target of one axis, with its slave and the scale of its number.
+/// A target of one axis, with the slave number and the scale of the value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisTarget {
     pub slave: u8,
@@ -22,7 +22,7 @@ pub struct AxisTarget {
     pub value: f64,
     /// The unit of `value`, as counts per unit.
     pub scale: Scale,
-    /// Whether the user has named the axis by its name in the machine file, not by its number.
+    /// Whether the user has given the name of the axis in the machine file, and not its number.
     pub is_named: bool,
 }
 
@@ -40,10 +40,10 @@ impl Target {
         read(text).ok_or_else(|| allowed(text))
     }
 
-    /// The target with the scale of its axis and its unit.
+    /// Finds the slave of the target, and the scale of its unit.
     ///
     /// # Errors
-    /// The machine file does not have the axis, or the target is written in another unit than that of the axis.
+    /// The machine file has no such axis, or the target has another unit than the axis.
     pub fn resolve(&self, what: &str, units: Units<'_>) -> Result<AxisTarget, BoardError> {
         let slave = units.slave(what, &self.axis)?;
         let axis = units.axis(slave);
@@ -64,7 +64,7 @@ impl Target {
     }
 }
 
-/// What a target may be. A number with a comma is meant with a decimal point, which is said.
+/// The error text that says what a target may be. If a number has a decimal comma, the text suggests a decimal point.
 fn allowed(text: &str) -> String {
     let axes = match machine_option::names_of_axes() {
         Some((file, names)) => format!("one of {file}: {names}"),
@@ -79,7 +79,7 @@ fn allowed(text: &str) -> String {
     format!("allowed: AXIS=TARGET, e.g. 1=10000 or X=12.5: an axis from 1 to {SLAVES_MAX} or {axes}; and {number}")
 }
 
-/// A number, and the word for a unit directly behind it.
+/// Splits a number and the word for its unit, which follows without a space.
 fn value_and_unit(text: &str) -> Option<(f64, Option<Unit>)> {
     let plain = text.parse().ok().map(|value| (value, None));
     let found = plain.or_else(|| number_and_unit(text).map(|(value, unit)| (value, Some(unit))));
@@ -103,22 +103,20 @@ pub fn counts(what: &str, target: &AxisTarget, units: Units<'_>) -> Result<i32, 
 /// Refuses a position beyond the soft limits of its axis.
 ///
 /// # Errors
-/// [`BoardError::Refused`], with the limit.
+/// [`BoardError::Refused`], which names the limit.
 pub fn check_limits(what: &str, units: Units<'_>, slave: u8, position_counts: i32) -> Result<(), BoardError> {
     let (Some(machine), Some(axis)) = (units.machine, units.axis(slave)) else { return Ok(()) };
     if axis.limits.contains(position_counts) {
         return Ok(());
     }
-    let limit = if position_counts < axis.limits.min { axis.limits.min } else { axis.limits.max };
-    let [position, limit] = [position_counts, limit].map(|counts| axis.scale.to_units(counts));
-    let word = if position < limit { "min" } else { "max" };
+    let (position, word, limit) = axis.beyond(position_counts);
     let (name, unit) = (&axis.name, axis.unit);
     let why = format!("axis {name} would be at {position} {unit}, beyond its limit, {word} = {limit} {unit}");
     let next = format!("name another target, or correct {word} in {}", machine.path.display());
     Err(BoardError::Refused { what: what.into(), why, next })
 }
 
-/// The error for a target that does not fit into the 32 bits of the wire.
+/// The error for a target that does not fit into the 32 bits of a position in a frame.
 pub fn outside(what: &str, target: &AxisTarget, units: Units<'_>) -> BoardError {
     let label = units.label(target.slave);
     let why = format!("target {} of axis {label} is outside the 32 bits of a position", target.value);

@@ -1,19 +1,19 @@
-//! Where the homings of an axis have found home, in the coordinates before.
+//! Finds where the homings of an axis have found home, in the coordinates from before the homing.
 
 use ecmsk::sk::DriveResponse;
 
 use crate::plot::states::Homing;
 
-/// A step of the position from one report to the next that is this many times the largest one of the homing so far, and by
-/// [`JUMP_MIN`] counts more, is no motion: the coordinates have a new zero. \[OURS]
+/// A step of the position between two reports is a new zero of the coordinates and no motion, if it is above this many
+/// times the largest step of the homing plus [`JUMP_MIN`] counts. \[OURS]
 const JUMP_TIMES: i64 = 3;
 const JUMP_MIN: i64 = 10;
 
-/// A homing that has ended well.
+/// A homing that was successful.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Homed {
-    /// The new zero in the coordinates before, counts. `None` if the axis still moved when its zero changed, so that it is
-    /// not known how far.
+    /// The position of the new zero in the coordinates from before the homing, in counts. `None` if it is unknown,
+    /// because the axis was still moving when its zero changed.
     pub found_at: Option<i64>,
 }
 
@@ -22,25 +22,25 @@ pub struct Homed {
 pub struct HomingFinder {
     homing: Homing,
     position: Option<i32>,
-    /// The last step of the position, and the largest one of the homing, counts.
+    /// The last step of the position, in counts. The next field is the largest step of the homing.
     step: i64,
     largest: i64,
     jump: Option<i64>,
 }
 
 impl HomingFinder {
-    /// To be called when the host sends GO_HOME.
+    /// Must be called when the host sends GO_HOME.
     pub const fn ask(&mut self) {
         self.homing.ask();
     }
 
-    /// To be called when reports do not show the axis: it is lost, or the network is not in OP.
+    /// Must be called when reports do not show the axis: it is lost, or the network is not in OP.
     pub fn interrupt(&mut self) {
         self.homing.interrupt();
         self.position = None;
     }
 
-    /// Adds a report. Returns a homing that has ended well with it.
+    /// Processes a report. Returns the homing that has succeeded with this report, if there is one.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, is_aborted: bool) -> Option<Homed> {
         let was_homing = self.homing.is_under_way();
         let is_failed = self.homing.report(at_ns, drive, is_aborted);
@@ -72,7 +72,7 @@ mod tests {
 
     const ENABLED: u16 = 0x0237;
 
-    /// The homing of an axis with these positions, one each millisecond; the last one with the end of the homing.
+    /// The homing of an axis with these positions, one per millisecond. The homing ends with the last position.
     fn homed(positions: &[i32]) -> Option<Homed> {
         let mut finder = HomingFinder::default();
         finder.ask();
@@ -92,7 +92,8 @@ mod tests {
         found
     }
 
-    /// The zero moves at the end, where the axis stands, by any number of counts; or on the way, by a jump that is no motion.
+    /// The zero may change at the end, when the axis is at rest, by any number of counts. It may also change during the
+    /// motion, by a jump that is too large for a motion.
     #[test]
     fn a_new_zero_is_found() {
         let at = |found_at| Some(Homed { found_at });

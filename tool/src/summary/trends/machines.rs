@@ -1,4 +1,5 @@
-//! The machine files of the recordings: each recording is judged in the units of the file that it carries.
+//! Manages the machine files of the recordings: each recording is evaluated in the units of the machine file that it
+//! contains.
 
 use std::path::Path;
 use std::rc::Rc;
@@ -11,20 +12,21 @@ use crate::machine_option;
 
 /// The machine files of the recordings that were read so far.
 pub struct Machines<'a> {
-    /// The file of the option, which counts for all recordings.
+    /// The path of `--machine`, which applies to all recordings.
     given: Option<&'a Path>,
-    /// The file of the option or of the working directory, once a recording needed it.
+    /// The machine file of the option or of the working directory. It is loaded when a recording needs it first.
     loaded: Option<Option<Rc<MachineFile>>>,
-    /// The carried file that was parsed last: segments of a flight recorder carry the same one.
+    /// The machine file that was parsed last, with its text from the recording. It is kept because all segments of a
+    /// flight recorder contain the same file.
     parsed: Option<(Arc<CarriedFile>, Option<Rc<MachineFile>>)>,
-    /// The file of the last recording; `None`: no recording was read.
+    /// The machine file of the last recording; `None` if no recording was read yet.
     last: Option<Option<Rc<MachineFile>>>,
     /// Whether two recordings have axes in different units.
     differ: bool,
 }
 
 impl<'a> Machines<'a> {
-    /// Starts without recordings. `given`: the file of the option.
+    /// Starts without recordings. `given`: the path of `--machine`.
     ///
     /// # Errors
     /// The file of the option cannot be read or is invalid.
@@ -36,8 +38,8 @@ impl<'a> Machines<'a> {
         Ok(machines)
     }
 
-    /// The file for the next recording: that of the option, otherwise the one that the recording carries, otherwise the one in
-    /// the working directory.
+    /// The machine file for the next recording: that of the option, else the one in the recording (`carried`), else the
+    /// one in the working directory.
     ///
     /// # Errors
     /// The file in the working directory cannot be read or is invalid.
@@ -59,8 +61,8 @@ impl<'a> Machines<'a> {
         Ok(machine)
     }
 
-    /// The file for the tables, in which all recordings stand: the newest one. `None`: there is none, or the recordings have
-    /// different units, so that only counts can be compared.
+    /// The machine file for the tables of all recordings: that of the last recording. `None` if there is no machine
+    /// file, or if the recordings have different units, so that only counts can be compared.
     pub fn common(&self) -> Option<&MachineFile> {
         self.last.as_ref().filter(|_| !self.differ)?.as_deref()
     }
@@ -78,7 +80,7 @@ impl<'a> Machines<'a> {
     }
 }
 
-/// The unit of each axis, and how many counts it has.
+/// For each axis: the number of its slave, its unit, and its counts per unit.
 fn units(machine: Option<&MachineFile>) -> impl Iterator<Item = (u8, Unit, f64)> {
     let unit = |axis: &MachineAxis| (axis.slave, axis.unit, axis.scale.counts_per_unit);
     machine.map(|machine| &*machine.axes).unwrap_or_default().iter().map(unit)

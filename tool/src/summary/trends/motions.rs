@@ -1,27 +1,27 @@
-//! The motions of an axis, each by where it begins and ends: a following error tells something only beside that of the same
-//! motion on another day.
+//! Groups the motions of an axis by their start and end. The following error of a motion is meaningful only if it is
+//! compared with the same motion at another time.
 
 use std::collections::BTreeMap;
 
-/// A target that does not change for this long ends a motion, ns. \[OURS] Ten cycles of the slowest board.
+/// A motion ends when the target has not changed for this long, ns. \[OURS] These are ten cycles of the slowest board.
 const REST_NS: i64 = 100_000_000;
-/// The most different motions that are kept of an axis: the longest ways. \[OURS] A program that follows a sensor never
-/// moves the same way twice.
+/// The largest number of different motions that are kept for an axis; the longest ones are kept. \[OURS] It limits
+/// memory for a program that follows a sensor and never repeats a motion.
 const MOTIONS_MAX: usize = 64;
 
-/// The ends of a motion, counts.
+/// The start and the end of a motion, in counts.
 pub type Way = (i32, i32);
 
-/// What is known of all motions with the same ends.
+/// The statistics of all motions with the same start and end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
-    /// How often the axis has moved so.
+    /// The number of these motions.
     pub times: u64,
-    /// The largest following error, counts.
+    /// Their largest following error, in counts.
     pub error: u64,
 }
 
-/// The motions of an axis.
+/// The motions of an axis, by start and end.
 #[derive(Clone, Debug, Default)]
 pub struct Motions(BTreeMap<Way, Seen>);
 
@@ -39,7 +39,7 @@ impl Motions {
         *seen = Seen { times: seen.times + 1, error: seen.error.max(error) };
     }
 
-    /// What is known of a motion; `None` if the axis has not moved so.
+    /// The statistics of a motion; `None` if the axis has not made it.
     pub fn of(&self, way: Way) -> Option<Seen> {
         self.0.get(&way).copied()
     }
@@ -49,8 +49,8 @@ impl Motions {
     }
 }
 
-/// The motion that most of these have; of equals the one that was made more often, and then the longest. `None` if no motion
-/// is in two of them.
+/// The motion that occurs in most items of `all`. If several do, it is the most frequent one of them, then the longest
+/// one. `None` if no motion occurs in more than one item.
 pub fn common<'a>(all: impl Iterator<Item = &'a Motions>) -> Option<Way> {
     let mut found: BTreeMap<Way, (u64, u64)> = BTreeMap::new();
     for (way, seen) in all.flat_map(Motions::all) {
@@ -72,7 +72,8 @@ pub struct MotionFinder {
 struct Target {
     now: i32,
     changed_ns: i64,
-    /// Where the motion began; `None` if that is not known, because the first target came on the way.
+    /// The target at which the motion began; `None` if it is unknown, because the first target was seen during a
+    /// motion.
     from: Option<i32>,
     /// The sign of the motion; 0 at rest.
     sign: i32,
@@ -80,8 +81,8 @@ struct Target {
 }
 
 impl MotionFinder {
-    /// Adds a report: the target in force, counts, and the following error, counts. Returns a motion that has ended, and
-    /// its largest following error.
+    /// Processes a report: the target in force and the following error, both in counts. Returns the motion that has
+    /// ended with this report, and its largest following error.
     pub fn report(&mut self, at_ns: i64, target: Option<i32>, error: Option<u64>) -> Option<(Way, u64)> {
         let Some(now) = target else {
             self.target = None;
@@ -101,7 +102,8 @@ impl MotionFinder {
         } else if sign != 0 {
             last.sign = sign;
         }
-        // A motion that has just ended gets no error of the next one.
+        // This comes after the reset above, so the error counts for the new motion and not for the one that has just
+        // ended.
         last.error = last.error.max(error.unwrap_or_default());
         if sign != 0 {
             (last.now, last.changed_ns) = (now, at_ns);
@@ -116,7 +118,7 @@ mod tests {
 
     const MS: i64 = 1_000_000;
 
-    /// The motions that are found in these targets, one each millisecond, with a following error of a tenth of the target.
+    /// The motions that are found in these targets, one per millisecond. The following error is a tenth of the target.
     fn found(targets: impl IntoIterator<Item = i32>) -> Vec<(Way, u64)> {
         let mut finder = MotionFinder::default();
         let targets = targets.into_iter().enumerate();
@@ -127,7 +129,8 @@ mod tests {
             .collect()
     }
 
-    /// A motion ends where the target rests for a tenth of a second, and where it turns. The first one may have begun before.
+    /// A motion ends where the target rests for a tenth of a second, and where it turns. A motion that may have begun
+    /// before the first target is left out.
     #[test]
     fn motions_end_at_rest_and_where_they_turn() {
         let rest = |at: i32| std::iter::repeat_n(at, 200);
@@ -136,12 +139,12 @@ mod tests {
             rest(500).chain(to(500, 1500)).chain(rest(1500)).chain(to(1500, 0)).chain(to(0, 300)).chain(rest(300));
         assert_eq!(found(way), [((500, 1500), 150), ((1500, 0), 150), ((0, 300), 30)]);
         assert_eq!(found(to(7, 400).chain(rest(400)).chain(to(400, 7)).chain(rest(7))), [((400, 7), 40)]);
-        // A pause on the way is no end.
+        // A short pause of the target does not end the motion.
         let pause = rest(0).chain(to(0, 500)).chain(std::iter::repeat_n(500, 50)).chain(to(500, 900)).chain(rest(900));
         assert_eq!(found(pause), [((0, 900), 90)]);
     }
 
-    /// The motion that is compared is the one that most parts have.
+    /// The motion that is compared is the one that occurs in most parts.
     #[test]
     fn the_common_motion_is_in_most_parts() {
         let motions = |ways: &[Way]| {
@@ -152,7 +155,7 @@ mod tests {
         let parts = [motions(&[(0, 9), (9, 0)]), motions(&[(0, 9), (0, 9)]), motions(&[(9, 0), (0, 9), (0, 1)])];
         assert_eq!(common(parts.iter()), Some((0, 9)));
         assert_eq!(common(parts[..1].iter()), None);
-        // Of many motions the longest are kept.
+        // If there are too many motions, the longest ones are kept.
         let mut many = Motions::default();
         (1..1000).for_each(|to| many.add((0, to), 1));
         assert!(many.all().count() == MOTIONS_MAX && many.of((0, 999)).is_some() && many.of((0, 1)).is_none());

@@ -1,4 +1,4 @@
-//! The trends as one page for a browser: tables, and a picture of each axis.
+//! The trends as an HTML page: tables, and a picture of each axis.
 
 use ecmsk::machine_file::{MachineAxis, Unit};
 
@@ -11,7 +11,7 @@ use crate::motion::Quantity;
 use crate::plot::trend::{Curve, Diagram, Picture};
 use crate::summary::extremes::named;
 
-/// The text of the page.
+/// The HTML text of the page.
 ///
 /// # Errors
 /// [`CliError`] if a picture cannot be drawn.
@@ -41,7 +41,7 @@ const fn across(by: By) -> &'static str {
 }
 
 impl Report<'_> {
-    /// Where each part stands on the horizontal axis.
+    /// The horizontal coordinate of each part.
     fn places(&self) -> Vec<f64> {
         let first = self.parts.first().map_or(0, |(number, _)| *number);
         let from = if self.by == By::Recording { 1 } else { 0 };

@@ -1,4 +1,4 @@
-//! What is known of a part of the time: of a recording, an hour or a day.
+//! The results of one part of the time: a recording, an hour or a day.
 
 use std::collections::BTreeMap;
 
@@ -9,47 +9,49 @@ use super::motions::Motions;
 use crate::motion::Quantity;
 use crate::summary::extremes::AxisExtremes;
 
-/// A part of the time.
+/// One part of the time, with its results.
 #[derive(Clone, Debug)]
 pub struct Part {
-    /// The recording, the hour or the day.
+    /// The name of the recording, the hour or the day.
     pub name: String,
-    /// The time of its first frame, ns.
+    /// The time of the first frame of this part, ns.
     pub begin_ns: u64,
-    /// How much of it is recorded, ns.
+    /// How much of this time is recorded, ns.
     pub recorded_ns: u64,
-    /// The recordings that have frames of it, and how many of them lack something.
+    /// The number of recordings with frames in this time. The next field is how many of them are incomplete.
     pub recordings: u64,
     pub incomplete: u64,
-    /// Alarms of drives, changes of state that failed, and how often a slave was lost.
+    /// The numbers of alarms of drives, of failed state changes, and of losses of a slave.
     pub alarms: u64,
     pub states_failed: u64,
     pub lost_slaves: u64,
-    /// Gaps in a motion, commands that were lost because the FIFO was full, and command frames with a wrong CRC.
+    /// The numbers of gaps in motions, of commands that were lost because the FIFO was full, and of command frames with
+    /// a wrong CRC.
     pub gaps: u64,
     pub full: u64,
     pub crc: u64,
-    /// The fewest commands that still waited in the FIFO when the next one of a motion came; `None` without a motion.
+    /// The smallest number of commands in the FIFO when the next command of a motion arrived; `None` without a motion.
     pub reserve: Option<u16>,
     axes: Vec<AxisPart>,
 }
 
-/// What is known of an axis.
+/// The results of an axis in one part of the time.
 #[derive(Clone, Debug, Default)]
 pub struct AxisPart {
     /// Whether the axis was moved.
     pub is_moved: bool,
-    /// The largest values. Their times are ns since the first frame of the part.
+    /// The largest values. Their times are in ns since the first frame of the part.
     pub extremes: AxisExtremes,
     pub motions: Motions,
     pub homings: Homings,
 }
 
-/// The homings that have ended well.
+/// The successful homings of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Homings {
     pub times: u64,
-    /// Where the first one and the last one have found home, of those that show it, counts.
+    /// The position at which the first homing has found home, and (next field) the last one, in counts. Homings for
+    /// which it is unknown are left out.
     pub first: Option<i64>,
     pub last: Option<i64>,
 }
@@ -73,7 +75,7 @@ impl Part {
         }
     }
 
-    /// The axes that were moved, by the number of their slave.
+    /// The axes that were moved, by slave number.
     pub fn axes(&self) -> BTreeMap<usize, &AxisPart> {
         (1..).zip(&self.axes).filter(|(_, axis)| axis.is_moved).collect()
     }
@@ -83,21 +85,21 @@ impl Part {
         self.axes.get(slave.checked_sub(1)?).filter(|axis| axis.is_moved)
     }
 
-    /// The axis of a slave, which was moved.
+    /// The axis of a slave, which is marked as moved.
     pub fn moved(&mut self, slave: usize) -> Option<&mut AxisPart> {
         let axis = self.axes.get_mut(slave.checked_sub(1)?)?;
         axis.is_moved = true;
         Some(axis)
     }
 
-    /// So many commands still waited when the next one of a motion came.
+    /// Processes the number of commands that were in the FIFO when the next command of a motion arrived.
     pub fn waited(&mut self, commands: u16) {
         self.reserve = Some(self.reserve.map_or(commands, |reserve| reserve.min(commands)));
     }
 }
 
 impl AxisPart {
-    /// The largest value of a quantity; `None`: there was none.
+    /// The largest value of a quantity; `None` if there was no value other than 0.
     pub const fn largest(&self, quantity: Quantity) -> Option<u64> {
         match self.extremes.of(quantity).value {
             0 => None,

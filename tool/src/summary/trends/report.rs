@@ -16,34 +16,34 @@ use crate::machine_option::in_unit;
 use crate::motion::Quantity;
 use crate::summary::extremes::named;
 
-/// What the trends are of.
+/// The data of the report on the trends.
 pub struct Report<'a> {
     pub folder: &'a Path,
     pub by: By,
-    /// The parts with their numbers, oldest first.
+    /// The parts of the time with their numbers, oldest first.
     pub parts: &'a [(u64, Part)],
     pub sources: &'a Sources,
     pub machine: Option<&'a MachineFile>,
 }
 
-/// An axis over all parts.
+/// The trend of an axis over all parts.
 pub struct AxisTrend<'a> {
     pub slave: usize,
     /// The motion whose following error is compared.
     pub way: Option<Way>,
-    /// Where the first homing has found home, counts.
+    /// The position at which the first homing has found home, in counts.
     pub first_home: Option<i64>,
-    /// For each part what is known of the axis; `None`: it was not moved.
+    /// The results of the axis in each part; `None` for a part in which it was not moved.
     pub parts: Vec<Option<&'a AxisPart>>,
 }
 
 impl AxisTrend<'_> {
-    /// The largest following error of the common motion in a part, counts.
+    /// The largest following error in a part during the motion that is compared, in counts.
     pub fn same_motion(&self, axis: &AxisPart) -> Option<u64> {
         axis.motions.of(self.way?).map(|seen| seen.error)
     }
 
-    /// By how much the last homing of a part has found home elsewhere than the first one of all, counts.
+    /// The distance of the home of the last homing of a part from the home of the very first homing, in counts.
     pub fn home_change(&self, axis: &AxisPart) -> Option<i64> {
         Some(axis.homings.last? - self.first_home?)
     }
@@ -65,7 +65,7 @@ impl Report<'_> {
         found.into_keys().map(trend).collect()
     }
 
-    /// Tables: of the board, and of each axis.
+    /// The tables as text: one of the board, and one of each axis.
     pub fn text(&self) -> String {
         let heads = [
             self.by.word(),
@@ -132,7 +132,7 @@ impl Report<'_> {
         format!("axis {name}{}\n{}", self.way_text(trend), table(&heads, rows))
     }
 
-    /// The words for the motion that is compared.
+    /// The text for the motion that is compared.
     pub fn way_text(&self, trend: &AxisTrend) -> String {
         let (axis, _) = named(trend.slave, self.machine);
         match trend.way {
@@ -143,7 +143,7 @@ impl Report<'_> {
         }
     }
 
-    /// One object. Values are in counts.
+    /// The report as a JSON object. Values are in counts.
     pub fn json(&self) -> Value {
         let trends = self.axes();
         let parts = self.parts.iter().enumerate().map(|(number, (_, part))| {
@@ -161,7 +161,7 @@ impl Report<'_> {
             "passed_over": passed_over.collect::<Vec<_>>()})
     }
 
-    /// When a part begins, in UTC; `None` for a virtual clock, whose times are near 1970.
+    /// The time at which a part begins, in UTC; `None` on a virtual clock, whose times are near 1970.
     fn begin(&self, part: &Part) -> Option<String> {
         const YEAR_NS: u64 = 365 * 86_400_000_000_000;
         let at = OffsetDateTime::from_unix_timestamp_nanos(part.begin_ns.into()).ok()?;
@@ -198,7 +198,7 @@ fn none() -> String {
     "-".to_owned()
 }
 
-/// A value in the unit of the machine file, or else in counts.
+/// A value in the unit of the machine file; in counts without one.
 fn brief(quantity: Quantity, value: u64, axis: Option<&MachineAxis>) -> String {
     match (quantity, axis.filter(|axis| axis.unit != Unit::Counts)) {
         (Quantity::Torque, _) | (_, None) => quantity.shown(value, None),
@@ -207,12 +207,12 @@ fn brief(quantity: Quantity, value: u64, axis: Option<&MachineAxis>) -> String {
     }
 }
 
-/// A magnitude is positive also on an axis with a negative scale.
+/// A magnitude in the unit of the axis. It is positive also on an axis with a negative scale.
 fn magnitude(axis: &MachineAxis, value: u64) -> String {
     in_unit(axis, value as f64 * axis.scale.counts_per_unit.signum())
 }
 
-/// A position or the difference of two, with its sign.
+/// A position, or the difference of two positions, with its sign.
 fn distance(counts: i64, axis: Option<&MachineAxis>) -> String {
     match axis.filter(|axis| axis.unit != Unit::Counts) {
         Some(axis) => in_unit(axis, counts as f64),
@@ -220,7 +220,7 @@ fn distance(counts: i64, axis: Option<&MachineAxis>) -> String {
     }
 }
 
-/// A table with columns of equal width: the first one to the left, numbers to the right.
+/// A table with aligned columns: the first column to the left, the numbers to the right.
 fn table(heads: &[&str], rows: Vec<Vec<String>>) -> String {
     let all: Vec<Vec<String>> =
         [heads.iter().map(|head| (*head).to_owned()).collect()].into_iter().chain(rows).collect();

@@ -1,20 +1,22 @@
-//! The reserve of the FIFO: how many commands still wait when the next target of a motion comes.
+//! Determines the reserve of the FIFO: the number of commands in it when the next target of a motion arrives.
 
 use ecmsk::sk::dump::MAX_SLAVES;
 use ecmsk::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, SlotSize};
 
-/// Targets that stay for this long end a motion, ns. \[OURS] The FIFO empties then, as it should.
+/// If the targets do not change for this long, the motion has ended, ns. \[OURS] It is normal that the FIFO becomes
+/// empty then.
 const REST_NS: i64 = 100_000_000;
 
-/// Follows the commands and the FIFO.
+/// Follows the command frames and the level of the FIFO.
 #[derive(Debug)]
 pub struct Reserve {
     targets: [Option<i32>; MAX_SLAVES],
-    /// When a target changed last.
+    /// The time at which a target changed last.
     moved_ns: i64,
-    /// The commands that waited at the last report in OP.
+    /// The number of commands in the FIFO at the last report in OP.
     waiting: Option<u16>,
-    /// Whether the FIFO has been filled since the motion began: from one report to the next no more commands waited.
+    /// Whether the FIFO has reached its level since the motion began: between two reports the number of commands did
+    /// not rise.
     is_filled: bool,
 }
 
@@ -24,8 +26,8 @@ impl Reserve {
         Self { targets: [None; MAX_SLAVES], moved_ns: i64::MIN, waiting: None, is_filled: false }
     }
 
-    /// Adds a command frame. Returns how many commands still waited, if it goes on with a motion. Where none waited, it may
-    /// be the first one of a motion: gaps are found otherwise.
+    /// Processes a command frame. If it continues a motion, returns the number of commands in the FIFO. If the FIFO is
+    /// empty, `None` is returned, because the frame may begin a motion; gaps are found by other means.
     pub fn command(&mut self, at_ns: i64, frame: &Frame, size: SlotSize) -> Option<u16> {
         let mut moves = false;
         for (slave, target) in (1..=size.max_slaves()).zip(&mut self.targets) {
@@ -45,7 +47,7 @@ impl Reserve {
         self.waiting.filter(|waiting| self.is_filled && *waiting > 0)
     }
 
-    /// Adds a report.
+    /// Processes a report.
     pub fn report(&mut self, board: &MasterResponse) {
         if board.state.state() != Some(MasterState::Op) {
             (self.waiting, self.is_filled) = (None, false);
@@ -70,12 +72,13 @@ mod tests {
         board
     }
 
-    /// The reserve counts from when the FIFO was filled, and not while it empties at the end.
+    /// The reserve counts only after the FIFO has reached its level, and not while it becomes empty at the end of the
+    /// motion.
     #[test]
     fn what_waits_on_the_way_counts() {
         let mut reserve = Reserve::new();
         let mut found = Vec::new();
-        // The program sends four targets at once, then one for each report; a late one; and stops.
+        // The program sends four targets at once, then one after each report, one of them late; then it stops.
         let waiting = [0, 3, 4, 4, 4, 4, 2, 3, 4, 4, 3, 2, 1, 0];
         let sends = [4, 1, 1, 1, 1, 0, 2, 1, 1, 0, 0, 0, 0, 0];
         let mut target = 0;

@@ -1,4 +1,4 @@
-//! The recordings of a folder, in the order in which they were made.
+//! Finds the recordings of a folder and sorts them by time.
 
 use std::ffi::OsStr;
 use std::fs::{self, File, TryLockError};
@@ -11,32 +11,32 @@ use ecmsk::sk::SlotSize;
 
 use crate::recording::{Frames, board};
 
-/// A recording, and when it begins.
+/// A recording, with its begin.
 #[derive(Clone, Debug)]
 pub struct Source {
     pub file: PathBuf,
-    /// The board in it, of a capture.
+    /// The USB address of the board in a capture.
     pub device: Option<Address>,
-    /// The time of its first frame, ns.
+    /// The time of the first frame, ns.
     pub begin_ns: u64,
-    /// Whether its times are those of a virtual clock. If not they count from 1970-01-01, UTC.
+    /// Whether the times are those of a virtual clock. Otherwise they are relative to 1970-01-01, UTC.
     pub is_virtual: bool,
-    /// Whether it is a segment of a flight recorder that a process writes at present.
+    /// Whether the file is the segment of a flight recorder that a process is writing at present.
     pub is_live: bool,
 }
 
-/// What was found.
+/// The result of a search for recordings.
 #[derive(Debug, Default)]
 pub struct Sources {
     /// The recordings, oldest first.
     pub recordings: Vec<Source>,
-    /// What is no recording of a board, or cannot be read, and why.
+    /// The files that are skipped, each with the reason: it is no recording of a board, or cannot be read.
     pub passed_over: Vec<(PathBuf, String)>,
-    /// Those of `passed_over` that are recordings, by their beginning or their name: they are damaged.
+    /// The skipped files that are damaged recordings, as their content or their name shows.
     pub damaged: Vec<PathBuf>,
 }
 
-/// What a person has said about captures.
+/// The options of the user for reading captures.
 #[derive(Clone, Copy, Debug)]
 pub struct About {
     pub size: Option<SlotSize>,
@@ -44,8 +44,8 @@ pub struct About {
 }
 
 impl Sources {
-    /// The recordings of a folder: of a flight recorder the segments, and the kept moments that are older; else all
-    /// recordings and captures in it, without the folders below.
+    /// The recordings of a folder. In the folder of a flight recorder these are its segments, and the kept moments
+    /// older than the segments. In any other folder these are all recordings and captures, without subfolders.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -57,7 +57,7 @@ impl Sources {
         }
     }
 
-    /// One recording.
+    /// The single recording of a file.
     pub fn of_file(file: &Path, about: About) -> Result<Self, RecordError> {
         let mut sources = Self::default();
         match source(file, about)? {
@@ -70,7 +70,7 @@ impl Sources {
     fn of_flight(flight: &FlightContents, about: About) -> Self {
         let mut sources = Self::default();
         let oldest_ns = flight.segments.iter().find_map(|segment| segment.times_ns).map_or(u64::MAX, |times| times.0);
-        // What is in the ring, too, is not counted twice.
+        // Moments that are also in the segments must not be counted twice.
         let older = flight.moments.iter().filter(|kept| kept.moment.to_ns < oldest_ns);
         for file in older.filter_map(|kept| kept.file.as_ref()) {
             sources.add(file, about);
@@ -95,7 +95,7 @@ impl Sources {
             match fs::metadata(&file) {
                 Ok(metadata) if metadata.is_file() => sources.add(&file, about),
                 Ok(metadata) if metadata.is_dir() => sources.pass_over(&file, "it is a folder; name it for its trends"),
-                // A pipe, for example, would wait for its writer.
+                // Other types are skipped: opening a pipe, for example, would block until someone writes to it.
                 Ok(_) => sources.pass_over(&file, "it is no file"),
                 Err(error) => sources.pass_over(&file, error),
             }
@@ -114,7 +114,7 @@ impl Sources {
         }
     }
 
-    /// Notes a recording that has no frame.
+    /// Skips a recording that has no frame.
     fn pass_over_empty(&mut self, file: &Path, lacks: Option<Lacks>) {
         if lacks.is_some() {
             self.damaged.push(file.to_owned());
@@ -122,7 +122,8 @@ impl Sources {
         self.pass_over(file, lacks.map_or_else(|| "it has no frame".to_owned(), |lacks| lacks.to_string()));
     }
 
-    /// Notes a file that cannot be read. It is a recording by its beginning, or because it is named so.
+    /// Skips a file that cannot be read. It counts as a damaged recording if its content or its name is that of a
+    /// recording.
     pub fn pass_over_unread(&mut self, file: &Path, error: RecordError) {
         let is_named_so =
             file.extension().is_some_and(|ending| ["ecmrec", "pcapng", "pcap"].map(OsStr::new).contains(&ending));
@@ -132,17 +133,18 @@ impl Sources {
         self.pass_over(file, error);
     }
 
-    /// Notes a file that is left out, and why.
+    /// Skips a file, for the reason `why`.
     pub fn pass_over(&mut self, file: &Path, why: impl ToString) {
         let why = why.to_string();
-        // Messages of a reader begin with the name of the file, which is said anyhow.
+        // Messages of a reader begin with the name of the file. It is removed here, because the output names the file
+        // anyway.
         let name = file.display().to_string();
         let rest = why.strip_prefix(&name).map(|rest| rest.trim_start_matches([':', ' '])).unwrap_or(&why);
         self.passed_over.push((file.to_owned(), rest.to_owned()));
     }
 }
 
-/// Looks at the beginning of a recording. If it has no frame that can be read, returns what it lacks.
+/// Reads the beginning of a recording. If there is no readable frame, returns what the recording lacks.
 fn source(file: &Path, about: About) -> Result<Result<Source, Option<Lacks>>, RecordError> {
     let device = board(file, about.device)?;
     let mut frames = Frames::open(file, about.size, device)?.quiet();
@@ -154,9 +156,10 @@ fn source(file: &Path, about: About) -> Result<Result<Source, Option<Lacks>>, Re
 }
 
 impl Source {
-    /// Whether a process is writing to the file at present. If the system does not say so, it counts as written.
+    /// Whether a process is writing to the file at present. If the system does not show this, the answer is no.
     pub fn is_growing(&self) -> bool {
-        // Where locks keep others from reading, a recording has none (`record=`).
+        // On systems where a lock would prevent reading, a recording (`record=`) is not locked, so a lock shows nothing
+        // there.
         if self.is_live || !cfg!(unix) {
             return self.is_live;
         }

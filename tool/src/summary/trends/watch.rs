@@ -1,4 +1,4 @@
-//! Follows the frames of a recording, and adds what they show to the part of the time in which they are.
+//! Processes the frames of a recording, and adds the results to the part of the time to which each frame belongs.
 
 use ecmsk::link::Dir;
 use ecmsk::sk::dump::MAX_SLAVES;
@@ -14,7 +14,7 @@ use crate::plot::series::answers_abort_home;
 use crate::recording::Framed;
 use crate::summary::extremes::AxisExtremes;
 
-/// The frames of a recording, which are sorted by time.
+/// Collects the results of a recording. Its frames must be sorted by time.
 pub struct Watch {
     frames: Option<FrameWatch>,
     counts: FrameCounts,
@@ -28,10 +28,10 @@ pub struct Watch {
     damage_before: u64,
 }
 
-/// What a recording shows as a whole.
+/// The results of a whole recording.
 pub struct Whole {
     pub summary: Summary,
-    /// The extremes of each axis that was moved.
+    /// The extreme values of each axis that was moved.
     pub axes: Vec<(usize, AxisExtremes)>,
 }
 
@@ -52,7 +52,7 @@ impl Watch {
         }
     }
 
-    /// Adds the next frame. `at_ns` is its time since the first frame of the part.
+    /// Processes the next frame. `at_ns` is its time since the first frame of the part.
     pub fn frame(&mut self, framed: &Framed, at_ns: i64, part: &mut Part) {
         let (time_ns, frame, size) = (framed.time_ns, &framed.recorded.frame, framed.size);
         self.damage(framed.recorded.damage_before);
@@ -80,7 +80,7 @@ impl Watch {
                     match event {
                         FrameEvent::Alarm(_) => part.alarms += 1,
                         FrameEvent::HeldBack(_) => {}
-                        // A failure that OP shows is a slave that has left it.
+                        // A failure that is reported in OP is a slave that has left OP.
                         FrameEvent::StateFailed(failed) => match StateByte(failed.state).state() {
                             Some(MasterState::Op) => part.lost_slaves += 1,
                             _ => part.states_failed += 1,
@@ -93,7 +93,7 @@ impl Watch {
         self.count(part);
     }
 
-    /// Forgets what was under way before a damaged part of the recording: nobody knows how it went on.
+    /// Forgets unfinished motions and homings before a damaged section of the recording, because their end is unknown.
     fn damage(&mut self, damage_before: u64) {
         if damage_before > self.damage_before {
             self.damage_before = damage_before;
@@ -127,7 +127,7 @@ impl Watch {
             let target = self.axes.target(slave);
             let motion = self.motions[slave - 1].report(framed.time_ns, target, errors[slave - 1]);
             let homing = &mut self.homings[slave - 1];
-            // In state 0x18 a slot may be an old one.
+            // In state 0x18 the slot of a lost slave has old values.
             let homed = if is_op && !board.state.is_failed() && self.axes.kind(slave) != Some(SlaveKind::Io) {
                 homing.report(framed.time_ns, &DriveResponse::decode(&frame.slot(size, slave)), is_aborted)
             } else {
@@ -147,7 +147,7 @@ impl Watch {
         }
     }
 
-    /// Adds what the counts of the frames have grown by.
+    /// Adds the growth of the frame counts since the last call.
     fn count(&mut self, part: &mut Part) {
         let Some(watch) = &self.frames else { return };
         let (before, now) = (std::mem::replace(&mut self.counts, watch.counts()), watch.counts());
@@ -159,7 +159,7 @@ impl Watch {
         }
     }
 
-    /// What the recording shows as a whole.
+    /// Ends the reading and returns the results of the whole recording.
     pub fn finish(mut self) -> Whole {
         self.summary.set_frame_counts(&self.counts);
         let axes = (1..).zip(self.found).filter(|(slave, _)| self.axes.is_moved(*slave)).collect();

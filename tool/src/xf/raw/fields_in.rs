@@ -18,7 +18,7 @@ const DRIVE_STATES: Names = &[
     ("Fault", 0x08),
 ];
 
-/// A field with its value, as the user wrote them.
+/// A field with its value, as the user wrote it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Assignment {
     name: String,
@@ -36,10 +36,10 @@ impl Assignment {
     }
 }
 
-/// Writes the fields into the request and checks it.
+/// Writes the fields into the request, and checks the request.
 ///
 /// # Errors
-/// What is wrong with a field, as text.
+/// The text says what is wrong with a field.
 pub fn fill(draft: &mut Draft<'_>, row: &'static FunctionFields, fields: &[Assignment]) -> Result<(), String> {
     let mut given: Vec<&Field> = Vec::new();
     for Assignment { name, value } in fields {
@@ -68,7 +68,7 @@ pub fn fill(draft: &mut Draft<'_>, row: &'static FunctionFields, fields: &[Assig
     }
 }
 
-/// A value after parsing, by the kind of its field.
+/// The value of a field after parsing.
 enum Parsed {
     Number(i64),
     Bytes(Vec<u8>),
@@ -107,7 +107,7 @@ fn bits(text: &str, names: Names) -> Result<i64, String> {
     })
 }
 
-/// Parses PDO mapping entries: index, sub-index and number of bits in one number, as 0x60400010.
+/// Parses PDO mapping entries. Each is one number of index, sub-index and number of bits, such as 0x60400010.
 fn objects(text: &str) -> Result<Vec<u8>, String> {
     let object = |text: &str| whole(text.trim()).and_then(|object| u32::try_from(object).ok());
     let objects: Option<Vec<_>> = text.split(',').map(|text| object(text).map(u32::to_le_bytes)).collect();
@@ -117,7 +117,8 @@ fn objects(text: &str) -> Result<Vec<u8>, String> {
     })
 }
 
-/// A set of slaves: `none`, or numbers with commas.
+/// Parses a set of slaves, `none` or numbers separated by commas, to a bit field with bit 0 of the first byte for slave
+/// 0.
 fn slave_set(text: &str) -> Result<Vec<u8>, String> {
     let wrong = || "allowed: none, or slaves from 0 to 127, e.g. 0,2,9".to_owned();
     let slaves: Vec<u8> = match text {
@@ -134,7 +135,7 @@ fn slave_set(text: &str) -> Result<Vec<u8>, String> {
     Ok(set)
 }
 
-/// The names of a function's fields, for help and errors; optional ones are in brackets.
+/// The fields of a function with their allowed values, for help and errors; optional fields are in brackets.
 pub fn described(row: &FunctionFields) -> String {
     let fields = row.request.iter().map(|field| {
         let text = format!("{}={}", field.name, allowed(field));

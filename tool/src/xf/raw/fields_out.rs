@@ -10,7 +10,7 @@ use crate::hex::{hex, spaced};
 use crate::xf::Shown;
 use crate::xf::words::{listed, word};
 
-/// Shows the answer of a function field by field.
+/// Converts the answer of a function to text and JSON, field by field.
 pub fn shown(row: &FunctionFields, returned: Returned, data: &[u8]) -> Shown {
     let mut json = json!({
         "verb": "xf raw", "name": row.name(), "type": row.type_name, "code": row.code.code(), "parameter": row.function,

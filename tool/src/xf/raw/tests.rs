@@ -1,11 +1,11 @@
-//! Requests are made from fields as users type them.
+//! Tests that requests are made from fields as users type them.
 
 use super::*;
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::xf::request::*;
 
-/// Makes a request of the function `name` from these fields and passes it to `use_it`, or returns what is wrong with the
-/// fields.
+/// Makes a request of the function `name` from these fields, and passes it to `use_it`. Returns an error text if a
+/// field is wrong.
 fn request<T>(name: &str, fields: &[&str], use_it: impl FnOnce(&Request<'_>) -> T) -> Result<T, String> {
     let row = find(name)?.0;
     let fields: Vec<_> = fields.iter().map(|field| Assignment::parse(field)).collect::<Result<_, _>>()?;
@@ -73,7 +73,7 @@ fn requests_from_fields() {
     expect("DCSYNC", &["slaves=all", "sync0_ns=1000000", "shift_ns=-5"], DcSync { slaves: Slaves::All, dc: shift });
 }
 
-/// XF-18.10 If a field is wrong, missing, given twice or unknown, the error lists the fields that the function has.
+/// XF-18.10 If a field is wrong, missing, given twice or unknown, the error lists the fields of the function.
 #[test]
 fn wrong_fields_name_those_there_are() {
     let error = |name, fields: &[&str]| request(name, fields, |_| ()).expect_err("it is wrong");

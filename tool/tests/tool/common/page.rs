@@ -72,7 +72,7 @@ pub fn channel(hello: &Value, slave: u64, quantity: &str) -> usize {
 impl Serving {
     /// The host with the port, and the token, in the address of a page.
     pub fn host_and_token(&self) -> (&str, &str) {
-        let rest = self.address().strip_prefix("http://").expect("an address of a page");
+        let (_, rest) = self.address().split_once("://").expect("an address of a page");
         rest.split_once("/?token=").expect("a token")
     }
 

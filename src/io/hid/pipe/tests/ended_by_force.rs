@@ -20,8 +20,8 @@ fn goes_on(world: &'static FakeUsb, pipe: Arc<Pipe>) {
     assert_eq!(claims, 0, "others may have the board");
 }
 
-/// LIB-70 After a thread was ended while it handled events in a read, the program can continue. Two cases: no other
-/// thread reads then, or one other does.
+/// LIB-70 After a thread was ended while it handled events in a read, the program can continue, whether or not another
+/// thread reads then.
 #[test]
 fn in_a_read() {
     for others in [0, 1] {
@@ -33,7 +33,7 @@ fn in_a_read() {
             move || _ = read(&reads, None),
             move || {
                 // Cancelling writes interrupts the thread that handles events. This is repeated until the reader
-                // handles them.
+                // handles events and the pipe's thread sleeps.
                 handles.cancel_writes();
                 thread::sleep(Duration::from_millis(5));
                 handles.shared.state.lock().thread_asleep
@@ -53,7 +53,8 @@ fn in_a_read() {
     }
 }
 
-/// LIB-70 A thread was ended while it handled events, and the pipe is closed before the pipe's thread has noticed that.
+/// LIB-70 A thread was ended while it handled events. Closing ends even if the pipe's thread has not noticed this
+/// before.
 #[test]
 fn in_a_read_just_before_it_is_closed() {
     let world = FakeUsb::with_descriptor();
@@ -102,7 +103,7 @@ fn in_a_write() {
     }
 }
 
-/// LIB-70 A thread is ended while it waits for its turn to write: the threads behind it still get their turn.
+/// LIB-70 A thread is ended while it waits for its turn to write: the threads that wait after it still get their turn.
 #[test]
 fn before_its_turn_to_write() {
     let world = FakeUsb::with_descriptor();

@@ -1,5 +1,5 @@
-//! Calls in a signal handler that has interrupted a call of the same pipe: `CloseECMUSB(); exit(0);` for Ctrl-C, a frame that
-//! stops the axes. The interrupted call cannot go on before the handler returns.
+//! Calls in a signal handler that has interrupted a call of the same pipe, for example `CloseECMUSB(); exit(0);` for
+//! Ctrl-C, or a frame that stops the axes. The interrupted call cannot continue before the handler returns.
 
 use std::cell::Cell;
 use std::os::unix::thread::JoinHandleExt as _;
@@ -18,8 +18,8 @@ extern "C" fn handle(_signal: libc::c_int) {
     }
 }
 
-/// Runs `work` in a thread. Once `waits_in` is true, `handler` runs there in a signal handler. Gives what the handler and then
-/// `work` have returned.
+/// Runs `work` in a thread. Once `waits_in` returns true, `handler` runs in a signal handler of that thread. Returns
+/// the results of `handler` and of `work`.
 #[track_caller]
 fn interrupted<T: Send + 'static, H: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
@@ -44,18 +44,20 @@ fn interrupted<T: Send + 'static, H: Send + 'static>(
     (handled, work_ends.recv_timeout(PATIENCE).expect("the call does not end"))
 }
 
-/// Whether a call of the program handles the events, and the pipe's thread sleeps.
+/// Returns a check whether a call of the program handles events, while the pipe's thread sleeps.
 fn a_call_handles_events(pipe: &Arc<Pipe>) -> impl FnMut() -> bool + use<> {
     let pipe = pipe.clone();
     move || {
-        // Ends the wait of the thread that handles events, until that is the one of the call.
+        // Ends the wait of the thread that handles events. This is repeated until the thread of the call handles
+        // events.
         pipe.cancel_writes();
         thread::sleep(Duration::from_millis(5));
         pipe.shared.state.lock().thread_asleep
     }
 }
 
-/// LIB-70 A handler that has interrupted a read closes the pipe: that ends, the read too, and others may have the board.
+/// LIB-70 A handler that has interrupted a read closes the pipe: the closing ends, then the read, and other programs
+/// can open the board.
 #[test]
 fn closing_ends() {
     let world = FakeUsb::with_descriptor();
@@ -78,7 +80,7 @@ fn closing_does_not_wait_for_a_handler() {
     let pipe = Arc::new(open(world));
     let (reads, closes) = (pipe.clone(), pipe.clone());
     let handler = move || {
-        // A panic must not leave the handler.
+        // The handler closes the pipe in another thread and returns a result, since a panic must not leave the handler.
         let (closed, closing_ends) = mpsc::channel();
         thread::spawn(move || {
             closes.close();
@@ -90,7 +92,7 @@ fn closing_does_not_wait_for_a_handler() {
     assert_eq!(ended, (Ok(0), Err(PipeError::Closed)));
 }
 
-/// LIB-70 Frames of a handler that has interrupted a read reach the board, and the read goes on.
+/// LIB-70 Frames that a handler writes after it has interrupted a read reach the board, and the read continues.
 #[test]
 fn frames_go_out_in_a_read() {
     let world = FakeUsb::with_descriptor();
@@ -106,8 +108,8 @@ fn frames_go_out_in_a_read() {
     assert_eq!(world.taken(), [[7; REPORT_LEN], [8; REPORT_LEN]]);
 }
 
-/// LIB-70 A frame of a handler that has interrupted a write follows the frame of that write, whether the board takes that one
-/// while the handler runs, or another thread is still writing.
+/// LIB-70 A frame that a handler writes after it has interrupted a write follows the frame whose transfer is submitted:
+/// the frame of the interrupted write, or the frame of another thread for which the interrupted write still waits.
 #[test]
 fn frames_go_out_in_a_write() {
     for has_other in [false, true] {
@@ -141,7 +143,8 @@ fn frames_go_out_in_a_write() {
         if let Some(other) = other {
             assert_eq!(in_time(move || other.join().expect("no panic")), Ok(()));
         }
-        // A write that waits for its turn has submitted nothing yet, so the handler's frame comes before its own.
+        // With another writer the interrupted write still waits for its turn and has submitted nothing, so the
+        // handler's frame comes before the frame of the interrupted write.
         let order: &[u8] = if has_other { &[1, 9, 2] } else { &[2, 9] };
         assert_eq!(world.taken().iter().map(|frame| frame[0]).collect::<Vec<_>>(), order);
         assert_eq!(pipe.write(&[3; REPORT_LEN], Some(PATIENCE)), Ok(()), "nobody's turn is left");

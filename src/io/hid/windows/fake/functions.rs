@@ -61,8 +61,8 @@ pub(super) const FAKE: Api = Api {
     device_id,
 };
 
-/// The simulated Windows that has created a handle. A handle is the address of its [`FakeWindows`]; for an event the
-/// lowest bits tell which one it is ([`FIRST`], [`SECOND`]).
+/// The simulated Windows that has created a handle. A handle is the address of its [`FakeWindows`]. In the handle of an
+/// event, the lowest bits show which of the backend's two events it is ([`FIRST`], [`SECOND`]).
 fn world(handle: *mut c_void) -> &'static FakeWindows {
     // SAFETY: all handles here are made of the address of a `FakeWindows`, which is never freed.
     unsafe { &*handle.map_addr(|address| address & !LOWEST).cast::<FakeWindows>() }

@@ -1,4 +1,4 @@
-//! A folder in memory, which may be full, may fail, and loses its power.
+//! A folder in memory, which can be full, can fail, and simulates power cuts.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
@@ -19,7 +19,7 @@ impl Dice {
     }
 }
 
-/// What was done with the folder.
+/// An operation on the folder.
 #[derive(Clone, Debug)]
 pub enum Op {
     Create(String),
@@ -33,12 +33,12 @@ pub enum Op {
 #[derive(Default)]
 pub struct Inside {
     pub files: BTreeMap<String, Vec<u8>>,
-    /// What was done, with the number of the frame that was being recorded.
+    /// The operations so far, each with the number of the frame that was being recorded.
     pub log: Vec<(u64, Op)>,
     pub frame: u64,
     /// The most bytes of all files together.
     pub capacity: Option<u64>,
-    /// The error of everything that is done with the folder.
+    /// The error that all operations on the folder return; `None`: they succeed.
     pub error: Option<io::ErrorKind>,
     /// The bytes of a file after which reading it fails.
     pub reads_max: Option<u64>,
@@ -167,8 +167,8 @@ impl Output for InMemory {
     }
 }
 
-/// What is on the disk if the power is lost within the operation `at`: what was synced, and any part of the rest. The
-/// names that were not synced have been written in their order, up to any of them.
+/// The contents of the disk after a power cut during the operation `at`: everything that was synced, and a random part
+/// of the rest. Of the names that were not synced, a random number has been written, in their order.
 pub fn after_cut(log: &[(u64, Op)], at: usize, dice: &mut Dice) -> BTreeMap<String, Vec<u8>> {
     struct File {
         bytes: Vec<u8>,

@@ -19,20 +19,20 @@ fn names_with_the_largest_number_are_left_alone() {
     assert!(odd.iter().all(|name| files.contains_key(name)));
 }
 
-/// If the thread beside the recorder's ends by a panic, that is said.
+/// If the keeper's thread panics, the user is told.
 #[test]
 fn a_panic_of_the_thread_is_said() {
     let memory = Memory::default();
     let keeper = Keeper::new(Arc::new(memory.clone()), LARGE.kept, Vec::new());
     let mut helper = Helper::thread(keeper).unwrap();
-    // Who uses the folder from now on panics.
+    // This panic poisons the folder's lock, so every later use of the folder panics.
     std::thread::spawn(move || memory.with(|inside| assert!(inside.frame > 0, "on purpose"))).join().unwrap_err();
     helper.post(Job::Finished { number: 1, is_packed: false });
     assert!(helper.end());
     assert!(matches!(&helper.done()[..], [Done::NotKept(why)] if why.contains("has failed")));
 }
 
-/// Keeps a moment of these segments and events; returns what the keeper says.
+/// Lets a keeper keep a moment whose last segment is `last`; returns the results of the keeper.
 fn keep(memory: &Memory, bounds: Bounds, moment: Moment, last: u64) -> Vec<Done> {
     let kept = memory
         .files()
@@ -97,14 +97,14 @@ fn a_moment_without_room_deletes_none() {
     }
     let files = memory.files();
     let length = |name: String| files[&name].len() as u64;
-    // Beside the mark there is a byte too little, even without the moment of the gap.
+    // Beside the moment of the mark one byte is missing, even if the moment of the gap is deleted.
     let bounds = Bounds { kept: length(folder::moment(2)) + length(folder::segment(3)) - 1, ..LARGE };
     assert!(keep(&memory, bounds, all_from(3, 3, Kind::Alarm), 3).is_empty());
     let files = memory.files();
     assert_eq!([1, 2, 3].map(|number| files.contains_key(&folder::moment(number))), [true, true, false]);
 }
 
-/// The compressed form of a segment is deleted first: the keeper may be giving it the name of the other form.
+/// The compressed form of a segment is deleted first: the keeper may be renaming it to the name of the segment.
 #[test]
 fn a_compressed_form_is_deleted_first() {
     let names = [folder::segment(1), folder::packed(1), folder::segment(2)];

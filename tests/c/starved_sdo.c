@@ -52,6 +52,7 @@ int main(void)
     stats.size = sizeof stats;
     CHECK(ecmsk_get_stats(ecmsk_vendor_board(), &stats) == ECMSK_OK);
     CHECK(stats.reports_dropped > 1000);
+    CloseECMUSB();
     puts("ok");
     return 0;
 }

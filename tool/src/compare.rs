@@ -175,22 +175,24 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
         args.how.picture(file, &[&args.a, &args.b])?;
     }
     let options = args.how.options();
-    let mut runs = Runs::open(args, &options)?;
+    let recordings =
+        Recordings { files: [&args.a, &args.b], devices: [args.device.first().copied(), args.device.last().copied()] };
+    let mut runs = recordings.open(&options)?;
     let found = compare_steps(
         Steps::new(&mut runs.a, runs.size, options.ignore_repeats),
         Steps::new(&mut runs.b, runs.size, options.ignore_repeats),
         &options,
     );
     let lacks = runs.check()?;
-    let files = [&args.a, &args.b].map(|file| file.display().to_string());
+    let files = recordings.files.map(|file| file.display().to_string());
     let names = Names { runs: files, lacks, plot: args.how.plot.clone() };
     if let Some(file) = &args.how.plot {
-        let Runs { a, b, size } = Runs::open(args, &options)?;
+        let Runs { a, b, size } = recordings.open(&options)?;
         let steps = |source| Steps::new(source, size, options.ignore_repeats);
         let drawing = draw(steps(a), steps(b), &names, &found)?;
         args.how.picture(file, &[&args.a, &args.b])?.save(&drawing)?;
     }
-    let settles = settling_tolerance(args, &options, &found)?;
+    let settles = recordings.settling_tolerance(&options, &found)?;
     let text = if args.how.json {
         let mut object = json::object(&names, &found, &options);
         if let Some(counts) = settles {
@@ -215,28 +217,16 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
 /// A recording cannot be read, or the two cannot be compared.
 #[cfg(feature = "web")]
 pub fn first_difference(
-    [a, b]: [&Path; 2],
-    slot_size: Option<SlotSize>,
+    files: [&Path; 2],
+    slot: Option<SlotSize>,
 ) -> Result<Option<(Difference, Option<u32>)>, CompareVerbError> {
-    let how = How {
-        tolerance: 0,
-        statusword_mask: u16::MAX,
-        ignore_repeats: false,
-        latency: None,
-        allow_incomplete: true,
-        json: false,
-        plot: None,
-        overwrite: OverwriteOption::default(),
-        slot_size,
-        slot: None,
-    };
-    let args = Args { a: a.to_owned(), b: b.to_owned(), how, device: Vec::new() };
-    let options = args.how.options();
-    let Runs { mut a, mut b, size } = Runs::open(&args, &options)?;
+    let recordings = Recordings { files, devices: [None; 2] };
+    let options = CompareOptions { slot, allow_incomplete: true, ..CompareOptions::default() };
+    let Runs { mut a, mut b, size } = recordings.open(&options)?;
     let found = compare_steps(Steps::new(&mut a, size, false), Steps::new(&mut b, size, false), &options);
     a.check()?;
     b.check()?;
-    let settles = settling_tolerance(&args, &options, &found)?;
+    let settles = recordings.settling_tolerance(&options, &found)?;
     Ok(found.first.map(|first| (first, settles)))
 }
 
@@ -244,38 +234,6 @@ pub fn first_difference(
 const PROPOSED_COUNTS_MAX: u32 = 1000;
 /// \[OURS] The maximum number of additional comparisons to find a tolerance.
 const PROPOSALS_MAX: usize = 8;
-
-/// Searches for a tolerance of positions, in counts, with which the recordings count as equal, to propose it to the user.
-/// `None` if they are equal already, if other values than positions differ, if positions differ by more than
-/// [`PROPOSED_COUNTS_MAX`], or if [`PROPOSALS_MAX`] comparisons are not enough to find a tolerance.
-fn settling_tolerance(
-    args: &Args,
-    options: &CompareOptions,
-    found: &Comparison,
-) -> Result<Option<u32>, CompareVerbError> {
-    if found.is_equal() {
-        return Ok(None);
-    }
-    let (mut options, mut first) = (*options, found.first.clone());
-    for _ in 0..PROPOSALS_MAX {
-        let Some(difference) = first else { return Ok(Some(options.tolerance_counts)) };
-        let apart = difference.what.iter().map(|what| match what {
-            Deviation::Position { counts: [a, b], .. } => Some(a.abs_diff(*b)),
-            _ => None,
-        });
-        let Some(most) = apart.collect::<Option<Vec<u32>>>().and_then(|apart| apart.into_iter().max()) else {
-            return Ok(None);
-        };
-        if most > PROPOSED_COUNTS_MAX {
-            return Ok(None);
-        }
-        options.tolerance_counts = most;
-        let Runs { a, b, size } = Runs::open(args, &options)?;
-        let steps = |source| Steps::new(source, size, options.ignore_repeats);
-        first = compare_steps(steps(a), steps(b), &options).first;
-    }
-    Ok(None)
-}
 
 impl Names {
     /// The exit code of a comparison. Recordings that are equal but incomplete count as not compared.
@@ -305,17 +263,54 @@ struct Runs {
     size: SlotSize,
 }
 
-impl Runs {
-    fn open(args: &Args, options: &CompareOptions) -> Result<Self, CompareVerbError> {
-        let devices = [args.device.first().copied(), args.device.last().copied()];
-        let [a, b] = [
-            RecordedRun::open(&args.a, options.slot, devices[0])?,
-            RecordedRun::open(&args.b, options.slot, devices[1])?,
-        ];
+/// The files of two recordings, and in captures the devices to read.
+struct Recordings<'a> {
+    files: [&'a Path; 2],
+    devices: [Option<Address>; 2],
+}
+
+impl Recordings<'_> {
+    fn open(&self, options: &CompareOptions) -> Result<Runs, CompareVerbError> {
+        let open = |at: usize| RecordedRun::open(self.files[at], options.slot, self.devices[at]);
+        let (a, b) = (open(0)?, open(1)?);
         let size = RecordedRun::common_size(&a, &b)?;
-        Ok(Self { a, b, size })
+        Ok(Runs { a, b, size })
     }
 
+    /// Searches for a tolerance of positions, in counts, with which the recordings count as equal, to propose it to the user.
+    /// `None` if they are equal already, if other values than positions differ, if positions differ by more than
+    /// [`PROPOSED_COUNTS_MAX`], or if [`PROPOSALS_MAX`] comparisons are not enough to find a tolerance.
+    fn settling_tolerance(
+        &self,
+        options: &CompareOptions,
+        found: &Comparison,
+    ) -> Result<Option<u32>, CompareVerbError> {
+        if found.is_equal() {
+            return Ok(None);
+        }
+        let (mut options, mut first) = (*options, found.first.clone());
+        for _ in 0..PROPOSALS_MAX {
+            let Some(difference) = first else { return Ok(Some(options.tolerance_counts)) };
+            let apart = difference.what.iter().map(|what| match what {
+                Deviation::Position { counts: [a, b], .. } => Some(a.abs_diff(*b)),
+                _ => None,
+            });
+            let Some(most) = apart.collect::<Option<Vec<u32>>>().and_then(|apart| apart.into_iter().max()) else {
+                return Ok(None);
+            };
+            if most > PROPOSED_COUNTS_MAX {
+                return Ok(None);
+            }
+            options.tolerance_counts = most;
+            let Runs { a, b, size } = self.open(&options)?;
+            let steps = |source| Steps::new(source, size, options.ignore_repeats);
+            first = compare_steps(steps(a), steps(b), &options).first;
+        }
+        Ok(None)
+    }
+}
+
+impl Runs {
     /// Prints the notes on both recordings, once they were read; returns what each lacks to be complete.
     fn check(&self) -> Result<[Option<String>; 2], CompareVerbError> {
         Ok([tell("A", &self.a)?, tell("B", &self.b)?])

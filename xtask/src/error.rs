@@ -24,6 +24,8 @@ pub enum Error {
     Rust { path: PathBuf, problem: String },
     #[error("{0}")]
     Features(String),
+    #[error("{0}")]
+    Release(String),
     #[error(
         "`{link}` is none of sim:, xf-sim: and nic, whose slaves are simulated. The program homes two axes and moves them by \
          1,000,000 counts, so the demo runs it on no real machine. If yours has room for that, run it yourself after \

@@ -71,6 +71,7 @@ const LONG: &[&str] = &[
     "needs_dotnet_core::",
     "needs_node::",
     "needs_pip::",
+    "needs_pyright::",
     "needs_pysoem::",
     "needs_tshark::",
     "needs_valgrind::",
@@ -200,7 +201,7 @@ mod tests {
     const SIGNS: [&str; 4] = ["clock=real", "virtual_time: false", "Instant::now", "thread::sleep"];
     /// Files of groups outside [`REAL_CLOCK`] that contain one of [`SIGNS`] nevertheless. Their tests also pass on a
     /// machine that is late.
-    const WITH_A_SIGN: [&str; 22] = [
+    const WITH_A_SIGN: [&str; 23] = [
         "tests/capi/behaviour.rs",
         "tests/capi/cpp_examples.rs",
         "tests/capi/log.rs",
@@ -221,6 +222,7 @@ mod tests {
         "tool/tests/tool/serve_service.rs",
         "tool/tests/tool/serve_web.rs",
         "tool/tests/tool/serve_web_control.rs",
+        "tool/tests/tool/serve_web_control/needs_chromium.rs",
         "tool/tests/tool/stop.rs",
         "tool/tests/tool/terminal.rs",
     ];

@@ -33,6 +33,7 @@ mod needs;
 mod npm;
 mod project;
 mod python_packages;
+mod release;
 mod remapped;
 mod rig;
 mod semver;
@@ -80,6 +81,8 @@ enum Verb {
     Windows(windows::Arguments),
     /// Make the release: packages for Windows and Linux, with checksums and bills of materials (SBOM)
     Dist(dist::Arguments),
+    /// Give everything a version, commit that, and make all files of the release, twice the same
+    Release(release::Arguments),
     /// Write docs/FEATURES.md from docs/rules/ and the tests that name its rules, or print the tests of a rule
     Features(features::Arguments),
     /// Compare the library's interface with the last release, and list changes that break programs
@@ -120,6 +123,7 @@ fn run(verb: Verb, project: &Project) -> Result<(), Error> {
         Verb::Dotnet(arguments) => dotnet::run(project, &arguments),
         Verb::Windows(arguments) => windows::run(project, &arguments),
         Verb::Dist(arguments) => dist::run(project, &arguments),
+        Verb::Release(arguments) => release::run(project, &arguments),
         Verb::Features(arguments) => features::run(project, &arguments),
         Verb::Semver => semver::run(project),
         Verb::Fuzz(arguments) => fuzz::run(project, &arguments),

@@ -126,6 +126,23 @@ pub const CARGO_SEMVER_CHECKS: Need =
     Need { program: "cargo-semver-checks", source: Source::Tool(&tools::CARGO_SEMVER_CHECKS) };
 pub const ADVISORIES: Need = Need { program: "list of known weaknesses of crates", source: Source::Advisories };
 
+/// The needs of several lists, `N` in all.
+pub const fn joined<const N: usize>(lists: &[&[Need]]) -> [Need; N] {
+    let mut all = [PYTHON; N];
+    let (mut count, mut list) = (0, 0);
+    while list < lists.len() {
+        let mut at = 0;
+        while at < lists[list].len() {
+            all[count] = lists[list][at];
+            count += 1;
+            at += 1;
+        }
+        list += 1;
+    }
+    assert!(count == N, "`N` is the sum of the lengths");
+    all
+}
+
 impl Need {
     /// The need of a package that is unpacked into the target folder. Messages call it by the name of the package.
     pub const fn fetched(package: &'static Fetched) -> Self {

@@ -52,6 +52,16 @@ pub const AXE: Fetched = Fetched {
     cost: "1 MB to fetch, 1 MB in the target folder",
 };
 
+/// Pyright, the checker of Python's types that editors use. It needs Node.
+pub const PYRIGHT: Fetched = Fetched {
+    index: Index::Npm { parts: &["index.js", "dist", "package.json", "LICENSE.txt"] },
+    name: "pyright",
+    version: "1.1.414",
+    sha256: "bf5f473f6167c0d14175492c3263d783b4489a6956e1c06c18e15228e3a3fa42",
+    program: "index.js",
+    cost: "4 MB to fetch, 38 MB in the target folder",
+};
+
 /// Downloads the package into the folder `into`, which is empty, so that the package is then its only file.
 pub fn download(package: &Fetched, into: &Path) -> Result<(), Error> {
     let cache = into.with_extension("cache");

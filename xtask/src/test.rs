@@ -174,25 +174,6 @@ pub struct Gate {
     pub needs: &'static [Need],
 }
 
-/// What the tests of the Python package need that Python itself does not have.
-const PYTHON_PACKAGES: &[Need] = &[
-    PYTHON,
-    PIP,
-    Need::fetched(&python_packages::MATURIN),
-    Need::fetched(&python_packages::NUMPY),
-    Need::fetched(&python_packages::MYPY),
-    Need::fetched(&python_packages::AST_SERIALIZE),
-    Need::fetched(&python_packages::LIBRT),
-    Need::fetched(&python_packages::MYPY_EXTENSIONS),
-    Need::fetched(&python_packages::PATHSPEC),
-    Need::fetched(&python_packages::TYPING_EXTENSIONS),
-    Need::fetched(&python_packages::PYTEST),
-    Need::fetched(&python_packages::INICONFIG),
-    Need::fetched(&python_packages::PACKAGING),
-    Need::fetched(&python_packages::PLUGGY),
-    Need::fetched(&python_packages::PYGMENTS),
-];
-
 pub const GATES: &[Gate] = &[
     Gate { module: "needs_axe", needs: &[CHROMIUM, NPM, AXE] },
     Gate { module: "needs_chromium", needs: &[CHROMIUM] },
@@ -201,7 +182,8 @@ pub const GATES: &[Gate] = &[
     Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE, ZIP, UNZIP] },
     Gate { module: "needs_network_namespace", needs: &[IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_node", needs: &[NODE] },
-    Gate { module: "needs_pip", needs: PYTHON_PACKAGES },
+    Gate { module: "needs_pip", needs: python_packages::TESTS },
+    Gate { module: "needs_pyright", needs: python_packages::PYRIGHT },
     Gate { module: "needs_pysoem", needs: &[PYTHON, PIP, PYSOEM, IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_python", needs: &[PYTHON] },
     Gate { module: "needs_root", needs: &[CXX, SET_USER_ID] },
@@ -457,10 +439,13 @@ mod tests {
             |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
         assert!(closed(&[]).is_empty());
         assert_eq!(closed(&[VALGRIND]), ["needs_valgrind"]);
-        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pip", "needs_pysoem", "needs_python"]);
+        assert_eq!(
+            closed(&[PYTHON]),
+            ["needs_dotnet_core", "needs_pip", "needs_pyright", "needs_pysoem", "needs_python"]
+        );
         assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_network_namespace", "needs_pysoem"]);
         assert_eq!(closed(&[TSHARK]), ["needs_tshark"]);
-        assert_eq!(closed(&[CHROMIUM, NODE]), ["needs_axe", "needs_chromium", "needs_node"]);
+        assert_eq!(closed(&[CHROMIUM, NODE]), ["needs_axe", "needs_chromium", "needs_node", "needs_pyright"]);
         assert_eq!(closed(&[AXE]), ["needs_axe"]);
         assert_eq!(closed(&[MONO]), ["needs_mono"]);
         assert_eq!(closed(&[DOTNET_CORE]), ["needs_dotnet_core"]);

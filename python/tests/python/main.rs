@@ -26,6 +26,20 @@ mod needs_python {
     }
 }
 
+/// The examples whose types are checked; the one of another master needs that.
+const EXAMPLES: [&str; 5] = ["homing", "inputs_outputs", "read_recording", "test_two_axes", "two_axes"];
+
+fn examples() -> [String; 5] {
+    EXAMPLES.map(|name| format!("examples/python/{name}.py"))
+}
+
+/// A program with a wrong type: a state as text.
+fn wrong() -> String {
+    let wrong = support::out_dir().join("wrong.py");
+    std::fs::write(&wrong, "import ecmsk\necmsk.sim().set_state(\"OP\")\n").expect("a file in the target folder");
+    wrong.display().to_string()
+}
+
 /// What needs packages of PyPI.
 mod needs_pip {
     use std::process::Command;
@@ -33,8 +47,8 @@ mod needs_pip {
     use support::{out_dir, root, run};
 
     use crate::package::succeed;
-    use crate::page;
     use crate::wheel::{installed, path_of, python};
+    use crate::{examples, page, wrong};
 
     const PYTEST: [&str; 5] = ["pytest", "iniconfig", "packaging", "pluggy", "pygments"];
     const MYPY: [&str; 6] = ["mypy", "ast_serialize", "librt", "mypy_extensions", "pathspec", "typing_extensions"];
@@ -89,14 +103,38 @@ mod needs_pip {
             mypy.arg("--cache-dir").arg(out_dir().join("mypy")).args(files);
             mypy
         };
-        let examples = ["homing", "inputs_outputs", "read_recording", "test_two_axes", "two_axes"];
-        let examples = examples.map(|name| format!("examples/python/{name}.py"));
-        succeed(&mut mypy(&examples.each_ref().map(String::as_str)));
+        succeed(&mut mypy(&examples().each_ref().map(String::as_str)));
         succeed(&mut mypy(&["--package=ecmsk"]));
-        let wrong = out_dir().join("wrong.py");
-        std::fs::write(&wrong, "import ecmsk\necmsk.sim().set_state(\"OP\")\n").expect("a file in the target folder");
-        let ended = run(&mut mypy(&[&wrong.display().to_string()]));
+        let ended = run(&mut mypy(&[&wrong()]));
         assert_eq!(ended.status.code(), Some(1), "{}", ended.stdout);
         assert!(ended.stdout.contains("incompatible type \"str\"; expected \"MasterState\""), "{}", ended.stdout);
+    }
+}
+
+/// What needs Pyright, the checker of types that editors have.
+mod needs_pyright {
+    use std::process::Command;
+
+    use support::{root, run};
+
+    use crate::package::succeed;
+    use crate::wheel::{fetched, installed, path_of};
+    use crate::{examples, wrong};
+
+    /// The examples use the installed package with the right types, as Pyright sees them, and so does the package itself. A
+    /// wrong use is found.
+    #[test]
+    fn types_are_right_for_an_editor() {
+        let pyright = |files: &[String]| {
+            let mut pyright = Command::new("node");
+            pyright.current_dir(root()).env("PYTHONPATH", path_of(&["iniconfig", "numpy", "pluggy", "pytest"]));
+            pyright.arg(fetched("pyright").join("index.js")).arg("--pythonpath").arg(installed()).args(files);
+            pyright
+        };
+        succeed(&mut pyright(&examples()));
+        succeed(&mut pyright(&["python/ecmsk".to_owned()]));
+        let ended = run(&mut pyright(&[wrong()]));
+        assert_eq!(ended.status.code(), Some(1), "{}", ended.stdout);
+        assert!(ended.stdout.contains("cannot be assigned to parameter \"state\" of type \"MasterState\""));
     }
 }

@@ -328,9 +328,7 @@ fn other_servers_have_the_same() {
         (status == "503").then_some(text)
     });
     assert!(text.starts_with("no report of the board for "), "{text}");
-    let mut again = crate::common::ecmsk(["serve", "tcp", "--link", "sim:?slaves=drive*2,io", "--listen"]);
-    again.arg(link.strip_prefix("tcp://").expect("an address")).env_remove("ECMSK_TCP_SECRET");
-    let again = Serving::by(again);
+    let again = Serving::start_again(&link, "sim:?slaves=drive*2,io");
     until("the board", || (web.health().0 == "200").then_some(()));
     web.serving.end();
     again.end();

@@ -208,9 +208,7 @@ fn a_board_that_is_back_is_shown_again() {
     board.end();
     let lost = (0..STATUSES_MAX).any(|_| !trouble(&status(&mut socket)).is_null());
     assert!(lost, "its end is said");
-    let mut command = crate::common::ecmsk(["serve", "tcp", "--link", "sim:?slaves=drive*2,io", "--listen"]);
-    command.arg(link.strip_prefix("tcp://").expect("an address")).env_remove("ECMSK_TCP_SECRET");
-    let board = Serving::by(command);
+    let board = Serving::start_again(&link, "sim:?slaves=drive*2,io");
     let is_back = (0..STATUSES_MAX).any(|_| trouble(&status(&mut socket)).is_null());
     assert!(is_back, "it is shown again");
     let (before, after) = (status(&mut socket), status(&mut socket));

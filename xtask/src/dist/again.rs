@@ -95,7 +95,13 @@ mod tests {
                 fs::write(folders[at].path().join(name), text).unwrap();
             }
             let names = files.iter().map(|(name, _)| (*name).to_owned()).collect();
-            Made { folder: folders[at].path().to_owned(), names, linux: Vec::new() }
+            Made {
+                folder: folders[at].path().to_owned(),
+                names,
+                zip: PathBuf::new(),
+                on_windows: Vec::new(),
+                linux: Vec::new(),
+            }
         };
         let first = made(0, &[("a", "same"), ("b", "one"), ("c", "")]);
         let second = made(1, &[("a", "same"), ("b", "other")]);

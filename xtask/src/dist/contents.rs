@@ -30,7 +30,7 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
     let left_out: Vec<String> = left_out.map(|rid| format!("runtimes/{rid}/")).collect();
     let mut problems = Vec::new();
     for (package, machine, file) in packages(release, made) {
-        let to = unpacked.join(machine.debian()).join(&package);
+        let to = unpacked.join(file.file_name().unwrap_or_default());
         fs::create_dir_all(&to).map_err(Error::file("make", &to))?;
         let top = unpack(&file, &to)?;
         problems.extend(differences(&package, machine, &left_out, &files(&top)?));
@@ -49,14 +49,15 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
 
 /// Each package by the name that it has in [`LIST`], the machine that it is for, and its path.
 fn packages(release: &Release, made: &Made) -> Vec<(String, Machine, PathBuf)> {
-    let zip = made.folder.join(format!("ecmsk-{}-windows.zip", release.version));
-    let mut found = vec![("windows.zip".to_owned(), Machine::Amd64, zip)];
+    let mut found = vec![("windows.zip".to_owned(), Machine::Amd64, made.zip.clone())];
+    found.extend(made.on_windows.iter().map(|wheel| ("windows.whl".to_owned(), Machine::Amd64, wheel.clone())));
     for id in ["Ecmsk", "NEXTWUSB.Compat"] {
         let package = made.folder.join(format!("{id}.{}.nupkg", release.version));
         found.push((format!("{id}.nupkg"), Machine::Amd64, package));
     }
-    for ForLinux { machine, tar, debs, .. } in &made.linux {
+    for ForLinux { machine, tar, wheel, debs, .. } in &made.linux {
         found.push(("linux.tar.gz".to_owned(), *machine, made.folder.join(tar)));
+        found.push(("linux.whl".to_owned(), *machine, wheel.clone()));
         for deb in debs {
             let name = deb.file_name().unwrap_or_default().to_string_lossy().into_owned();
             found.push((name.split('_').next().unwrap_or_default().to_owned(), *machine, deb.clone()));
@@ -72,7 +73,9 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
         command::output(Command::new("dpkg-deb").arg("--extract").arg(file).arg(to))?;
         return Ok(to.to_owned());
     }
-    let is_zip = kind == "zip" || kind == "nupkg";
+    // These two have no folder around their files.
+    let is_flat = kind == "nupkg" || kind == "whl";
+    let is_zip = kind == "zip" || is_flat;
     let mut unpack = match is_zip {
         true => Command::new(UNZIP.program),
         false => Command::new("tar"),
@@ -82,7 +85,7 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
         false => unpack.arg("--extract").arg("--file").arg(file).arg("--directory").arg(to),
     };
     command::output(&mut unpack)?;
-    if kind == "nupkg" {
+    if is_flat {
         return Ok(to.to_owned());
     }
     let mut inside = fs::read_dir(to).map_err(Error::file("list", to))?.flatten().map(|entry| entry.path());
@@ -95,7 +98,8 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
 /// What differs between the files of a package and those of [`LIST`]; `left_out`: folders that it does not have this time.
 fn differences(package: &str, machine: Machine, left_out: &[String], found: &[PathBuf]) -> Vec<String> {
     let of_it = |line: &'static str| line.strip_prefix(package)?.strip_prefix(' ');
-    let listed: Vec<String> = LIST.lines().filter_map(of_it).map(|path| path.replace('@', machine.gnu())).collect();
+    let here = |path: &str| path.replace('@', machine.gnu()).replace("VERSION", env!("CARGO_PKG_VERSION"));
+    let listed: Vec<String> = LIST.lines().filter_map(of_it).map(here).collect();
     let is_left_out = |path: &String| left_out.iter().any(|folder| path.starts_with(folder));
     let listed: Vec<String> = listed.into_iter().filter(|path| !is_left_out(path)).collect();
     let fits = |pattern: &str, path: &str| match pattern.split_once('*') {

@@ -6,13 +6,10 @@ use std::path::Path;
 use std::process::Command;
 
 use super::machine::Machine;
-use super::{ForLinux, deb, folder};
+use super::{ForLinux, deb, first_axis, folder};
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
-
-/// A simulated board with one axis, on which the programs run.
-const LINK: &str = "sim:?slaves=drive&clock=virtual";
 
 /// Unpacks the Debian packages into one folder. Compiles a program with the shared library and with the static one, runs
 /// both, and moves a simulated axis with the tool.
@@ -32,7 +29,7 @@ pub fn test(project: &Project, packages: &ForLinux, emulator: &str, version: &st
         // The emulator finds the dynamic linker and the C library of that machine in the folder of the cross compiler.
         run.arg("-L").arg(Path::new("/usr").join(machine.gnu()));
         run.arg("-E").arg(format!("LD_LIBRARY_PATH={}", libraries(machine, &root).display()));
-        run.env("ECMSK_LINK", LINK).arg(program).args(words);
+        run.env("ECMSK_LINK", "sim:?clock=virtual").arg(program).args(words);
         let said = command::output(&mut run)?;
         Ok::<_, Error>(String::from_utf8_lossy(&said).into_owned())
     };
@@ -46,10 +43,7 @@ pub fn test(project: &Project, packages: &ForLinux, emulator: &str, version: &st
     };
     let tool = root.join("usr/bin/ecmsk");
     expect("ecmsk --version", emulated(&tool, &["--version"])?, &format!("ecmsk {version}\n"))?;
-    let moved = emulated(&tool, &["move", "1=1000", "--up", "--json"])?;
-    if !moved.contains(r#""position_counts":1000,"#) {
-        expect("ecmsk move 1=1000 --up --json", moved, "a line with the position 1000")?;
-    }
+    expect("ecmsk move", emulated(&tool, &first_axis::MOVE)?, first_axis::MOVED)?;
     for is_static in [false, true] {
         let program = compile(machine, &root, is_static)?;
         expect(&program.display().to_string(), emulated(&program, &[])?, deb::install::EXPECTED)?;

@@ -52,6 +52,16 @@ impl Machine {
         }
     }
 
+    /// The tag of Python's wheels for the machine: any Linux with at least this version of the C library, as auditwheel
+    /// finds it.
+    pub const fn wheel(self) -> &'static str {
+        match self {
+            Self::Amd64 => "manylinux_2_34_x86_64",
+            Self::Arm64 => "manylinux_2_34_aarch64",
+            Self::Armhf => "manylinux_2_34_armv7l",
+        }
+    }
+
     /// rustc's target triple.
     pub const fn target(self) -> &'static str {
         match self {

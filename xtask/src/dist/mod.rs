@@ -6,8 +6,9 @@
 //! - `release.rs`: the version, and the one time that all packed files get
 //! - `machine.rs`, `foreign.rs`: the machines for which Linux packages are made, and the test of those for other machines than
 //!   this one, in an emulator
-//! - `linux.rs`, `tarball.rs`, `windows_zip.rs`, `nuget.rs`, `deb/`: the packages: for any Linux, for Windows, for .NET, for
-//!   Debian
+//! - `linux.rs`, `tarball.rs`, `windows_zip.rs`, `wheel.rs`, `nuget.rs`, `deb/`: the packages: for any Linux, for Windows, for
+//!   Python, for .NET, for Debian
+//! - `first_axis.rs`: puts a package in place and moves an axis with it
 //! - `tree.rs`, `archive.rs`: a folder with fixed modes and times, and its archive
 //! - `crates.rs`, `licences.rs`, `sbom.rs`: the crates in each file, their licences, and the list of components (SBOM)
 //! - `contents.rs`, `again.rs`: check the contents of the packages, and that a second build gives the same bytes
@@ -17,6 +18,7 @@ mod archive;
 mod contents;
 mod crates;
 mod deb;
+mod first_axis;
 mod foreign;
 mod licences;
 mod linux;
@@ -26,6 +28,7 @@ mod release;
 mod sbom;
 mod tarball;
 mod tree;
+mod wheel;
 mod windows_zip;
 
 use std::fs;
@@ -35,9 +38,10 @@ use std::process::Command;
 use crate::error::Error;
 use crate::needs::{
     CARGO_DEBIAN, DEBOOTSTRAP, DPKG_DEV, GCC_ARM64, GCC_ARMHF, LINTIAN, MCS, MINGW_X64, MINGW_X86, Need, QEMU_USER,
-    ROOT, RUSTC_DEBIAN, STRIP, UNZIP, ZIP,
+    ROOT, RUSTC_DEBIAN, STRIP, UNZIP, WINE_X64, ZIP, joined,
 };
 use crate::project::Project;
+use crate::python_packages::WHEELS;
 use crate::stage::{SLEEP_PACKAGE, TOOL_PACKAGE};
 use crate::windows::Width;
 use crate::{command, debian_rust, dotnet, features, needs, windows};
@@ -48,27 +52,18 @@ use release::Release;
 use sbom::{Artefact, Runtime};
 use tree::Tree;
 
-/// The programs that making the packages needs.
-const NEEDS: &[Need] = &[
-    RUSTC_DEBIAN,
-    CARGO_DEBIAN,
-    MINGW_X86,
-    MINGW_X64,
-    GCC_ARM64,
-    GCC_ARMHF,
-    MCS,
-    STRIP,
-    ZIP,
-    UNZIP,
-    DPKG_DEV,
-    LINTIAN,
-];
+/// The programs that making the packages for this machine and for Windows needs.
+const NEEDS: &[Need] = &joined::<{ 10 + WHEELS.len() }>(&[
+    &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN],
+    WHEELS,
+]);
+/// The further programs that the packages for other machines need.
+const FOREIGN_NEEDS: &[Need] = &[GCC_ARM64, GCC_ARMHF];
 /// The further programs and rights that `--check` needs.
-const CHECK_NEEDS: &[Need] = &[DEBOOTSTRAP, ROOT, QEMU_USER];
-/// The programs and rights that `cargo xtask test --all` needs to make packages for this machine and for Windows, and to
-/// install them in a Debian system.
-pub const TEST_NEEDS: &[Need] =
-    &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN, DEBOOTSTRAP, ROOT];
+const CHECK_NEEDS: &[Need] = &[DEBOOTSTRAP, ROOT, WINE_X64, QEMU_USER];
+/// The programs and rights that `cargo xtask test --all` needs to make packages for this machine and for Windows, to install
+/// them in a Debian system, and to run them under Wine.
+pub const TEST_NEEDS: &[Need] = &joined::<{ NEEDS.len() + 3 }>(&[NEEDS, &[DEBOOTSTRAP, ROOT, WINE_X64]]);
 
 /// The runtime identifier of .NET for this machine.
 pub const RID_HERE: &str = if cfg!(target_arch = "aarch64") { "linux-arm64" } else { "linux-x64" };
@@ -88,7 +83,7 @@ pub struct Arguments {
 }
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
-    needs::require(project, &[NEEDS, if arguments.check { CHECK_NEEDS } else { &[] }].concat())?;
+    needs::require(project, &[NEEDS, FOREIGN_NEEDS, if arguments.check { CHECK_NEEDS } else { &[] }].concat())?;
     let out = arguments.out.clone().unwrap_or_else(|| project.root.join("dist"));
     let out = std::path::absolute(&out).map_err(Error::file("find", &out))?;
     let release = Release::find(project)?;
@@ -113,11 +108,24 @@ pub fn test(project: &Project) -> Result<(), Error> {
     test_packages(project, &release, &made)
 }
 
-/// Installs the packages for this machine in a fresh system, and runs those for others in an emulator.
+/// Puts the packages in place as their users do, moves an axis with each, and runs those for other machines in an emulator.
 fn test_packages(project: &Project, release: &Release, made: &Made) -> Result<(), Error> {
-    made.linux.iter().try_for_each(|packages| match packages.machine.emulator() {
-        None => deb::install::test(project, &packages.debs, release.version),
-        Some(emulator) => foreign::test(project, packages, emulator, release.version),
+    let place = folder(project).join("in-place");
+    if place.exists() {
+        fs::remove_dir_all(&place).map_err(Error::file("remove", &place))?;
+    }
+    for packages in &made.linux {
+        if let Some(emulator) = packages.machine.emulator() {
+            foreign::test(project, packages, emulator, release.version)?;
+            continue;
+        }
+        first_axis::of_the_tarball(&made.folder.join(&packages.tar), &place)?;
+        wheel::first_axis(project, &packages.wheel, &place.join("environment"))?;
+        deb::install::test(project, &packages.debs, release.version)?;
+    }
+    let program = format!("ecmsk-{}-windows/x64/ecmsk.exe", release.version);
+    first_axis::timed("the zip file under Wine", first_axis::MOVED, || {
+        windows::run_from_zip(project, &made.zip, &program, &first_axis::MOVE)
     })
 }
 
@@ -145,6 +153,10 @@ struct Made {
     folder: PathBuf,
     /// The names of all files for a release, [`SUMS`] last.
     names: Vec<String>,
+    /// The path of the package for Windows.
+    zip: PathBuf,
+    /// The paths of the wheels for Windows; a quick build has none.
+    on_windows: Vec<PathBuf>,
     linux: Vec<ForLinux>,
 }
 
@@ -153,6 +165,8 @@ struct ForLinux {
     machine: Machine,
     /// The file name of the `.tar.gz` package.
     tar: String,
+    /// The path of the wheel.
+    wheel: PathBuf,
     /// The paths of the Debian packages.
     debs: Vec<PathBuf>,
     /// The folder that is packed as `.tar.gz`.
@@ -182,11 +196,12 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
         on_windows = both(on_windows, known.linked(project, TOOL_PACKAGE, triple(width))?);
     }
     let on_windows = licences::text(&on_windows)?;
-    let zip = Tree::new(work.join("zip").join(format!("ecmsk-{}-windows", release.version)))?;
-    windows_zip::fill(project, release, &zip, &windows, &assemblies, &on_windows)?;
+    let tree = Tree::new(work.join("zip").join(format!("ecmsk-{}-windows", release.version)))?;
+    windows_zip::fill(project, release, &tree, &windows, &assemblies, &on_windows)?;
 
     let mut names = vec![format!("ecmsk-{}-windows.zip", release.version)];
-    archive::zip(release, project.archive_level(), &zip, &out.join(&names[0]))?;
+    let zip = out.join(&names[0]);
+    archive::zip(release, project.archive_level(), &tree, &zip)?;
     let mut in_dotnet = Vec::new();
     let machines = linux.iter().map(|packages| packages.machine).filter(|machine| machine.rid().is_some());
     for triple in Width::ALL.map(triple).into_iter().chain(machines.map(Machine::target)) {
@@ -195,12 +210,19 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     let in_dotnet = licences::text(&in_dotnet)?;
     let natives = natives(&linux, &windows);
     names.extend(nuget::make(project, release, &assemblies, &natives, &in_dotnet, &work.join("nuget"), out)?);
+    let modules = if project.quick { Vec::new() } else { modules_for_windows(project)? };
+    let mut wheels = Vec::new();
+    for (width, module) in &modules {
+        wheels.push(wheel_for_windows(project, release, &known, *width, module, out)?);
+    }
+    let name_of = |path: &PathBuf| Some(path.file_name()?.to_string_lossy().into_owned());
+    names.extend(wheels.iter().filter_map(name_of));
     for packages in &linux {
         names.push(packages.tar.clone());
-        names.extend(packages.debs.iter().filter_map(|deb| Some(deb.file_name()?.to_string_lossy().into_owned())));
+        names.extend([&packages.wheel].into_iter().chain(&packages.debs).filter_map(name_of));
     }
     let list = format!("ecmsk-{}.cdx.json", release.version);
-    let mut artefacts = artefacts(project, &known, &linux, &zip)?;
+    let mut artefacts = artefacts(project, &known, &linux, &tree, &modules)?;
     artefacts.push(Artefact {
         name: "Ecmsk.dll".to_owned(),
         kind: "library",
@@ -216,7 +238,32 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     let sums = archive::sums(out, &names)?;
     fs::write(out.join(SUMS), sums).map_err(Error::file("write", out))?;
     names.push(SUMS.to_owned());
-    Ok(Made { folder: out.to_owned(), names, linux })
+    Ok(Made { folder: out.to_owned(), names, zip, on_windows: wheels, linux })
+}
+
+/// Builds the modules of the Python package for Windows.
+fn modules_for_windows(project: &Project) -> Result<Vec<(Width, PathBuf)>, Error> {
+    let place = folder(project).join("modules");
+    let built = |width: Width| Ok((width, windows::build_module(project, width, &place.join(width.name()))?));
+    Width::ALL.into_iter().map(built).collect()
+}
+
+/// Makes the wheel of a module for Windows; returns its path.
+fn wheel_for_windows(
+    project: &Project,
+    release: &Release,
+    known: &Known,
+    width: Width,
+    module: &Path,
+    out: &Path,
+) -> Result<PathBuf, Error> {
+    let tag = match width {
+        Width::X86 => "win32",
+        Width::X64 => "win_amd64",
+    };
+    let platform = wheel::Platform { tag, module: wheel::ON_WINDOWS };
+    let others = licences::text(&known.linked(project, wheel::PACKAGE, triple(width))?)?;
+    wheel::make(project, release, &platform, module, &others, &folder(project).join("wheels"), out)
 }
 
 /// Makes the NuGet packages in a folder of `out`, which is returned, with these native libraries alone: for tests.
@@ -263,7 +310,11 @@ fn make_for_linux(
     let tar = format!("{name}.tar.gz");
     archive::tar(release, project.archive_level(), &tree, &out.join(&tar))?;
     let debs = deb::build(project, release, machine, &stage, &others, out)?;
-    Ok(ForLinux { machine, tar, debs, tree })
+    let (module, platform) =
+        (linux::module(project, machine), wheel::Platform { tag: machine.wheel(), module: wheel::ON_LINUX });
+    let others = licences::text(&linked(wheel::PACKAGE)?)?;
+    let wheel = wheel::make(project, release, &platform, &module, &others, &folder(project).join("wheels"), out)?;
+    Ok(ForLinux { machine, tar, wheel, debs, tree })
 }
 
 /// Checks the packages that were made: their contents, checksums and, for Debian packages, lintian.
@@ -272,6 +323,8 @@ fn judge(project: &Project, release: &Release, made: &Made) -> Result<(), Error>
         Command::new("sha256sum").current_dir(&made.folder).args(["--check", "--strict", "--quiet", SUMS]),
     )?;
     contents::check(project, release, made)?;
+    let mut wheels = made.linux.iter().map(|packages| &packages.wheel).chain(&made.on_windows);
+    wheels.try_for_each(|file| wheel::judge(project, file))?;
     // lintian reads the symbols of all objects in the static library, which takes minutes if they are little optimised. So
     // a quick build leaves out the package that has it.
     let has_archive = |deb: &&PathBuf| deb.to_string_lossy().contains(deb::DEVELOPMENT);
@@ -299,7 +352,13 @@ fn triple(width: Width) -> &'static str {
 }
 
 /// The shipped libraries and programs, each with its crates, for the list of components.
-fn artefacts(project: &Project, known: &Known, linux: &[ForLinux], zip: &Tree) -> Result<Vec<Artefact>, Error> {
+fn artefacts(
+    project: &Project,
+    known: &Known,
+    linux: &[ForLinux],
+    zip: &Tree,
+    modules: &[(Width, PathBuf)],
+) -> Result<Vec<Artefact>, Error> {
     let mut found = Vec::new();
     let std = |rustc: &str| Ok::<_, Error>(Runtime::rust(version_of(Command::new(rustc).current_dir(&project.root))?));
     let debians = std(debian_rust::RUSTC)?;
@@ -322,6 +381,22 @@ fn artefacts(project: &Project, known: &Known, linux: &[ForLinux], zip: &Tree) -
                     .collect(),
             });
         }
+        found.push(Artefact {
+            name: format!("linux-{}/{}", machine.debian(), wheel::ON_LINUX),
+            kind: "library",
+            file: linux::module(project, *machine),
+            crates: known.linked(project, wheel::PACKAGE, machine.target())?,
+            runtimes: vec![std(machine.rustc())?],
+        });
+    }
+    for (width, module) in modules {
+        found.push(Artefact {
+            name: format!("windows/{}/{}", width.name(), wheel::ON_WINDOWS),
+            kind: "library",
+            file: module.clone(),
+            crates: known.linked(project, wheel::PACKAGE, triple(*width))?,
+            runtimes: [debians.clone()].into_iter().chain(Runtime::mingw(*width)?).collect(),
+        });
     }
     for width in Width::ALL {
         let mingw = Runtime::mingw(width)?;

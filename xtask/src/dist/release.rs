@@ -1,5 +1,6 @@
 //! The version of a release, and the one time that all its files have.
 
+use std::ffi::OsStr;
 use std::process::Command;
 use std::{env, fs};
 
@@ -47,7 +48,7 @@ impl Release {
 
     /// Starts a program so that its output does not depend on the present time, the language and the sort order of this
     /// machine.
-    pub fn command(&self, program: &str) -> Command {
+    pub fn command(&self, program: impl AsRef<OsStr>) -> Command {
         let mut command = Command::new(program);
         command.env(VARIABLE, self.epoch.to_string()).env("LC_ALL", "C").env("TZ", "UTC");
         command

@@ -40,6 +40,16 @@ pub const BUILT: [Built; 2] = [
     },
 ];
 
+/// The module of the Python package.
+pub const MODULE: Built = Built {
+    details: version::File {
+        name: "ecmsk_python.dll",
+        description: "The ECM-SK's module for Python, of the project ecmsk",
+        kind: Kind::Library,
+    },
+    what: &["--package=ecmsk-python", "--lib"],
+};
+
 /// The cargo profile with which the files are built, and (next constant) the one for tests alone.
 const PROFILE: &str = "windows";
 const QUICK_PROFILE: &str = "windows-quick";
@@ -48,8 +58,8 @@ const QUICK_PROFILE: &str = "windows-quick";
 const START_AND_END: [&str; 2] = ["rsbegin", "rsend"];
 
 impl Built {
-    /// Builds the DLL or program for a width into the folder `place`.
-    pub fn build(&self, project: &Project, width: Width, place: &Path) -> Result<(), Error> {
+    /// Builds the DLL or program for a width into the folder `place`; returns its path.
+    pub fn build(&self, project: &Project, width: Width, place: &Path) -> Result<PathBuf, Error> {
         let Self { details, what } = self;
         let target = folder(project).join("build");
         let shown = details.object(width, &target.join(width.name()))?;
@@ -73,7 +83,8 @@ impl Built {
         let mut image = fs::read(&built).map_err(Error::file("read", &built))?;
         relocations::mend(&mut image).map_err(|what| Error::Dll { path: built, what })?;
         let to = place.join(details.name);
-        fs::write(&to, image).map_err(Error::file("write", &to))
+        fs::write(&to, image).map_err(Error::file("write", &to))?;
+        Ok(to)
     }
 }
 

@@ -23,13 +23,13 @@ mod wine;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-pub use files::DLL;
+pub use files::{DLL, MODULE};
 pub use implib::{MINGW, MSVC};
 
 use crate::error::Error;
 use crate::needs::{
     CARGO_DEBIAN, CLANG, DEBOOTSTRAP, DOTNET_CORE, DOTNET_WINDOWS_X64, DOTNET_WINDOWS_X86, GCC, LLD_LINK, MCS,
-    MINGW_X64, MINGW_X86, MONO, NPM, Need, PIP, PYTHON, QEMU, ROOT, RUSTC_DEBIAN, STRIP, WINE_X64, XZ,
+    MINGW_X64, MINGW_X86, MONO, NPM, Need, PIP, PYTHON, QEMU, ROOT, RUSTC_DEBIAN, STRIP, UNZIP, WINE_X64, XZ,
 };
 use crate::project::Project;
 use crate::{command, stage};
@@ -156,6 +156,23 @@ pub fn build_into(project: &Project, prefix: &Path) -> Result<(), Error> {
     Ok(())
 }
 
+/// Builds the module of the Python package for a width into the folder `place`; returns its path.
+pub fn build_module(project: &Project, width: Width, place: &Path) -> Result<PathBuf, Error> {
+    std::fs::create_dir_all(place).map_err(Error::file("make", place))?;
+    MODULE.build(project, width, place)
+}
+
+/// Runs `program` of the zip file `zip` under 64-bit Wine; returns what it prints. Both are paths, that of the program is one
+/// in the file.
+pub fn run_from_zip(project: &Project, zip: &Path, program: &str, words: &[&str]) -> Result<String, Error> {
+    let wine = wine::set_up(project, Width::X64)?;
+    command::output(Command::new(UNZIP.program).arg("-q").arg(zip).arg("-d").arg(wine.programs.join("unpacked")))?;
+    let mut script = Command::new(&wine.script);
+    let said = command::output(script.arg("unpacked").arg(program).args(words))?;
+    wine.clear()?;
+    Ok(String::from_utf8_lossy(&said).replace("\r\n", "\n"))
+}
+
 /// The folder into which [`build_into`] builds for the tests.
 pub fn staged(project: &Project) -> PathBuf {
     folder(project).join("stage")
@@ -169,7 +186,7 @@ pub fn set_up_debian(project: &Project) -> Result<(), Error> {
 fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Error> {
     let place = prefix.join(width.name());
     std::fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
-    files::BUILT.iter().try_for_each(|file| file.build(project, width, &place))?;
+    files::BUILT.iter().try_for_each(|file| file.build(project, width, &place).map(drop))?;
     implib::write(width, &place)?;
     stage::install_headers(project, &prefix.join("include"))
 }

@@ -25,6 +25,14 @@ impl Serving {
         Self::by(command)
     }
 
+    /// Starts a server of this board at the address of another server, which has ended.
+    #[track_caller]
+    pub fn start_again(link: &str, board: &str) -> Self {
+        let mut command = ecmsk(["serve", "tcp", "--link", board, "--listen"]);
+        command.arg(link.strip_prefix("tcp://").expect("an address")).env_remove("ECMSK_TCP_SECRET");
+        Self::by(command)
+    }
+
     /// Starts a server by its command.
     #[track_caller]
     pub fn by(mut command: Command) -> Self {

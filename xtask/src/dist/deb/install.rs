@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::parts::PARTS;
 use crate::command;
 use crate::debian::{self, System};
-use crate::dist::tree;
+use crate::dist::{first_axis, tree};
 use crate::error::Error;
 use crate::project::Project;
 
@@ -38,25 +38,23 @@ pub const EXPECTED: &str = "PreOP\n";
 /// them.
 const CHANGING_PATHS: [&str; 7] = ["var/", "proc/", "run/", "tmp/", "srv/", "etc/ld.so.cache", "usr/share/info/dir"];
 
-/// The steps that the test runs in the Debian system: shell lines with their expected output; `None` if the output is not
-/// checked.
-fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
+/// The steps that the test runs in the Debian system: shell lines with their expected output.
+fn steps(version: &str) -> Vec<(&'static str, String)> {
     let compile = "cd /srv && gcc -Wall -Wextra -Werror program.c -o";
     let pkgconfig = "$(pkg-config --cflags --libs nextwusblib)";
     let archive = "$(pkg-config --variable=libdir nextwusblib)/libNEXTWUSBLib.a \
                    $(pkg-config --static --libs-only-l nextwusblib | sed s/-lNEXTWUSBLib//)";
     let line = |text: String| -> &'static str { Box::leak(text.into_boxed_str()) };
     vec![
-        ("apt-get -qq install -y --no-install-recommends ./srv/packages/*.deb", None),
-        ("ecmsk --version", Some(format!("ecmsk {version}\n"))),
-        ("pkg-config --modversion nextwusblib", Some(format!("{version}\n"))),
-        (line(format!("{compile} program {pkgconfig}")), Some(String::new())),
-        ("ECMSK_LINK='sim:?clock=virtual' /srv/program", Some(EXPECTED.to_owned())),
-        ("ecmsk exec --link 'sim:?clock=virtual' -- /srv/program", Some(EXPECTED.to_owned())),
-        (line(format!("{compile} alone {archive}")), Some(String::new())),
-        ("ldd /srv/alone | grep NEXTWUSBLib || ECMSK_LINK='sim:?clock=virtual' /srv/alone", Some(EXPECTED.to_owned())),
-        ("bash -n /usr/share/bash-completion/completions/ecmsk", Some(String::new())),
-        ("zcat /usr/share/man/man1/ecmsk.1.gz | grep -c '^.TH ecmsk 1'", Some("1\n".to_owned())),
+        ("ecmsk --version", format!("ecmsk {version}\n")),
+        ("pkg-config --modversion nextwusblib", format!("{version}\n")),
+        (line(format!("{compile} program {pkgconfig}")), String::new()),
+        ("ECMSK_LINK='sim:?clock=virtual' /srv/program", EXPECTED.to_owned()),
+        ("ecmsk exec --link 'sim:?clock=virtual' -- /srv/program", EXPECTED.to_owned()),
+        (line(format!("{compile} alone {archive}")), String::new()),
+        ("ldd /srv/alone | grep NEXTWUSBLib || ECMSK_LINK='sim:?clock=virtual' /srv/alone", EXPECTED.to_owned()),
+        ("bash -n /usr/share/bash-completion/completions/ecmsk", String::new()),
+        ("zcat /usr/share/man/man1/ecmsk.1.gz | grep -c '^.TH ecmsk 1'", "1\n".to_owned()),
     ]
 }
 
@@ -64,6 +62,9 @@ fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
 pub fn set_up_debian(project: &Project) -> Result<PathBuf, Error> {
     debian::set_up(&project.target.join("xtask"), &SYSTEM)
 }
+
+/// The line that installs the packages.
+const INSTALL: &str = "apt-get -qq install -y --no-install-recommends ./srv/packages/*.deb";
 
 /// Installs the packages, runs the steps, removes the packages, and checks that nothing is left of them.
 pub fn test(project: &Project, packages: &[PathBuf], version: &str) -> Result<(), Error> {
@@ -83,13 +84,19 @@ pub fn test(project: &Project, packages: &[PathBuf], version: &str) -> Result<()
     }
     let program = root.join(PLACE).join("program.c");
     fs::write(&program, PROGRAM).map_err(Error::file("write", &program))?;
+    let said = |words: &[&str]| {
+        let said = command::output(&mut debian::inside(&root, words))?;
+        Ok::<_, Error>(String::from_utf8_lossy(&said).into_owned())
+    };
+    first_axis::timed("the Debian packages", first_axis::MOVED, || {
+        said(&["sh", "-ec", INSTALL])?;
+        said(&[&["ecmsk"][..], &first_axis::MOVE].concat())
+    })?;
     for (line, expected) in steps(version) {
-        let said = command::output(&mut debian::inside(&root, &["sh", "-ec", line]))?;
-        let said = String::from_utf8_lossy(&said).into_owned();
-        if expected.as_ref().is_some_and(|expected| *expected != said) {
+        let said = said(&["sh", "-ec", line])?;
+        if said != expected {
             return Err(Error::Package(format!(
-                "in a fresh Debian `{line}` printed {said:?} instead of {:?}; look there: chroot {}",
-                expected.unwrap_or_default(),
+                "in a fresh Debian `{line}` printed {said:?} instead of {expected:?}; look there: chroot {}",
                 root.display()
             )));
         }

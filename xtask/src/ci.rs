@@ -60,14 +60,14 @@ mod tests {
 
     use clap::Parser;
 
-    /// Each `cargo xtask` command that the GitHub workflow or the script `.ci/run` calls exists, with the options that it
-    /// is given.
+    /// Each `cargo xtask` command that a workflow of GitHub or the script `.ci/run` calls exists, with the options that it is
+    /// given.
     #[test]
     fn what_a_ci_runs_is_there() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
         let text = |file| fs::read_to_string(root.join(file)).unwrap();
-        let (workflow, script) = (text(".github/workflows/ci.yml"), text(".ci/run"));
-        let lines = workflow.lines().chain(script.lines()).map(|line| line.trim().trim_start_matches("- "));
+        let all = [".github/workflows/ci.yml", ".github/workflows/release.yml", ".ci/run"].map(text).join("\n");
+        let lines = all.lines().map(|line| line.trim().trim_start_matches("- "));
         let commands = lines.map(|line| line.trim_start_matches("run: ")).filter(|line| line.starts_with("cargo "));
         let commands: Vec<&str> = commands.collect();
         for command in &commands {
@@ -75,7 +75,9 @@ mod tests {
             let words = command.split_whitespace().skip(1);
             crate::Arguments::try_parse_from(words).unwrap_or_else(|error| panic!("{command}: {error}"));
         }
-        assert_eq!(commands, ["cargo xtask ci --fast", "cargo xtask ci", "cargo xtask test --all"]);
+        let expected =
+            ["cargo xtask ci --fast", "cargo xtask ci", "cargo xtask dist --check", "cargo xtask test --all"];
+        assert_eq!(commands, expected);
     }
 
     /// The toolchain with which everything is tested is the oldest Rust version that the crate supports.

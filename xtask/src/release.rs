@@ -8,6 +8,7 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
+use crate::semver;
 
 /// The version as it stands in the sources.
 const PRESENT: &str = env!("CARGO_PKG_VERSION");
@@ -63,6 +64,10 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let mut facts = project.cargo();
     facts.env("ECMSK_BLESS", "1").args(["test", "--quiet", "--workspace", "--test=capi", "the_surface_stays"]);
     command::run(&mut facts)?;
+    match semver::run(project) {
+        Err(Error::NoRelease) => {}
+        compared => compared?,
+    }
     git(&["add", "--all"])?;
     git(&["commit", "--quiet", "--message", &format!("Release {version}")])?;
     // Another process: this one has the version before in it.

@@ -19,6 +19,15 @@ mod needs_python {
         succeed(python().args(["-m", "unittest", "discover", "--start-directory", "python/tests/unit"]));
     }
 
+    /// The front page of the package has the first program of docs/PYTHON.md.
+    #[test]
+    fn the_front_page_has_the_first_program() {
+        let text = |file: &str| std::fs::read_to_string(support::root().join(file)).expect("a page");
+        let front = text("python/README.md");
+        let program = front.split("```").nth(1).expect("a program");
+        assert!(program.starts_with("python\n# first.py\n") && text("docs/PYTHON.md").contains(program));
+    }
+
     /// docs/PYTHON.md: its programs print what it shows.
     #[test]
     fn the_page_tells_the_truth() {

@@ -55,7 +55,7 @@ pub fn make(
     tree.copy(library, &format!("ecmsk/{}", platform.module), DATA)?;
     let info = format!("ecmsk-{}.dist-info", release.version);
     let mut maturin = release.command(MATURIN.program(project));
-    maturin.current_dir(&sources).args(["pep517", "write-dist-info", "--offline", "--interpreter", PYTHON.program]);
+    maturin.current_dir(&sources).args(["pep517", "write-dist-info", "--locked", "--interpreter", PYTHON.program]);
     command::output(maturin.arg("--metadata-directory").arg(tree.root()))?;
     let tag = format!("{ABI}-{}", platform.tag);
     let form =

@@ -36,9 +36,10 @@ mod needs_python {
 }
 
 /// The examples whose types are checked; the one of another master needs that.
-const EXAMPLES: [&str; 5] = ["homing", "inputs_outputs", "read_recording", "test_two_axes", "two_axes"];
+const EXAMPLES: [&str; 6] =
+    ["homing", "inputs_outputs", "read_recording", "test_three_languages", "test_two_axes", "two_axes"];
 
-fn examples() -> [String; 5] {
+fn examples() -> [String; 6] {
     EXAMPLES.map(|name| format!("examples/python/{name}.py"))
 }
 
@@ -94,6 +95,57 @@ mod needs_pip {
         let said = succeed(&mut pytest);
         assert!(said.contains("2 passed"), "{said}");
         assert_eq!(page::check(|| python(&PYTEST), |command| command.starts_with("pytest ")), 1);
+    }
+
+    /// Also needs the compilers of C++ and C#.
+    mod needs_cxx {
+        mod needs_mono {
+            use std::collections::BTreeMap;
+            use std::fs;
+            use std::path::Path;
+
+            use ecmsk::recording::{Recorded, Recording};
+            use support::{Language, compile, dotnet, out_dir, root};
+
+            use crate::needs_pip::PYTEST;
+            use crate::package::succeed;
+            use crate::wheel::python;
+
+            /// The frames of each recording below a folder, with their times, by the name of the test.
+            fn recorded(folder: &Path) -> BTreeMap<String, Vec<Recorded>> {
+                let of_test = |test: fs::DirEntry| {
+                    let file = test.path().join("run-1.pcapng");
+                    // Beside each folder pytest makes a link to the newest one of its name.
+                    let is_one = file.exists() && !test.path().is_symlink();
+                    let recording = is_one.then(|| Recording::open(&file).expect("a recording"))?;
+                    let frames = recording.map(|frame| frame.expect("it is whole")).collect();
+                    Some((test.file_name().to_string_lossy().into_owned(), frames))
+                };
+                let tests = fs::read_dir(folder).expect("a folder of each test");
+                tests.map(|entry| entry.expect("readable")).filter_map(of_test).collect()
+            }
+
+            /// One test is right for programs in C++, C# and Python, also with faults on the way, and each run has the same
+            /// frames at the same times.
+            #[test]
+            fn programs_in_three_languages_are_tested_alike() {
+                let cpp = compile(&root().join("examples/cpp/two_axes_12b.cpp"), Language::Cpp("c++11")).exe;
+                let csharp = dotnet::example("TwoAxes12B").exe;
+                let run = |name: &str| {
+                    let folder = out_dir().join(name);
+                    let mut pytest = python(&PYTEST);
+                    pytest.env("TWO_AXES_CPP", &cpp).env("TWO_AXES_CSHARP", &csharp).arg("-m").arg("pytest");
+                    pytest.args(["-q", "-p", "no:cacheprovider", "--basetemp"]).arg(&folder);
+                    let said = succeed(pytest.arg("examples/python/test_three_languages.py"));
+                    assert!(said.contains("9 passed in "), "{said}");
+                    recorded(&folder)
+                };
+                let (first, second) = (run("languages-1"), run("languages-2"));
+                assert_eq!(first.len(), 9);
+                assert!(first.values().all(|frames| frames.len() > 1000), "each has moved");
+                assert!(first == second, "two runs have not the same frames");
+            }
+        }
     }
 
     /// Its own tests once more as they are installed, with NumPy.

@@ -127,6 +127,7 @@
 //! | [`link`] | links to a board: the trait [`Link`](link::Link), the URI, `usb:`, `spi:`, `tcp:`, `sim:`, injected faults, recording |
 //! | [`sk`] | the wire format: slots, frames, CRC, commands and responses as types, a readable dump; `no_std` |
 //! | [`xf`] | the wire format of the chip ECM-XF: packets, check words, requests and answers as types, the driver of a host; `no_std`. In `xf::chip` a model of it |
+//! | `embedded` | hosts on a microcontroller: a board or a chip on the SPI of `embedded-hal`; `no_std` |
 //! | [`ethercat`] | EtherCAT itself: frames, registers, EEPROMs, mailboxes, [`coe`], [`cia402`]; `no_std` |
 //! | [`master`] | a small EtherCAT master in software, without I/O: frames out, frames in, and the time |
 //! | [`bus`] | what a network looks like from outside a program: slaves, objects, EEPROMs, files, clocks, cables |
@@ -147,13 +148,14 @@
 //!
 //! | feature | default | what it adds |
 //! | --- | --- | --- |
-//! | `std` | yes | everything but [`sk`], [`xf`] and [`ethercat`], which need no operating system and no allocator |
+//! | `std` | yes | everything but [`sk`], [`xf`], [`ethercat`] and `embedded`, which need no operating system and no allocator |
 //! | `sim` | yes | simulated slaves, and the links `sim:` and `xf-sim:` |
 //! | `tcp` | yes | the link `tcp:` to a board that another program serves |
 //! | `usb` | | the links `usb:` and `xf-usb:`. They need libusb on Linux, which is loaded when the link is opened; on Windows `usb:` needs nothing, and there is no `xf-usb:` |
 //! | `spi` | | the links `spi:` and `xf-spi:`, over spidev and GPIO lines (Linux) |
 //! | `nic` | | the link `nic:`: the slaves of a board at a network card of this machine, as an EtherCAT master; it needs raw frames (root or CAP_NET_RAW) (Linux) |
 //! | `serve` | | `port`: serving a board |
+//! | `embedded` | | `embedded`: a board or a chip on the SPI of a microcontroller; needs no `std` |
 //! | `schema` | | `machine_file::schema`: the JSON schema of machine files |
 //!
 //! The command-line tool `ecmsk` is a package of its own, and so is the drop-in `NEXTWUSBLib` for programs in C, C++ and .NET.
@@ -180,6 +182,8 @@
     allow(dead_code, unused_imports, reason = "a link or a server that is not in the build would use it")
 )]
 
+#[cfg(feature = "embedded")]
+pub mod embedded;
 pub mod ethercat;
 pub mod sk;
 pub mod xf;

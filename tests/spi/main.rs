@@ -8,6 +8,7 @@
 //!   `prefill=`, without BUSY, answers of slots
 //! - `link.rs`, `open.rs`, `lies.rs`: the link, opening it, and faulty wires
 //! - `board.rs`, `example.rs`: the board's end of the wires
+//! - `embedded.rs`: hosts on a microcontroller
 //! - `chip.rs`, `chip_wires.rs`: `xf-spi:`, and wires controlled by a test with the model of a chip
 #![cfg(target_os = "linux")]
 
@@ -17,6 +18,7 @@ mod board;
 mod chip;
 mod chip_wires;
 mod drift;
+mod embedded;
 mod example;
 mod frames;
 mod lies;

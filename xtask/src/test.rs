@@ -107,6 +107,9 @@ pub const PARTS_OF_ALL: &[Part] = &[
     part("combinations of features", &[], |site| tidy::combinations(site.project)),
     part("documentation", &[], documentation),
     part("fuzz targets compile", &[CXX], fuzz_targets),
+    part("firmware for a microcontroller", tidy::FIRMWARE_NEEDS, |site| {
+        tidy::firmware(site.project, &tidy::MICROCONTROLLERS[..1])
+    }),
     part("library, headers and tool in place", &[], staged),
     tidy::PARTS[0],
     tidy::PARTS[3],

@@ -1,5 +1,5 @@
 //! `cargo xtask tidy`: checks that rustfmt and clippy do not make: spelling, dependencies, types in the JavaScript of the
-//! tool's page, and combinations of features.
+//! tool's page, firmware, and combinations of features.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
@@ -7,26 +7,34 @@ use std::process::Command;
 
 use serde::Deserialize;
 
-use crate::command;
 use crate::error::Error;
-use crate::needs::{self, ADVISORIES, NODE, NPM, Need, PIP, PYTHON, TSC, TYPOS};
+use crate::needs::{self, ADVISORIES, CARGO_DEBIAN, NODE, NPM, Need, PIP, PYTHON, RUSTC_DEBIAN, TSC, TYPOS};
 use crate::npm::TYPESCRIPT;
 use crate::project::{Project, cargo_home, metadata};
 use crate::test::{self, Part, Site, part};
 use crate::tools::{CARGO_DENY, CARGO_MACHETE, Tool};
-use crate::wheel;
+use crate::{command, debian_rust, wheel};
 
 /// The workspace of the fuzz targets, which has dependencies of its own.
 const FUZZ: &str = "fuzz/Cargo.toml";
 
-/// The parts of `cargo xtask tidy`. `cargo xtask test --all` runs those that do not need cargo-deny as well.
-pub const PARTS: [Part; 5] = [
+/// The parts of `cargo xtask tidy`. `cargo xtask test --all` runs those that do not need cargo-deny as well, the last one for
+/// one target.
+pub const PARTS: [Part; 6] = [
     part("spelling", &[PYTHON, PIP, TYPOS], |site| spelling(site.project)),
     part("licences and sources of dependencies", &[needs::CARGO_DENY], |site| dependencies(site.project)),
     part("known weaknesses of dependencies", &[needs::CARGO_DENY, ADVISORIES], |site| advisories(site.project)),
     part("unused dependencies", &[needs::CARGO_MACHETE], |site| unused(site.project)),
     part("types of the page's modules", &[NODE, NPM, TSC], |site| page_types(site.project)),
+    part("firmware for microcontrollers", FIRMWARE_NEEDS, |site| firmware(site.project, &MICROCONTROLLERS)),
 ];
+
+/// What [`firmware`] needs.
+pub const FIRMWARE_NEEDS: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN];
+/// Kinds of microcontrollers by rustc's target: a Cortex-M4 or M7, a Cortex-M0, a RISC-V, a Cortex-A9 or R5 without an
+/// operating system.
+pub const MICROCONTROLLERS: [&str; 4] =
+    ["thumbv7em-none-eabihf", "thumbv6m-none-eabi", "riscv32imac-unknown-none-elf", "armv7a-none-eabihf"];
 
 /// Runs all parts of `cargo xtask tidy`.
 pub fn run(project: &Project) -> Result<(), Error> {
@@ -97,6 +105,19 @@ pub fn combinations(project: &Project) -> Result<(), Error> {
             &features.join(","),
         ]);
         command::run(&mut cargo)?;
+    }
+    Ok(())
+}
+
+/// Builds the static library of a firmware (`tests/no_std_consumer`) for these targets, with the standard library's `core`
+/// from its sources.
+pub fn firmware(project: &Project, targets: &[&str]) -> Result<(), Error> {
+    let target = project.target.join("xtask/firmware");
+    for triple in targets {
+        println!("building a firmware for {triple}");
+        let mut cargo = debian_rust::cargo(project, &target, triple, "arm-none-eabi");
+        cargo.args(["build", "--quiet", "--locked", "-Zbuild-std=core", "--target", triple]);
+        command::run(cargo.arg("--manifest-path=tests/no_std_consumer/Cargo.toml"))?;
     }
     Ok(())
 }

@@ -1,5 +1,5 @@
-//! A controller without an operating system: C code of a firmware calls three functions: fill the frame that goes
-//! out over SPI, read the frame that came in, show a frame on a small screen.
+//! A controller without an operating system: C code of a firmware calls functions that fill the frame that goes out over
+//! SPI, read the frame that came in, show a frame on a small screen, and count the slaves of a chip ECM-XF.
 //!
 //! A program has one panic handler and std brings its own. That this crate builds with its own handler proves that
 //! nothing in it, including ecmsk and its dependencies, links std.
@@ -8,6 +8,7 @@
 #[cfg(feature = "link-std")]
 extern crate std;
 
+mod chip;
 mod exchange;
 
 use core::panic::PanicInfo;
@@ -42,6 +43,14 @@ pub extern "C" fn controller_show(frame: &[u8; FRAME_LEN], screen: &mut [u8; 160
     let shown = exchange::Screen::<160>::showing(&ecmsk::sk::Frame::from_bytes(*frame));
     screen[..shown.text().len()].copy_from_slice(shown.text());
     shown.text().len()
+}
+
+/// Starts the chip at the SPI of the firmware, and its network; returns the number of slaves, or -1 if the chip does not
+/// answer.
+// SAFETY: nothing else that a firmware links has this name.
+#[unsafe(no_mangle)]
+pub extern "C" fn controller_slaves(firmware: &chip::Firmware) -> i32 {
+    chip::slaves(*firmware).map_or(-1, i32::from)
 }
 
 #[panic_handler]

@@ -66,44 +66,80 @@ impl Fetched {
         self.program(project).is_file()
     }
 
-    /// Fetches the package, checks it and unpacks it.
-    pub fn fetch(&self, project: &Project) -> Result<(), Error> {
-        let folder = self.folder(project);
-        let [fetched, unpacked] = ["fetched", "unpacking"].map(|extension| folder.with_extension(extension));
-        for folder in [&folder, &fetched, &unpacked] {
-            remove(folder)?;
-        }
-        for folder in [&fetched, &unpacked] {
-            fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
-        }
-        println!("fetching with {}: {} {} ({})", self.index.need().program, self.name, self.version, self.cost);
+    /// Fetches the package, checks it and unpacks it. Wheels are fetched by [`fetch_wheels`].
+    fn fetch(&self, project: &Project) -> Result<(), Error> {
+        self.announce();
+        let fetched = empty(self.folder(project).with_extension("fetched"))?;
         match self.index {
-            Index::Pip => wheel::download(self, &fetched),
+            Index::Pip => wheel::download(&[self], &fetched),
             Index::PipSources => wheel::download_sources(self, &fetched),
             Index::Npm { .. } => npm::download(self, &fetched),
         }?;
-        let archive = checked(&fetched, self.sha256)?;
+        self.unpack(project, &fetched)?;
+        remove(&fetched)
+    }
+
+    fn announce(&self) {
+        println!("fetching with {}: {} {} ({})", self.index.need().program, self.name, self.version, self.cost);
+    }
+
+    /// Unpacks the archive of the package, which is in the folder `fetched`.
+    fn unpack(&self, project: &Project, fetched: &Path) -> Result<(), Error> {
+        let folder = self.folder(project);
+        remove(&folder)?;
+        let unpacked = empty(folder.with_extension("unpacking"))?;
+        let archive = checked(fetched, self.name, self.sha256)?;
         match self.index {
             Index::Pip => wheel::unpack(self, &archive, &unpacked),
             Index::PipSources => wheel::unpack_sources(&archive, &unpacked),
             Index::Npm { parts } => npm::unpack(parts, &archive, &unpacked),
         }?;
-        remove(&fetched)?;
         // The folder gets its final name last, so that a folder of that name is complete.
         fs::rename(&unpacked, &folder).map_err(Error::file("rename", &unpacked))
     }
 }
 
-/// The only file in `folder`.
+/// Fetches packages, checks them and unpacks them: all wheels with one call of pip, which takes longer to start than most of
+/// them to come.
+pub fn fetch(project: &Project, packages: &[&Fetched]) -> Result<(), Error> {
+    let (wheels, others): (Vec<&Fetched>, Vec<&Fetched>) =
+        packages.iter().partition(|package| package.index == Index::Pip);
+    if !wheels.is_empty() {
+        wheels.iter().for_each(|wheel| wheel.announce());
+        let fetched = empty(project.target.join("xtask/wheels.fetched"))?;
+        wheel::download(&wheels, &fetched)?;
+        wheels.iter().try_for_each(|wheel| wheel.unpack(project, &fetched))?;
+        remove(&fetched)?;
+    }
+    others.iter().try_for_each(|package| package.fetch(project))
+}
+
+/// Makes the folder, without anything in it.
+fn empty(folder: PathBuf) -> Result<PathBuf, Error> {
+    remove(&folder)?;
+    fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
+    Ok(folder)
+}
+
+/// The file in `folder` with the expected checksum.
 ///
 /// # Errors
-/// The file does not have the expected checksum.
-fn checked(folder: &Path, expected: &'static str) -> Result<PathBuf, Error> {
-    let entry = fs::read_dir(folder).and_then(|mut entries| entries.next().transpose());
-    let file = entry.map_err(Error::file("list", folder))?.map(|entry| entry.path()).unwrap_or_default();
-    let said = command::output(Command::new("sha256sum").arg("--").arg(&file))?;
-    let found = String::from_utf8_lossy(&said).split_whitespace().next().unwrap_or_default().to_owned();
-    if found == expected { Ok(file) } else { Err(Error::Fetched { file, expected, found }) }
+/// No file has it; the error names the one that has the name of the package.
+fn checked(folder: &Path, name: &str, expected: &'static str) -> Result<PathBuf, Error> {
+    let mut other = (folder.join(name), "nothing".to_owned());
+    for entry in fs::read_dir(folder).map_err(Error::file("list", folder))?.flatten() {
+        let file = entry.path();
+        let said = command::output(Command::new("sha256sum").arg("--").arg(&file))?;
+        let found = String::from_utf8_lossy(&said).split_whitespace().next().unwrap_or_default().to_owned();
+        if found == expected {
+            return Ok(file);
+        }
+        if entry.file_name().to_string_lossy().to_lowercase().starts_with(name) {
+            other = (file, found);
+        }
+    }
+    let (file, found) = other;
+    Err(Error::Fetched { file, expected, found })
 }
 
 /// Removes a folder, if it is there.
@@ -124,9 +160,12 @@ mod tests {
         let file = folder.path().join("a.whl");
         fs::write(&file, "a\n").unwrap();
         let right = "87428fc522803d31065e7bce3cf03fe475096631e5e07bbd7a0fde60c4cf25c7";
-        assert_eq!(checked(folder.path(), right).unwrap(), file);
+        fs::write(folder.path().join("b.whl"), "b\n").unwrap();
+        assert_eq!(checked(folder.path(), "a", right).unwrap(), file);
         let other = "5f076ddc39da0c685e7de20ecb91ee81185928918ec86fbeb3bffc55dd867ab5";
-        let error = checked(folder.path(), other).unwrap_err().to_string();
+        let error = checked(folder.path(), "a", other).unwrap_err().to_string();
         assert!(error.contains("a.whl") && error.contains(right) && error.contains(other), "{error}");
+        let error = checked(folder.path(), "c", other).unwrap_err().to_string();
+        assert!(error.contains("/c ") && error.contains("its SHA-256 is nothing"), "{error}");
     }
 }

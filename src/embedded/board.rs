@@ -14,26 +14,35 @@ pub const RESET_LOW_NS: u32 = 100_000_000;
 
 /// An ECM-SK on SPI: mode 0, up to 24 MHz, chip select low during a whole frame, and its line BUSY (SK-10).
 ///
-/// In OP every exchange puts its frame into the board's FIFO, also one with nothing but GET_STATUS in it.
+/// In OP every exchange puts its frame into the board's FIFO, also one with nothing but GET_STATUS in it. A frame that finds
+/// the FIFO full is lost: see `fifo_free` and `full_count` of
+/// [`MasterResponse`](crate::sk::MasterResponse).
+///
+/// **An axis goes on when the firmware stops calling [`Self::exchange`].** The board then repeats the last outputs: in CSP the
+/// axis stands at its last target, in CSV and CST it runs on. Let a watchdog of the firmware stop it, by the reset line or by
+/// the drives' own enable inputs.
 ///
 /// ```
-/// use ecmsk::embedded::Board;
+/// use ecmsk::embedded::{Board, BoardError};
 /// use ecmsk::sk::{Frame, Motion, SlaveCommand, SlotSize};
 /// # use embedded_hal::{digital::InputPin, spi::SpiDevice};
 ///
-/// /// Sends slave 1 to `target`, in counts, in the next cycle for which the board takes a frame.
-/// fn go<S: SpiDevice, B: InputPin>(board: &mut Board<S, B>, target: i32) -> Option<Frame> {
+/// /// Sends slave 1 to `target`, in counts, as soon as the board takes a frame. `None`: it was busy for 100,000 looks.
+/// fn go<S: SpiDevice, B: InputPin>(
+///     board: &mut Board<S, B>,
+///     target: i32,
+/// ) -> Result<Option<Frame>, BoardError<S::Error, B::Error>> {
 ///     let mut commands = Frame::new();
 ///     commands.put_slave(SlotSize::Bytes12, 1, &SlaveCommand::Csp(Motion::to(target)).with_index(0));
-///     loop {
-///         match board.exchange(&commands) {
-///             Ok(None) => {} // BUSY: the board works on the frame before
-///             Ok(Some(answer)) => return Some(answer),
-///             Err(_) => return None,
+///     for _ in 0..100_000 {
+///         if let Some(answer) = board.exchange(&commands)? {
+///             return Ok(Some(answer));
 ///         }
 ///     }
+///     Ok(None)
 /// }
 /// ```
+#[derive(Clone, Debug)]
 pub struct Board<S, B> {
     spi: S,
     busy: B,
@@ -66,8 +75,8 @@ impl<S: SpiDevice, B: InputPin> Board<S, B> {
     /// is not ready, and nothing was sent.
     ///
     /// # Errors
-    /// The SPI or the pin cannot be used, or the CRC of the answer is wrong. In the last case the board has received the
-    /// frame, unless MOSI is disturbed, too: whether it has accepted it shows in the next answer.
+    /// [`BoardError::Busy`]: nothing was sent. With every other error the board may have the frame, and an axis may go to
+    /// its target: the next answer shows it.
     pub fn exchange(&mut self, commands: &Frame) -> Result<Option<Frame>, BoardError<S::Error, B::Error>> {
         if !self.is_ready()? {
             return Ok(None);
@@ -77,6 +86,11 @@ impl<S: SpiDevice, B: InputPin> Board<S, B> {
         let mut received = [0; FRAME_LEN];
         let len = self.size.frame_len();
         self.spi.transfer(&mut received[..len], self.sent.wire(self.size)).map_err(BoardError::Spi)?;
+        let wire = &received[..len];
+        // A line without a board is low or high all the time; with MISO at MOSI what was sent comes back.
+        if [0x00, 0xFF].iter().any(|level| wire.iter().all(|byte| byte == level)) || wire == self.sent.wire(self.size) {
+            return Err(BoardError::NoAnswer);
+        }
         let answer = Frame::from_bytes(received);
         answer.check_crc(self.size, self.crc).map_err(BoardError::Crc)?;
         Ok(Some(answer))
@@ -101,6 +115,8 @@ pub enum BoardError<S, B> {
     Spi(S),
     /// The pin of BUSY cannot be read.
     Busy(B),
+    /// All bits of the answer are the same, or it is what was sent: no board is at the other end.
+    NoAnswer,
     /// The CRC of the answer is wrong: the wires disturb it, or the board has slots of the other size.
     Crc(CrcError),
 }
@@ -108,8 +124,12 @@ pub enum BoardError<S, B> {
 impl<S: fmt::Debug, B: fmt::Debug> fmt::Display for BoardError<S, B> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Spi(error) => write!(f, "the SPI cannot be used ({error:?})"),
-            Self::Busy(error) => write!(f, "the line BUSY cannot be read ({error:?})"),
+            Self::Spi(error) => write!(f, "the SPI cannot be used ({error:?}); look at its set-up: mode 0, 24 MHz at most"),
+            Self::Busy(error) => write!(f, "the line BUSY cannot be read ({error:?}); look at the set-up of its pin"),
+            Self::NoAnswer => f.write_str(
+                "no board answers: MISO is always low, always high, or connected to MOSI; look at the wires, the board's \
+                 power, and CONFIG0",
+            ),
             Self::Crc(error) => write!(
                 f,
                 "the answer is damaged ({error}); look at MISO and the clock, and whether CONFIG2 is set to the slots of the \

@@ -33,6 +33,7 @@ use crate::xf::host::Wires;
 ///     }
 /// }
 /// ```
+#[derive(Clone, Debug)]
 pub struct ChipWires<'a, S, N> {
     spi: S,
     now: N,

@@ -37,7 +37,7 @@ fn said(output: &Output) -> String {
     compiler.chain([String::from_utf8_lossy(&output.stderr).into_owned()]).collect()
 }
 
-/// A crate with a panic handler of its own builds over ecmsk: nothing in it links std. It uses no feature of ecmsk, and
+/// A crate with a panic handler of its own builds over ecmsk: nothing in it links std. It uses no feature of ecmsk but `embedded`, and
 /// the same crate with std linked does not build, so this test can fail.
 #[test]
 fn wire_format_builds_without_std() {

@@ -13,7 +13,7 @@ use ecmsk::embedded::{Board, BoardError, ChipWires, RESET_LOW_NS};
 use ecmsk::io::spi::{EdgeWires as _, Level};
 use ecmsk::link::{self, Share};
 use ecmsk::port::spi::SpiBoard;
-use ecmsk::sk::{CommandId, CrcPolicy, FRAME_LEN, Frame, MasterState};
+use ecmsk::sk::{CommandId, CrcPolicy, Frame, MasterCommand, MasterState};
 use ecmsk::xf::chip::Profile;
 use ecmsk::xf::host::{Host, HostConfig, HostPacing, HostState, Wires as _};
 use ecmsk::xf::request::{DcTiming, EcatInit, ReferenceClock, SlaveCountGet};
@@ -21,7 +21,7 @@ use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::spi::{self, ErrorKind, Operation, SpiDevice};
 
 use super::chip_wires::{self, Int0};
-use super::frames::{SIZE, all, all_on, axes, drive, master, state, to};
+use super::frames::{SIZE, all, all_on, axes, board, drive, master, state, to};
 
 /// What answers at the other end of an SPI.
 trait Answers {
@@ -43,17 +43,37 @@ impl<T: Answers> SpiDevice for Shared<T> {
     }
 }
 
-/// A board, and what its wires do to an answer.
+/// What wires do to an answer.
+#[derive(Clone, Copy)]
+enum Wires {
+    Good,
+    /// One bit is another one.
+    Flip,
+    /// MISO is always low.
+    Low,
+    /// MISO is always high.
+    High,
+    /// MISO is connected to MOSI.
+    Echo,
+}
+
+/// A board, and what its wires do.
 struct Wired {
     board: SpiBoard,
-    flips: bool,
+    wires: Wires,
     link: String,
 }
 
 impl Answers for Wired {
     fn answer(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), ErrorKind> {
         self.board.exchange(tx, rx);
-        rx[100] ^= u8::from(self.flips);
+        match self.wires {
+            Wires::Good => {}
+            Wires::Flip => rx[100] ^= 1,
+            Wires::Low => rx.fill(0),
+            Wires::High => rx.fill(0xFF),
+            Wires::Echo => rx.copy_from_slice(tx),
+        }
         Ok(())
     }
 }
@@ -88,7 +108,7 @@ impl OutputPin for Shared<Wired> {
 fn simulated(name: &str) -> Rc<RefCell<Wired>> {
     let link = format!("sim:?queue=1&slaves=drive&name={name}");
     let board = SpiBoard::new(link::open(&link, Share::ByName).expect("a board"));
-    Rc::new(RefCell::new(Wired { board, flips: false, link }))
+    Rc::new(RefCell::new(Wired { board, wires: Wires::Good, link }))
 }
 
 type Host504 = Board<Shared<Wired>, Shared<Wired>>;
@@ -103,7 +123,7 @@ fn until(host: &mut Host504, frame: &Frame, mut reached: impl FnMut(&Frame) -> b
     answers.find(|answer| reached(answer)).expect("it comes")
 }
 
-/// SK-10 A host without an operating system brings a board to OP, and moves an axis.
+/// SK-10.3, SK-10.4 A host without an operating system brings a board to OP, and moves an axis.
 #[test]
 fn a_board_moves_an_axis() {
     let wired = simulated("embedded-moves");
@@ -126,18 +146,26 @@ fn a_board_moves_an_axis() {
     until(&mut host, &silence, |answer| drive(answer, 1).position == 500);
 }
 
-/// SK-10 While BUSY is high nothing is sent; a damaged answer is none; RESETN resets the board.
+/// SK-10.4, SK-10.5, SK-10.9 While BUSY is high nothing is sent; a damaged answer and dead wires are none; RESETN resets the
+/// board.
 #[test]
 fn a_board_that_is_busy_damaged_or_reset() {
     let wired = simulated("embedded-busy");
     let mut host: Host504 = Board::new(Shared(wired.clone()), Shared(wired.clone()), SIZE, CrcPolicy::Strict);
     let silence = Frame::new();
     assert!(host.exchange(&silence).expect("an answer").is_some());
-    wired.borrow_mut().flips = true;
+    wired.borrow_mut().wires = Wires::Flip;
     let error = host.exchange(&silence).expect_err("it is damaged");
     assert!(matches!(error, BoardError::Crc(_)), "{error:?}");
     assert!(error.to_string().contains("look at MISO and the clock"), "{error}");
-    wired.borrow_mut().flips = false;
+    wired.borrow_mut().wires = Wires::Good;
+    // Also for a host that accepts answers without a CRC.
+    let mut easy: Host504 = Board::new(Shared(wired.clone()), Shared(wired.clone()), SIZE, CrcPolicy::AbsentAllowed);
+    for dead in [Wires::Low, Wires::High, Wires::Echo] {
+        wired.borrow_mut().wires = dead;
+        assert_eq!(easy.exchange(&board(&MasterCommand::LocalRead)), Err(BoardError::NoAnswer));
+    }
+    wired.borrow_mut().wires = Wires::Good;
     assert!(host.exchange(&silence).expect("an answer").is_some());
 
     let mut waited = Waited(0);
@@ -153,8 +181,7 @@ fn a_board_that_is_busy_damaged_or_reset() {
         let again = support::tcp::until("the board", || link::open(&wired.link, Share::ByName).ok());
         wired.board.replace(again);
     }
-    let answer = until(&mut host, &silence, |answer| state(answer) == Some(MasterState::PreOp));
-    assert_eq!(answer.bytes().len(), FRAME_LEN);
+    until(&mut host, &silence, |answer| state(answer) == Some(MasterState::PreOp));
 }
 
 /// A delay that notes what it was asked for, nanoseconds.
@@ -188,7 +215,7 @@ fn chip(int0: Int0, ready: &'static AtomicBool) -> (Rc<RefCell<chip_wires::ChipW
     (chip, now)
 }
 
-/// XF-16 The driver starts a chip over the wires of a microcontroller, and finds its slaves, with INT0 and without.
+/// XF-16.2, XF-16.3 The driver starts a chip over the wires of a microcontroller, and finds its slaves, with INT0 and without.
 #[test]
 fn the_driver_starts_a_chip() {
     static READY: AtomicBool = AtomicBool::new(false);
@@ -227,12 +254,55 @@ fn the_driver_starts_a_chip() {
     }
 }
 
+/// XF-16.3 An edge of INT0 from before an exchange says nothing of its packet.
+#[test]
+fn an_edge_from_before_an_exchange_is_discarded() {
+    static READY: AtomicBool = AtomicBool::new(true);
+    let (model, now) = chip(Int0::None, &READY);
+    let mut wires = ChipWires::with_int0(Shared(model), now, &READY);
+    wires.exchange(&[0; 4], &mut [0; 4]).expect("an exchange");
+    let time = wires.now();
+    assert_eq!(wires.wait_ready(time), Ok(false));
+    READY.store(true, Ordering::SeqCst);
+    assert_eq!(wires.wait_ready(time), Ok(true));
+    assert_eq!(wires.wait_ready(time), Ok(false), "an edge is there once");
+}
+
 thread_local! {
+    /// The board at the SPI of the firmware.
+    static BOARD: Rc<RefCell<Wired>> = simulated("embedded-firmware");
     /// The chip at the SPI of the firmware.
     static CHIP: RefCell<chip_wires::ChipWires> = RefCell::new(chip_wires::ChipWires::new(Profile::NEW, 3, Int0::None));
 }
 
-/// XF-16 The firmware that is built for microcontrollers, here on the model, with its SPI and its timer in C.
+extern "C" fn not_busy() -> bool {
+    false
+}
+
+/// SK-10.3 The firmware that is built for microcontrollers, here on the model of a board, with its SPI and BUSY in C.
+#[test]
+fn a_firmware_reads_the_state_of_a_board() {
+    extern "C" fn exchange(to_board: *const u8, from_board: *mut u8, len: usize) -> i32 {
+        // SAFETY: the firmware hands over two buffers of `len` bytes that it does not use meanwhile.
+        let (tx, rx) =
+            unsafe { (std::slice::from_raw_parts(to_board, len), std::slice::from_raw_parts_mut(from_board, len)) };
+        BOARD.with(|wired| wired.borrow_mut().answer(tx, rx)).map_or(1, |()| 0)
+    }
+    extern "C" fn now() -> u64 {
+        0
+    }
+    extern "C" fn busy() -> bool {
+        true
+    }
+    let firmware = firmware::Firmware { exchange, now, busy: not_busy };
+    let pre_op = MasterState::PreOp.code();
+    assert_eq!(firmware::state(firmware), Some(pre_op));
+    assert_eq!(firmware::state(firmware::Firmware { busy, ..firmware }), None);
+    BOARD.with(|wired| wired.borrow_mut().wires = Wires::Low);
+    assert_eq!(firmware::state(firmware), None);
+}
+
+/// XF-16.2 The same on the model of a chip, with its timer in C.
 #[test]
 fn a_firmware_counts_the_slaves_of_a_chip() {
     extern "C" fn exchange(to_chip: *const u8, from_chip: *mut u8, len: usize) -> i32 {
@@ -247,7 +317,8 @@ fn a_firmware_counts_the_slaves_of_a_chip() {
             chip.now
         })
     }
-    assert_eq!(firmware::slaves(firmware::Firmware { exchange, now }), Some(3));
+    let firmware = firmware::Firmware { exchange, now, busy: not_busy };
+    assert_eq!(firmware::slaves(firmware), Some(3));
     CHIP.with_borrow_mut(|chip| chip.failures = u32::MAX);
-    assert_eq!(firmware::slaves(firmware::Firmware { exchange, now }), None);
+    assert_eq!(firmware::slaves(firmware), None);
 }

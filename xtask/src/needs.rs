@@ -7,7 +7,7 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 use crate::fetched::{self, Fetched, Index};
-use crate::npm::{AXE as AXE_CORE, DOTNET_X64, DOTNET_X86, TYPESCRIPT};
+use crate::npm::{AXE as AXE_CORE, DOTNET_X64, DOTNET_X86, PYRIGHT, TYPESCRIPT};
 use crate::project::Project;
 use crate::tidy;
 use crate::tools::{self, Tool};
@@ -209,7 +209,7 @@ fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
     }
     // Packages of pip and npm are fetched after the Debian packages, because those may have installed pip and npm.
     let can_be = |package: &&Fetched| package.index.need().is_there(project);
-    fetched::fetch(project, &fetched(needs).filter(can_be).collect::<Vec<_>>())?;
+    fetched::fetch(project, &fetched(needs).filter(can_be).collect::<Vec<_>>());
     // If a program cannot be built, the others still are.
     for error in tools(needs).filter_map(|tool| tool.install(project).err()) {
         println!("{error}");
@@ -252,10 +252,11 @@ pub fn install_line(needs: &[Need]) -> String {
     if needs.contains(&DOTNET_CORE) {
         lines.push("cargo xtask dotnet --runtime".to_owned());
     }
-    if fetched(needs).any(|package| package.index != Index::Pip && ![&TYPESCRIPT, &AXE_CORE].contains(&package)) {
+    let elsewhere = [&TYPESCRIPT, &AXE_CORE, &PYRIGHT];
+    if fetched(needs).any(|package| package.index != Index::Pip && !elsewhere.contains(&package)) {
         lines.push("cargo xtask test --windows".to_owned());
     }
-    if needs.contains(&AXE) {
+    if fetched(needs).any(|package| [&AXE_CORE, &PYRIGHT].contains(&package)) {
         lines.push("cargo xtask test --all".to_owned());
     }
     if tools(needs).next().is_some() || needs.contains(&TYPOS) || needs.contains(&TSC) {
@@ -340,6 +341,7 @@ mod tests {
             "sudo apt-get install -y python3-pip && cargo xtask dotnet --runtime"
         );
         assert_eq!(install_line(&[NODE, NPM, TSC]), "sudo apt-get install -y nodejs npm && cargo xtask tidy");
+        assert_eq!(install_line(&[Need::fetched(&PYRIGHT)]), "cargo xtask test --all");
         assert_eq!(install_line(&[CHROMIUM, AXE]), "sudo apt-get install -y chromium && cargo xtask test --all");
         assert_eq!(
             install_line(&[NPM, DOTNET_WINDOWS_X64]),

@@ -18,6 +18,8 @@ const FILES: &[&str] =
 /// The lock files, in which the packages of the project have their versions.
 const LOCKS: &[&str] = &["Cargo.lock", "fuzz/Cargo.lock", "tests/no_std_consumer/Cargo.lock"];
 const CHANGELOG: &str = "CHANGELOG.md";
+/// The folder with the facts of the C library's surface at each version.
+const SURFACE: &str = "tests/capi/surface";
 /// The heading in the changelog below which changes are noted.
 const UNRELEASED: &str = "## [Unreleased]\n";
 
@@ -59,22 +61,51 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         return Err(Error::Release(format!("there is a release {version}: the tag {tag}; name a later version")));
     }
     let day = command::output(Command::new("date").args(["-u", "+%F"]))?;
-    write(&project.root, *version, String::from_utf8_lossy(&day).trim())?;
-    // The facts of the C library's surface get a file for this version.
-    let mut facts = project.cargo();
-    facts.env("ECMSK_BLESS", "1").args(["test", "--quiet", "--workspace", "--test=capi", "the_surface_stays"]);
-    command::run(&mut facts)?;
-    match semver::run(project) {
-        Err(Error::NoRelease) => {}
-        compared => compared?,
+    let out = std::path::absolute(out).map_err(Error::file("find", out))?;
+    // An earlier run may have committed the version and failed later.
+    if !is_written(&project.root, *version)? {
+        let written = write(&project.root, *version, String::from_utf8_lossy(&day).trim())
+            .and_then(|()| facts(project, *version))
+            .and_then(|()| match semver::run(project) {
+                Err(Error::NoRelease) => Ok(()),
+                compared => compared,
+            })
+            .and_then(|()| git(&["add", "--all"]))
+            .and_then(|_| git(&["commit", "--quiet", "--message", &format!("Release {version}")]));
+        if written.is_err() {
+            println!("taking the version back; nothing else was changed");
+            git(&["reset", "--quiet", "--hard"])?;
+            git(&["clean", "--quiet", "--force", SURFACE])?;
+        }
+        written?;
     }
-    git(&["add", "--all"])?;
-    git(&["commit", "--quiet", "--message", &format!("Release {version}")])?;
     // Another process: this one has the version before in it.
     let mut dist = project.cargo();
-    command::run(dist.args(["xtask", "dist", "--check", "--out"]).arg(out))?;
-    println!("all is in {}; publish it with:\n    git tag --annotate {tag} && git push origin {tag}", out.display());
+    command::run(dist.args(["xtask", "dist", "--check", "--out"]).arg(&out))?;
+    println!(
+        "all is in {}; publish it with:\n    git tag --annotate {tag} && git push origin HEAD {tag}",
+        out.display()
+    );
     Ok(())
+}
+
+/// Whether the changelog has this version.
+fn is_written(root: &Path, version: Version) -> Result<bool, Error> {
+    let changes = root.join(CHANGELOG);
+    let text = fs::read_to_string(&changes).map_err(Error::file("read", &changes))?;
+    Ok(text.contains(&format!("\n## [{version}] - ")))
+}
+
+/// Writes the facts of the C library's surface at this version.
+fn facts(project: &Project, version: Version) -> Result<(), Error> {
+    let mut cargo = project.cargo();
+    cargo.env("ECMSK_BLESS", "1").args(["test", "--quiet", "--workspace", "--test=capi", "the_surface_stays"]);
+    command::run(&mut cargo)?;
+    let file = project.root.join(SURFACE).join(format!("{version}.txt"));
+    match file.is_file() {
+        true => Ok(()),
+        false => Err(Error::Release(format!("no test has written {}; see tests/capi/surface.rs", file.display()))),
+    }
 }
 
 /// Writes the version and the day into the sources below `root`.
@@ -153,7 +184,10 @@ mod tests {
     fn every_place_of_the_version_is_known() {
         let mut git = Command::new("git");
         git.current_dir(root()).args(["grep", "--files-with-matches", "--fixed-strings", PRESENT]);
-        let Ok(found) = command::output(&mut git) else { return };
+        if !root().join(".git").exists() {
+            return;
+        }
+        let found = command::output(&mut git).expect("git greps");
         let found = String::from_utf8(found).expect("names");
         let is_known = |file: &&str| {
             FILES.iter().chain(LOCKS).any(|known| known == file) || EXAMPLES.iter().any(|known| file.starts_with(known))
@@ -172,8 +206,13 @@ mod tests {
             fs::copy(root().join(file), to).expect("a copy");
         }
         let text = |file: &str| fs::read_to_string(folder.path().join(file)).expect("text");
+        // Right after a release there is no change.
+        let changes = text(CHANGELOG).replace(UNRELEASED, &format!("{UNRELEASED}\n### Added\n\n- something\n"));
+        fs::write(folder.path().join(CHANGELOG), changes).expect("a file");
         let before = text("Cargo.lock");
+        assert!(!is_written(folder.path(), Version([9, 8, 7])).expect("text"));
         write(folder.path(), Version([9, 8, 7]), "2030-01-02").expect("it is written");
+        assert!(is_written(folder.path(), Version([9, 8, 7])).expect("text"));
         assert!(text(CHANGELOG).contains("## [Unreleased]\n\n## [9.8.7] - 2030-01-02\n\n### "));
         for file in FILES {
             assert!(text(file).contains("9.8.7") && !text(file).contains(PRESENT), "{file}");

@@ -31,7 +31,7 @@ pub const PARTS: [Part; 6] = [
 
 /// What [`firmware`] needs.
 pub const FIRMWARE_NEEDS: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN];
-/// Kinds of microcontrollers by rustc's target: a Cortex-M4 or M7, a Cortex-M0, a RISC-V, a Cortex-A9 or R5 without an
+/// Kinds of microcontrollers by rustc's target: a Cortex-M4 or M7, a Cortex-M0, a RISC-V, a Cortex-A9 without an
 /// operating system.
 pub const MICROCONTROLLERS: [&str; 4] =
     ["thumbv7em-none-eabihf", "thumbv6m-none-eabi", "riscv32imac-unknown-none-elf", "armv7a-none-eabihf"];

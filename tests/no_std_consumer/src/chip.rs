@@ -1,8 +1,12 @@
-//! A chip ECM-XF on the SPI of a firmware whose other half is in C.
+//! A board, or a chip ECM-XF, on the SPI of a firmware whose other half is in C.
 
-use ecmsk::embedded::ChipWires;
+use core::convert::Infallible;
+use ecmsk::embedded::{Board, ChipWires};
+use ecmsk::sk::{CrcPolicy, Frame, MasterResponse, SlotSize};
 use ecmsk::xf::host::{Host, HostConfig, HostState, Wires};
 use ecmsk::xf::request::{DcTiming, EcatInit, ReferenceClock, SlaveCountGet};
+
+use embedded_hal::digital::{self, InputPin};
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, Operation, SpiDevice};
 
 /// The functions of the firmware in C.
@@ -13,6 +17,8 @@ pub struct Firmware {
     pub exchange: extern "C" fn(to_chip: *const u8, from_chip: *mut u8, len: usize) -> i32,
     /// The time in nanoseconds, which never goes back.
     pub now: extern "C" fn() -> u64,
+    /// The level of BUSY of a board.
+    pub busy: extern "C" fn() -> bool,
 }
 
 /// An exchange that the firmware has refused.
@@ -42,6 +48,29 @@ impl SpiDevice for Firmware {
         }
         Ok(())
     }
+}
+
+impl digital::ErrorType for Firmware {
+    type Error = Infallible;
+}
+
+/// BUSY.
+impl InputPin for Firmware {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok((self.busy)())
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        Ok(!(self.busy)())
+    }
+}
+
+/// The state byte of a board, or `None` if it is busy or does not answer.
+pub fn state(firmware: Firmware) -> Option<u8> {
+    let size = SlotSize::Bytes12;
+    let mut board = Board::new(firmware, firmware, size, CrcPolicy::Strict);
+    let answer = board.exchange(&Frame::new()).ok()??;
+    Some(MasterResponse::decode(&answer.slot(size, 0)).state.0)
 }
 
 /// Starts the chip and its network; returns the number of slaves, or `None` if the chip does not answer.

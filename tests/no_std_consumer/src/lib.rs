@@ -45,6 +45,13 @@ pub extern "C" fn controller_show(frame: &[u8; FRAME_LEN], screen: &mut [u8; 160
     shown.text().len()
 }
 
+/// The state byte of the board at the SPI of the firmware, or -1 if it is busy or does not answer.
+// SAFETY: nothing else that a firmware links has this name.
+#[unsafe(no_mangle)]
+pub extern "C" fn controller_state(firmware: &chip::Firmware) -> i32 {
+    chip::state(*firmware).map_or(-1, i32::from)
+}
+
 /// Starts the chip at the SPI of the firmware, and its network; returns the number of slaves, or -1 if the chip does not
 /// answer.
 // SAFETY: nothing else that a firmware links has this name.

@@ -76,8 +76,8 @@ pub struct Arguments {
     /// Folder for the packages, created if it does not exist [default: dist]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Install the Debian packages in a fresh system, too, and make everything a second time in another folder: the bytes have
-    /// to be the same
+    /// Put each package in place and move an axis with it, too, and make everything a second time in another folder: the
+    /// bytes have to be the same
     #[arg(long)]
     check: bool,
 }

@@ -77,6 +77,11 @@ impl Tree {
         Ok(())
     }
 
+    /// Gives all files this mode, whatever the umask of the program was that has written them.
+    pub fn set_modes(&self, mode: u32) -> Result<(), Error> {
+        self.files()?.iter().try_for_each(|file| set_mode(&self.root.join(file), mode))
+    }
+
     /// The files and links in the tree, by their paths relative to its root, sorted by name.
     pub fn files(&self) -> Result<Vec<PathBuf>, Error> {
         files(&self.root)

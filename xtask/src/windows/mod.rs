@@ -166,6 +166,8 @@ pub fn build_module(project: &Project, width: Width, place: &Path) -> Result<Pat
 /// in the file.
 pub fn run_from_zip(project: &Project, zip: &Path, program: &str, words: &[&str]) -> Result<String, Error> {
     let wine = wine::set_up(project, Width::X64)?;
+    // An earlier run that has failed has left its files.
+    wine.clear()?;
     command::output(Command::new(UNZIP.program).arg("-q").arg(zip).arg("-d").arg(wine.programs.join("unpacked")))?;
     let mut script = Command::new(&wine.script);
     let said = command::output(script.arg("unpacked").arg(program).args(words))?;

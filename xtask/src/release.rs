@@ -28,7 +28,7 @@ pub struct Arguments {
     /// The version, such as 0.2.0
     #[arg(value_parser = parse)]
     version: Version,
-    /// Folder for the files, created if it does not exist [default: dist]
+    /// Folder for the files, created if it does not exist
     #[arg(long, value_name = "DIR", default_value = "dist")]
     out: PathBuf,
 }

@@ -99,8 +99,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Makes all packages once, checks them, and installs them in a Debian system or runs them in an emulator. For `cargo xtask
-/// test`.
+/// Makes all packages once, checks them, and puts them in place. For `cargo xtask test`.
 pub fn test(project: &Project) -> Result<(), Error> {
     let release = Release::find(project)?;
     let made = make(project, &release, &folder(project).join("packages"))?;

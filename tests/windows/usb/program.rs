@@ -91,6 +91,18 @@ impl Program {
         self.ends_well();
     }
 
+    /// As [`Self::passes`]; returns false if it says nothing for [`PATIENCE`].
+    #[track_caller]
+    pub fn passes_or_hangs(mut self) -> bool {
+        match self.lines.recv_timeout(PATIENCE) {
+            Ok(said) => assert_eq!(said, "ok", "{}: {}", self.what, complaints()),
+            Err(RecvTimeoutError::Timeout) => return false,
+            Err(why) => panic!("{}: no `ok` ({why}): {}", self.what, complaints()),
+        }
+        self.ends_well();
+        true
+    }
+
     #[track_caller]
     fn ends_well(&mut self) {
         let status = self.child.wait().expect("it ends");

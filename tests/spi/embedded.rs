@@ -15,8 +15,7 @@ use ecmsk::link::{self, Share};
 use ecmsk::port::spi::SpiBoard;
 use ecmsk::sk::{CommandId, CrcPolicy, Frame, MasterCommand, MasterState};
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{Host, HostConfig, HostPacing, HostState, Wires as _};
-use ecmsk::xf::request::{DcTiming, EcatInit, ReferenceClock, SlaveCountGet};
+use ecmsk::xf::host::{HostConfig, HostPacing, Wires as _};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::spi::{self, ErrorKind, Operation, SpiDevice};
 
@@ -229,26 +228,9 @@ fn the_driver_starts_a_chip() {
                 HostConfig { pacing: HostPacing::Int0, ..config },
             ),
         };
-        let mut host = Host::new(wires.now(), config);
-        while host.state() != HostState::Running {
-            host.step(&mut wires, u64::MAX).expect("it answers");
-        }
+        let mut host = firmware::start(&mut wires, config).expect("it answers");
         let before = host.counters().int0_missed;
-        let dc = DcTiming { assign_activate: 0x0300, sync0_ns: 1_000_000, sync1_ns: 0, shift_ns: 0 };
-        let reference_clock = ReferenceClock::Chip;
-        let begin = EcatInit { special_slaves: false, reference_clock, lrw: true, fifo_on: false, dc };
-        let ticket = host.submit(wires.now(), &begin).expect("there is room");
-        while host.take(ticket, &begin).transpose().expect("it begins").is_none() {
-            host.step(&mut wires, u64::MAX).expect("it answers");
-        }
-        let ticket = host.submit(wires.now(), &SlaveCountGet).expect("there is room");
-        let count = loop {
-            if let Some(answer) = host.take(ticket, &SlaveCountGet) {
-                break answer.expect("a count");
-            }
-            host.step(&mut wires, u64::MAX).expect("it answers");
-        };
-        assert_eq!(count, 2, "{int0:?}");
+        assert_eq!(firmware::count(&mut host, &mut wires), Some(2), "{int0:?}");
         assert_eq!(host.counters().int0_missed, before, "each edge is seen");
         assert_eq!(model.borrow().all_edges > 0, int0 != Int0::None);
     }

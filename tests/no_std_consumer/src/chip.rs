@@ -1,11 +1,11 @@
 //! A board, or a chip ECM-XF, on the SPI of a firmware whose other half is in C.
 
 use core::convert::Infallible;
+
 use ecmsk::embedded::{Board, ChipWires};
 use ecmsk::sk::{CrcPolicy, Frame, MasterResponse, SlotSize};
 use ecmsk::xf::host::{Host, HostConfig, HostState, Wires};
 use ecmsk::xf::request::{DcTiming, EcatInit, ReferenceClock, SlaveCountGet};
-
 use embedded_hal::digital::{self, InputPin};
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, Operation, SpiDevice};
 
@@ -73,13 +73,24 @@ pub fn state(firmware: Firmware) -> Option<u8> {
     Some(MasterResponse::decode(&answer.slot(size, 0)).state.0)
 }
 
-/// Starts the chip and its network; returns the number of slaves, or `None` if the chip does not answer.
+/// The number of slaves of the chip, or `None` if it does not answer.
 pub fn slaves(firmware: Firmware) -> Option<u8> {
     let mut wires = ChipWires::new(firmware, || (firmware.now)());
-    let mut host = Host::new(wires.now(), HostConfig::default());
+    let mut host = start(&mut wires, HostConfig::default())?;
+    count(&mut host, &mut wires)
+}
+
+/// The driver of the chip, started; `None` if the chip does not answer.
+pub fn start<W: Wires>(wires: &mut W, config: HostConfig) -> Option<Host> {
+    let mut host = Host::new(wires.now(), config);
     while host.state() != HostState::Running {
-        host.step(&mut wires, u64::MAX).ok()?;
+        host.step(wires, u64::MAX).ok()?;
     }
+    Some(host)
+}
+
+/// Starts the network of the chip; returns the number of its slaves, or `None` if a command fails.
+pub fn count<W: Wires>(host: &mut Host, wires: &mut W) -> Option<u8> {
     let dc = DcTiming { assign_activate: 0x0300, sync0_ns: 1_000_000, sync1_ns: 0, shift_ns: 0 };
     let reference_clock = ReferenceClock::Chip;
     let begin = EcatInit { special_slaves: false, reference_clock, lrw: true, fifo_on: false, dc };
@@ -87,14 +98,14 @@ pub fn slaves(firmware: Firmware) -> Option<u8> {
     loop {
         match host.take(ticket, &begin) {
             Some(begun) => break begun.ok()?,
-            None => host.step(&mut wires, u64::MAX).ok()?,
+            None => host.step(wires, u64::MAX).ok()?,
         }
     }
     let ticket = host.submit(wires.now(), &SlaveCountGet).ok()?;
     loop {
         match host.take(ticket, &SlaveCountGet) {
             Some(count) => break count.ok(),
-            None => host.step(&mut wires, u64::MAX).ok()?,
+            None => host.step(wires, u64::MAX).ok()?,
         }
     }
 }

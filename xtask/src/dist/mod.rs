@@ -311,8 +311,8 @@ fn make_for_linux(
     let tar = format!("{name}.tar.gz");
     archive::tar(release, project.archive_level(), &tree, &out.join(&tar))?;
     let debs = deb::build(project, release, machine, &stage, &others, out)?;
-    let (module, platform) =
-        (linux::module(project, machine), wheel::Platform { tag: machine.wheel(), module: wheel::ON_LINUX });
+    let module = linux::module(project, machine);
+    let platform = wheel::Platform { tag: machine.wheel(), module: wheel::ON_LINUX };
     let others = licences::text(&linked(wheel::PACKAGE)?)?;
     let wheel = wheel::make(project, release, &platform, &module, &others, &folder(project).join("wheels"), out)?;
     Ok(ForLinux { machine, tar, wheel, debs, tree })

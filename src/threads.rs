@@ -7,7 +7,7 @@ mod calling_thread;
 mod forks;
 #[cfg(windows)]
 mod owned_lock;
-pub(crate) mod sync;
+pub mod sync;
 mod wait_queue;
 
 use std::io;
@@ -53,6 +53,15 @@ pub(crate) fn spawn<T: Send + 'static>(
     #[cfg(unix)]
     begins.recv().map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
     Ok(thread)
+}
+
+/// Sleeps. On Windows without a handle, which a thread of the program that is ended here would leave half closed.
+#[cfg(feature = "usb")]
+pub(crate) fn pause(time: Duration) {
+    #[cfg(windows)]
+    owned_lock::sleep(time.as_millis().try_into().unwrap_or(u32::MAX - 1));
+    #[cfg(not(windows))]
+    thread::sleep(time);
 }
 
 /// Waits for at most `limit` for the end of a thread that may hang in a system call; returns whether it has ended.

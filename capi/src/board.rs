@@ -2,15 +2,16 @@
 
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, Weak};
+use std::sync::{Arc, Weak};
 use std::thread;
 use std::time::Duration;
 
 use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::{Frame, SlotSize};
 use ecmsk::threads::CallingThread;
+use ecmsk::threads::sync::{Mutex, lock};
 
-use crate::error::{CallError, lock};
+use crate::error::CallError;
 use crate::forked::{self, MayHoldLock};
 use crate::module::ModuleReference;
 use crate::program_clock::{self, BoardClock};

@@ -2,11 +2,11 @@
 
 use std::cell::{Cell, RefCell};
 use std::ffi::c_char;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecmsk::link::LinkError;
 use ecmsk::link::config::Source;
 use ecmsk::machine_file::MachineFileError;
+use ecmsk::threads::sync::{Mutex, lock};
 
 use crate::forked;
 
@@ -166,10 +166,4 @@ fn write(text: &mut Text, error: &CallError) {
     let length = message.floor_char_boundary(TEXT_LEN - 1);
     text[..length].copy_from_slice(&message.as_bytes()[..length]);
     text[length..].fill(0);
-}
-
-/// Locks the mutex, also after a panic of another thread that held it: the data behind these locks are consistent between any
-/// two statements.
-pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::Arc;
+
+use ecmsk::threads::sync::{Mutex, lock};
 
 /// The handles of boards. Smaller numbers are reserved for fixed handles; the vendor's board has handle 1.
 pub const OF_BOARDS: RangeInclusive<usize> = 0x10..=usize::MAX / 2;
@@ -14,7 +16,7 @@ pub const OF_MACHINES: RangeInclusive<usize> = usize::MAX / 2 + 1..=usize::MAX;
 pub struct Handles<T> {
     /// The numbers of the handles.
     range: RangeInclusive<usize>,
-    table: RwLock<Table<T>>,
+    table: Mutex<Table<T>>,
 }
 
 struct Table<T> {
@@ -26,12 +28,12 @@ impl<T> Handles<T> {
     /// An empty table with handles of this range.
     pub const fn new(range: RangeInclusive<usize>) -> Self {
         let next = *range.start();
-        Self { range, table: RwLock::new(Table { open: BTreeMap::new(), next }) }
+        Self { range, table: Mutex::new(Table { open: BTreeMap::new(), next }) }
     }
 
     /// Adds an opened board or machine file and returns its handle.
     pub fn insert(&self, opened: Arc<T>) -> usize {
-        let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
+        let mut table = lock(&self.table);
         while table.open.contains_key(&table.next) {
             table.next = self.after(table.next);
         }
@@ -43,24 +45,24 @@ impl<T> Handles<T> {
 
     /// The open board or machine file with this handle.
     pub fn get(&self, handle: usize) -> Option<Arc<T>> {
-        self.table.read().unwrap_or_else(PoisonError::into_inner).open.get(&handle).cloned()
+        lock(&self.table).open.get(&handle).cloned()
     }
 
     /// Removes the board or machine file with this handle and returns it.
     pub fn remove(&self, handle: usize) -> Option<Arc<T>> {
-        self.table.write().unwrap_or_else(PoisonError::into_inner).open.remove(&handle)
+        lock(&self.table).open.remove(&handle)
     }
 
     /// All boards or machine files of the table.
     #[cfg(target_os = "linux")]
     pub fn all(&self) -> Vec<Arc<T>> {
-        self.table.read().unwrap_or_else(PoisonError::into_inner).open.values().cloned().collect()
+        lock(&self.table).open.values().cloned().collect()
     }
 
     /// Removes all boards or machine files and returns them.
     #[cfg(unix)]
     pub fn drain(&self) -> Vec<Arc<T>> {
-        let mut table = self.table.write().unwrap_or_else(PoisonError::into_inner);
+        let mut table = lock(&self.table);
         std::mem::take(&mut table.open).into_values().collect()
     }
 

@@ -171,6 +171,14 @@ namespace Ecmsk
             }
         }
 
+        /// <summary>As <see cref="Reports"/>, for <c>await foreach</c>: the waits are in threads of the pool.</summary>
+        /// <param name="cancel">As for <see cref="Reports"/>.</param>
+        /// <returns>The reports.</returns>
+        public AwaitedReports ReportsAsync(CancellationToken cancel = default(CancellationToken))
+        {
+            return new AwaitedReports(this, cancel);
+        }
+
         /// <summary>Writes a command frame, with its CRC, and waits for no effect.</summary>
         /// <param name="frame">The frame, which is not changed.</param>
         /// <exception cref="ArgumentNullException">There is no frame.</exception>

@@ -45,8 +45,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-use parking_lot::Mutex;
-
 pub use options::{FaultOptions, FaultRates};
 pub use stats::{FaultCounts, FaultStats};
 
@@ -54,6 +52,7 @@ use super::{Dir, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, W
 use crate::address::Fraction;
 use crate::sk::{Frame, SlotSize};
 use crate::span::Seconds;
+use crate::threads::sync::unlockable::Mutex;
 use clock::{Call, Clock, POLL_TIME};
 use random::FaultSequence;
 use stats::{Counters, count, read};

@@ -17,8 +17,6 @@ use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use parking_lot::Mutex;
-
 use super::common_options::CommonOptions;
 use super::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::address::scale::SoftLimits;
@@ -27,6 +25,7 @@ use crate::machine_file::{MachineAxis, MachineFile, ProgramLimits, axes_of_link}
 use crate::recording::{CarriedFile, SizeFinder};
 use crate::sk::{CommandId, CrcPolicy, DriveResponse, FRAME_LEN, Frame, RawSlot, SlotSize};
 use crate::span::Seconds;
+use crate::threads::sync::unlockable::Mutex;
 
 /// The machine file that the options of a link name.
 pub(crate) struct Axes {

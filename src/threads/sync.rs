@@ -2,7 +2,7 @@
 //! threads on the stacks of these threads (on Windows the list is on the heap): the stack of an ended thread is freed,
 //! and a list with an entry there would keep other threads from getting the lock.
 
-pub(crate) use imp::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
+pub use imp::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 
 /// The types of std. Poisoning is ignored, because the state under these locks is valid between any two statements.
 #[cfg(not(windows))]
@@ -40,6 +40,19 @@ mod imp {
             Self(WaitQueue::new())
         }
 
+        pub fn wait<T>(&self, guard: &mut MutexGuard<'_, T>) {
+            self.wait_at_most(guard, None);
+        }
+
+        pub fn wait_for<T>(&self, guard: &mut MutexGuard<'_, T>, limit: Duration) {
+            self.wait_at_most(guard, Some(limit));
+        }
+
+        fn wait_at_most<T>(&self, guard: &mut MutexGuard<'_, T>, limit: Option<Duration>) {
+            let ticket = self.0.ticket();
+            MutexGuard::unlocked(guard, || self.0.wait(ticket, limit));
+        }
+
         pub fn notify_one(&self) {
             self.0.notify_all();
         }
@@ -53,23 +66,26 @@ mod imp {
         mutex.lock()
     }
 
-    pub fn wait<'a, T>(condvar: &Condvar, guard: MutexGuard<'a, T>) -> MutexGuard<'a, T> {
-        wait_at_most(condvar, guard, None)
+    pub fn wait<'a, T>(condvar: &Condvar, mut guard: MutexGuard<'a, T>) -> MutexGuard<'a, T> {
+        condvar.wait(&mut guard);
+        guard
     }
 
-    pub fn wait_for<'a, T>(condvar: &Condvar, guard: MutexGuard<'a, T>, limit: Duration) -> MutexGuard<'a, T> {
-        wait_at_most(condvar, guard, Some(limit))
+    pub fn wait_for<'a, T>(condvar: &Condvar, mut guard: MutexGuard<'a, T>, limit: Duration) -> MutexGuard<'a, T> {
+        condvar.wait_for(&mut guard, limit);
+        guard
     }
+}
 
-    fn wait_at_most<'a, T>(
-        Condvar(queue): &Condvar,
-        guard: MutexGuard<'a, T>,
-        limit: Option<Duration>,
-    ) -> MutexGuard<'a, T> {
-        let ticket = queue.ticket();
-        let mutex = guard.mutex;
-        drop(guard);
-        queue.wait(ticket, limit);
-        mutex.lock()
-    }
+/// The same locks with the interface of `parking_lot`: a guard can be unlocked for a while by a function that has borrowed it.
+/// Elsewhere than on Windows they are those of `parking_lot`; there only a signal handler ends a thread that waits for one.
+pub(crate) mod unlockable {
+    #[cfg(all(windows, feature = "usb"))]
+    pub use super::imp::Condvar;
+    #[cfg(windows)]
+    pub use super::imp::{Mutex, MutexGuard};
+    #[cfg(all(not(windows), feature = "usb"))]
+    pub use parking_lot::Condvar;
+    #[cfg(not(windows))]
+    pub use parking_lot::{Mutex, MutexGuard};
 }

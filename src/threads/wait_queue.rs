@@ -97,30 +97,32 @@ mod imp {
     use std::ptr;
     use std::time::Duration;
 
+    use crate::threads::CallingThread;
     use crate::threads::owned_lock::{self, Mutex, MutexGuard};
 
     type Handle = *mut c_void;
 
-    const FOREVER: u32 = u32::MAX;
+    /// The longest wait, ms. The thread that changes the state may be ended before it has set all events; then the waiting
+    /// threads look again. \[OURS]
+    const LIMIT_MS: u32 = 500;
     /// The maximum number of events that `notify_all` collects at once while it holds the lock, before it sets them
     /// without the lock: the length of its array, so that it need not allocate.
     const AT_ONCE: usize = 8;
+    /// The number of threads for which the first one that waits allocates memory. \[OURS]
+    const WAITERS_CAPACITY: usize = 16;
     /// The duration, ms, of a wait for which Windows could not create an event. The wait then ends without a
     /// notification, and the caller checks its condition and waits again.
     const WITHOUT_EVENT_MS: u32 = 1;
 
-    /// One Windows event per waiting thread, reused by the next thread that waits. The event of a thread that was ended
-    /// by force is never reused.
+    /// One Windows event per waiting thread, reused by the next thread that waits, also if its thread was ended by force.
     #[derive(Debug, Default)]
     pub struct WaitQueue(Mutex<Vec<Waiter>>);
 
     #[derive(Debug)]
     struct Waiter {
         event: Handle,
-        /// Whether a thread has a ticket for this event.
-        taken: bool,
-        /// Whether the thread that has the ticket still waits for a notification.
-        waits: bool,
+        /// The thread that has a ticket for this event.
+        of: Option<CallingThread>,
     }
 
     // SAFETY: handles of events may be used by any thread.
@@ -139,45 +141,50 @@ mod imp {
 
         pub fn ticket(&self) -> WaitTicket {
             let mut waiters = self.lock();
-            let free = waiters.iter().position(|waiter| !waiter.taken).or_else(|| {
+            let is_free = |waiter: &Waiter| waiter.of.is_none();
+            let is_left = |waiter: &Waiter| waiter.of.is_some_and(|thread| thread.is_gone());
+            let free = waiters.iter().position(is_free).or_else(|| waiters.iter().position(is_left)).or_else(|| {
                 // SAFETY: an event without attributes and name, which resets itself and is not set.
                 let event = unsafe { CreateEventW(ptr::null(), 0, 0, ptr::null()) };
-                if event.is_null() || waiters.try_reserve(1).is_err() {
+                let more = if waiters.is_empty() { WAITERS_CAPACITY } else { 1 };
+                if event.is_null() || waiters.try_reserve(more).is_err() {
                     return None;
                 }
-                waiters.push(Waiter { event, taken: false, waits: false });
+                waiters.push(Waiter { event, of: None });
                 Some(waiters.len() - 1)
             });
             WaitTicket(free.map(|number| {
                 let waiter = &mut waiters[number];
-                (waiter.taken, waiter.waits) = (true, true);
+                waiter.of = Some(CallingThread::current());
                 (number, waiter.event)
             }))
         }
 
         pub fn wait(&self, WaitTicket(ticket): WaitTicket, limit: Option<Duration>) {
             let Some((number, event)) = ticket else { return owned_lock::sleep(WITHOUT_EVENT_MS) };
-            let limit_ms = limit.map_or(FOREVER, |limit| {
-                u32::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(FOREVER).min(FOREVER - 1)
+            let limit_ms = limit.map_or(LIMIT_MS, |limit| {
+                u32::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(LIMIT_MS).min(LIMIT_MS)
             });
             // SAFETY: the event is open until `drop`.
             unsafe { WaitForSingleObject(event, limit_ms) };
-            let waiter = &mut self.lock()[number];
-            (waiter.taken, waiter.waits) = (false, false);
+            self.lock()[number].of = None;
         }
 
         pub fn notify_all(&self) {
+            let mut told = 0;
             loop {
-                // The events are set outside the lock, so that no thread waits for the lock during a system call.
+                // The events are set outside the lock, so that no thread waits for the lock during a system call. Who waits is
+                // noted by the waiting thread alone: if this one is ended here, the next notification sets all events. An event
+                // that is set twice ends a later wait early.
                 let (mut events, mut count) = ([ptr::null_mut(); AT_ONCE], 0);
-                for waiter in self.lock().iter_mut().filter(|waiter| waiter.waits).take(AT_ONCE) {
-                    waiter.waits = false;
+                for waiter in self.lock().iter().filter(|waiter| waiter.of.is_some()).skip(told).take(AT_ONCE) {
                     (events[count], count) = (waiter.event, count + 1);
                 }
                 for event in &events[..count] {
                     // SAFETY: the event is open until `drop`.
                     unsafe { SetEvent(*event) };
                 }
+                told += count;
                 if count < AT_ONCE {
                     return;
                 }

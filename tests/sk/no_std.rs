@@ -1,31 +1,14 @@
 //! The wire format, and hosts on a microcontroller, without std: a firmware is built for real, and run.
 
-#[path = "../no_std_consumer/src/exchange.rs"]
+#[path = "../../examples/firmware/src/exchange.rs"]
 mod exchange;
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use ecmsk::sk::{Frame, RawSlot, SlotSize};
 use exchange::{Refusal, Screen};
 use serde_json::Value;
-
-/// Builds `tests/no_std_consumer`, outside the workspace and with its own features, and returns Cargo's output.
-fn build(more: &[&str]) -> Output {
-    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/no_std_consumer/Cargo.toml");
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("no_std_consumer");
-    Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .args(["build", "--locked", "--message-format=json", "--manifest-path"])
-        .arg(manifest)
-        .arg("--target-dir")
-        .arg(target)
-        .args(more)
-        // Flags of this test's own build (coverage, a linker) do not apply to a firmware.
-        .env_remove("RUSTFLAGS")
-        .env_remove("CARGO_ENCODED_RUSTFLAGS")
-        .output()
-        .expect("cargo can be started")
-}
 
 fn messages(output: &Output) -> Vec<Value> {
     String::from_utf8_lossy(&output.stdout).lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
@@ -41,10 +24,10 @@ fn said(output: &Output) -> String {
 /// the same crate with std linked does not build, so this test can fail.
 #[test]
 fn wire_format_builds_without_std() {
-    let output = build(&[]);
+    let output = support::build_firmware(&[]);
     assert!(
         output.status.success(),
-        "the build failed; if it is the lock file: cargo update --manifest-path tests/no_std_consumer/Cargo.toml\n{}",
+        "the build failed; if it is the lock file: cargo update --manifest-path examples/firmware/Cargo.toml\n{}",
         said(&output)
     );
     let messages = messages(&output);
@@ -53,10 +36,10 @@ fn wire_format_builds_without_std() {
         messages.iter().find(made).unwrap_or_else(|| panic!("{name} was not built: {}", said(&output)))
     };
     assert_eq!(artifact("ecmsk")["features"], serde_json::json!(["embedded"]));
-    let library = artifact("no_std_consumer")["filenames"][0].as_str().expect("a file name").to_owned();
+    let library = artifact("controller")["filenames"][0].as_str().expect("a file name").to_owned();
     assert!(Path::new(&library).metadata().expect("the library was written").len() > 0);
 
-    let with_std = build(&["--features", "link-std"]);
+    let with_std = support::build_firmware(&["--features", "link-std"]);
     assert!(!with_std.status.success(), "std was linked and nothing clashed: the build proves nothing");
     assert!(said(&with_std).contains("duplicate lang item `panic_impl`"), "{}", said(&with_std));
 }

@@ -1,6 +1,6 @@
 //! Hosts on a microcontroller (`ecmsk::embedded`), with the models of a board and of a chip at the other end of their SPI.
 
-#[path = "../no_std_consumer/src/chip.rs"]
+#[path = "../../examples/firmware/src/chip.rs"]
 mod firmware;
 
 use std::cell::RefCell;

@@ -39,7 +39,7 @@ until grep -q answering $4 || [ $tries = 100 ]; do sleep 0.05; tries=$((tries + 
 $1 exec --link 'nic:veth0?priority=20' --record $2 -- $3
 ";
 
-/// The cost of building the optimised library and tool, printed before the build. The build of `cargo xtask` itself is done
+/// The cost of building the library and the tool as in the tests, printed before the build. The build of `cargo xtask` itself is done
 /// when this is printed, so it is not included.
 const SPEND: Spend =
     Spend { disk_mb: 1_700, time: "on two free cores, two minutes beside the build of `cargo xtask` itself, now done" };
@@ -59,7 +59,10 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if let Some(link) = &arguments.link {
         refuse_real(link, project.relative(&project.target))?;
     }
-    println!("builds the library and the tool, compiles {SOURCE}, runs it on a simulated board and draws what it did");
+    println!(
+        "builds the library and the tool as `cargo xtask test` does, compiles {SOURCE}, runs it on a simulated board and draws \
+         what it did"
+    );
     SPEND.announce(project);
     let on_card = arguments.link.as_deref() == Some(CARD);
     needs::require(project, if on_card { &[CXX, IP, NETWORK_NAMESPACE] } else { &[CXX] })?;
@@ -80,7 +83,8 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let ecmsk = staged.join("bin/ecmsk");
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
 
-    stage::build_into(project, &staged, "release")?;
+    // The tests need the same build, which is done in a third of the time of an optimised one.
+    stage::build_as_in_tests_into(&Project { for_tests: true, ..project.clone() }, &staged)?;
     let other_link = arguments.link.as_deref().filter(|_| !on_card).map(with_script);
     if let Some(link) = &other_link {
         // The tool checks the link without opening it, so that a wrong key is found before the first run.
@@ -173,7 +177,8 @@ next, in this folder:
   ecmsk serve web --link 'sim:?slaves=drive*2'                              # the page of a board, live
   ecmsk home 1 --up --link 'sim:?slaves=drive*2'                            # an axis without a program
   g++ YOURS.cpp -o yours $(pkg-config --cflags --libs nextwusblib)          # your program, unchanged
-  ecmsk exec --link 'sim:?slaves=drive*2' -- ./yours{successor}
+  ecmsk exec --link 'sim:?slaves=drive*2' -- ./yours
+  cargo xtask stage --prefix $HOME/.local                                   # both optimised, for a machine{successor}
 docs/GUIDE-CPP.md goes on from there in C++, docs/GUIDE.md in Rust, docs/DOTNET.md in C#, docs/TOOL.md with the tool alone"
     )
 }

@@ -109,6 +109,12 @@ pub const WINE_X64: Need = Need { program: "/usr/lib/wine/wine64", source: Sourc
 pub const DPKG_DEV: Need = Need { program: "dpkg-shlibdeps", source: Source::Debian(&["dpkg-dev"]) };
 pub const LINTIAN: Need = Need { program: "lintian", source: Source::Debian(&["lintian"]) };
 pub const ZIP: Need = Need { program: "/usr/bin/zip", source: Source::DebianFile(&["zip"]) };
+/// Makes packages of Windows' installer from a description.
+pub const WIXL: Need = Need { program: "wixl", source: Source::Debian(&["wixl"]) };
+/// Takes the files out of packages of Windows' installer.
+pub const MSIEXTRACT: Need = Need { program: "msiextract", source: Source::Debian(&["msitools"]) };
+/// Changes packages of Windows' installer.
+pub const MSIBUILD: Need = Need { program: "msibuild", source: Source::Debian(&["msitools"]) };
 pub const UNZIP: Need = Need { program: "/usr/bin/unzip", source: Source::DebianFile(&["unzip"]) };
 pub const DEBOOTSTRAP: Need = Need { program: "debootstrap", source: Source::Debian(&["debootstrap"]) };
 /// The right to make a Debian system in a folder, and to run programs in it (debootstrap, chroot).

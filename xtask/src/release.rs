@@ -16,7 +16,7 @@ const PRESENT: &str = env!("CARGO_PKG_VERSION");
 const FILES: &[&str] =
     &["Cargo.toml", "docs/PYTHON.md", "docs/TOOL-NETWORK.md", "dotnet/Ecmsk/Assembly.cs", "tool/Cargo.toml"];
 /// The lock files, in which the packages of the project have their versions.
-const LOCKS: &[&str] = &["Cargo.lock", "fuzz/Cargo.lock", "tests/no_std_consumer/Cargo.lock"];
+const LOCKS: &[&str] = &["Cargo.lock", "fuzz/Cargo.lock", "examples/firmware/Cargo.lock"];
 const CHANGELOG: &str = "CHANGELOG.md";
 /// The folder with the facts of the C library's surface at each version.
 const SURFACE: &str = "tests/capi/surface";
@@ -221,7 +221,7 @@ mod tests {
         let changed = before.lines().zip(lock.lines()).filter(|(before, after)| before != after).count();
         assert_eq!((changed, lock.lines().count()), (own(&before).len(), before.lines().count()));
         // In another workspace the library alone is the project's.
-        assert_eq!(text("tests/no_std_consumer/Cargo.lock").matches("\nversion = \"9.8.7\"\n").count(), 1);
+        assert_eq!(text("examples/firmware/Cargo.lock").matches("\nversion = \"9.8.7\"\n").count(), 1);
         for version in ["1.0", "0.1", "01.0.0", "1.2.3-a"] {
             assert!(parse(version).is_err(), "{version}");
         }

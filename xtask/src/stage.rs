@@ -74,11 +74,16 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
 
 /// Builds with the profile and features of the tests, and installs into a folder, whose path is returned.
 pub fn build_for_tests(project: &Project) -> Result<PathBuf, Error> {
-    command::run(&mut project.cargo_as_in_tests("build", GROUP, &["--lib", "--bins"]))?;
     let prefix = project.target.join("xtask/stage");
-    install_into(project, &project.target.join(profile_folder("dev")), None, &prefix)?;
-    [SONAME, SLEEP_LIBRARY].iter().try_for_each(|library| split_debug(&prefix.join("lib").join(library)))?;
+    build_as_in_tests_into(project, &prefix)?;
     Ok(prefix)
+}
+
+/// Builds what `cargo xtask test` builds, too, and installs it into the folder `prefix`.
+pub fn build_as_in_tests_into(project: &Project, prefix: &Path) -> Result<(), Error> {
+    command::run(&mut project.cargo_as_in_tests("build", GROUP, &["--lib", "--bins"]))?;
+    install_into(project, &project.target.join(profile_folder("dev")), None, prefix)?;
+    [SONAME, SLEEP_LIBRARY].iter().try_for_each(|library| split_debug(&prefix.join("lib").join(library)))
 }
 
 /// Checks that a library has no debug information but refers to that beside it, and that it names none of these folders.

@@ -109,7 +109,7 @@ pub fn combinations(project: &Project) -> Result<(), Error> {
     Ok(())
 }
 
-/// Builds the static library of a firmware (`tests/no_std_consumer`) for these targets, with the standard library's `core`
+/// Builds the static library of a firmware (`examples/firmware`) for these targets, with the standard library's `core`
 /// from its sources.
 pub fn firmware(project: &Project, targets: &[&str]) -> Result<(), Error> {
     let target = project.target.join("xtask/firmware");
@@ -117,7 +117,7 @@ pub fn firmware(project: &Project, targets: &[&str]) -> Result<(), Error> {
         println!("building a firmware for {triple}");
         let mut cargo = debian_rust::cargo(project, &target, triple, "arm-none-eabi");
         cargo.args(["build", "--quiet", "--locked", "-Zbuild-std=core", "--target", triple]);
-        command::run(cargo.arg("--manifest-path=tests/no_std_consumer/Cargo.toml"))?;
+        command::run(cargo.arg("--manifest-path=examples/firmware/Cargo.toml"))?;
     }
     Ok(())
 }

@@ -12,8 +12,6 @@ mod slot_watch;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use parking_lot::Mutex;
-
 use self::choose::choose;
 use self::open_error::open_error;
 use self::options::UsbOptions;
@@ -24,6 +22,7 @@ use crate::link::call_counts::CallCounts;
 use crate::link::common_options::CommonOptions;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::{BOARD_IDS, Frame, SlotSize};
+use crate::threads::sync::unlockable::Mutex;
 
 /// The minimum time limit of a write: a shorter limit of the caller, or 0, is raised to this value. The transfer takes
 /// a microframe of 125 us, and the operating system needs some time to report it. A board that has not accepted the

@@ -9,15 +9,13 @@
 //! or writes instead, the call of the handler handles events, since the interrupted call cannot continue.
 
 use std::mem;
-use std::thread;
 use std::time::{Duration, Instant};
-
-use parking_lot::MutexGuard;
 
 use super::backend::Backend;
 use super::error::UsbError;
 use super::reports::{ABANDONED, EVENTS_FAILED, Shared, State};
-use crate::threads::{CallingThread, WaitQueue};
+use crate::threads::sync::unlockable::MutexGuard;
+use crate::threads::{self, CallingThread, WaitQueue};
 
 /// The maximum time for which a thread waits for events before it checks the pipe's state again. \[OURS]
 const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
@@ -57,7 +55,7 @@ impl Shared {
         let mut state = self.state.lock();
         let mut seen = state.call_count;
         let mut cancelled_at = None;
-        while !state.events_failed && (!state.closing || state.submitted > 0) {
+        while !state.events_failed && (!state.closing || state.is_any_submitted()) {
             if state.closing {
                 let Some(cancelled_at) = cancelled_at else {
                     // Cancels the transfers to the host once. No transfer is submitted again afterwards, because
@@ -77,14 +75,14 @@ impl Shared {
             }
             let calls_come = state.call_count != seen;
             seen = state.call_count;
-            self.begin_pause(&mut state, backend);
+            self.look_at_pause(&mut state, backend);
             if state.event_handler.is_some() {
                 if calls_come || state.closing {
                     self.thread_wakeup.wait_for(&mut state, check_interval);
                 } else {
                     self.sleep(&mut state);
                 }
-            } else if !state.closing && (state.submitted == 0 || state.input_pause.is_complete(backend.inputs())) {
+            } else if !state.closing && (!state.is_any_submitted() || state.input_pause.is_complete(backend.inputs())) {
                 // No transfer to the host is submitted: the pipe is being opened, the device is lost, or the input is
                 // paused. The only possible event is the end of a write, for which the writing thread itself waits.
                 self.thread_wakeup.wait(&mut state);
@@ -208,7 +206,7 @@ impl Shared {
         let done = MutexGuard::unlocked(state, || {
             work().inspect_err(|error| {
                 log::debug!("the events of USB: {error}");
-                thread::sleep(RETRY_AFTER);
+                threads::pause(RETRY_AFTER);
             })
         });
         state.event_errors = if done.is_ok() { 0 } else { state.event_errors + 1 };

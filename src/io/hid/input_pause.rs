@@ -7,12 +7,11 @@
 
 use std::time::{Duration, Instant};
 
-use parking_lot::MutexGuard;
-
 use super::backend::Backend;
 use super::pipe::PipeOptions;
-use super::reports::{GONE, Shared, State};
+use super::reports::{GONE, Shared, State, THREADS_CAPACITY};
 use crate::threads::CallingThread;
+use crate::threads::sync::unlockable::MutexGuard;
 
 /// A pause of the input begins when no call has read for this long. \[OURS]
 const PAUSE_AFTER_UNREAD: Duration = Duration::from_millis(250);
@@ -38,6 +37,11 @@ enum Phase {
     Receiving,
     /// The input is paused: no transfer to the host is submitted, so reports stay in the system's queue.
     Paused,
+    /// A call needs the input again: the pipe's thread will submit the transfers.
+    Ending {
+        /// How long this call waits for the reports in the system's queue.
+        until: Instant,
+    },
     /// The pause has ended: transfers are submitted again, and the reports in the system's queue are received first.
     CatchingUp {
         /// How many of the reports in the system's queue may not have been received yet.
@@ -51,13 +55,19 @@ enum Phase {
 impl Default for InputPause {
     fn default() -> Self {
         let held_back = Vec::new();
-        Self { allowed: false, read_at: Instant::now(), readers: Vec::new(), phase: Phase::Receiving, held_back }
+        let readers = Vec::new();
+        Self { allowed: false, read_at: Instant::now(), readers, phase: Phase::Receiving, held_back }
     }
 }
 
 impl InputPause {
     pub fn new(options: PipeOptions) -> Self {
-        Self { allowed: options.may_pause_input, held_back: Vec::with_capacity(options.transfers), ..Self::default() }
+        Self {
+            allowed: options.may_pause_input,
+            readers: Vec::with_capacity(THREADS_CAPACITY),
+            held_back: Vec::with_capacity(options.transfers),
+            ..Self::default()
+        }
     }
 
     /// Whether the transfer `number`, which has ended, must not be submitted again because of the pause.
@@ -82,6 +92,9 @@ impl InputPause {
 
     pub fn begin_read(&mut self) {
         if self.allowed {
+            if self.readers.len() == self.readers.capacity() {
+                self.readers.retain(|reader| !reader.is_gone());
+            }
             self.readers.push(CallingThread::current());
         }
     }
@@ -107,7 +120,13 @@ impl InputPause {
     /// length of the pipe's queue. `None` once all of these reports are received or the time is over. This function
     /// then sets the system's queue to its maximum length again.
     fn catch_up_time_left(&mut self, backend: &dyn Backend) -> Option<Duration> {
-        let Phase::CatchingUp { missing, until } = self.phase else { return None };
+        let (missing, until) = match self.phase {
+            Phase::CatchingUp { missing, until } => (missing, until),
+            Phase::Ending { until } => {
+                return Some(until.saturating_duration_since(Instant::now())).filter(|left| !left.is_zero());
+            }
+            Phase::Receiving | Phase::Paused => return None,
+        };
         let left = until.saturating_duration_since(Instant::now());
         if missing > 0 && !left.is_zero() {
             return Some(left);
@@ -129,13 +148,21 @@ impl InputPause {
 }
 
 impl Shared {
-    /// Called by the pipe's thread: begins a pause if no call has read for [`PAUSE_AFTER_UNREAD`]. Otherwise ends the
-    /// catch-up phase ([`Phase::CatchingUp`]) if it is over.
-    pub fn begin_pause(&self, state: &mut State, backend: &dyn Backend) {
+    /// Called by the pipe's thread: begins a pause if no call has read for [`PAUSE_AFTER_UNREAD`], and submits the transfers
+    /// again if a call needs them. Otherwise ends the catch-up phase ([`Phase::CatchingUp`]) if it is over.
+    pub fn look_at_pause(&self, state: &mut State, backend: &dyn Backend) {
         if state.closing || state.lost.is_some() {
             return;
         }
-        if !state.input_pause.is_due() {
+        if let Phase::Ending { until } = state.input_pause.phase {
+            state.input_pause.phase = Phase::CatchingUp { missing: self.queue, until };
+            while let Some(number) = state.input_pause.held_back.pop() {
+                if backend.submit_input(number).is_err() {
+                    return self.lose(state, GONE);
+                }
+                state.inputs_submitted += 1;
+            }
+        } else if !state.input_pause.is_due() {
             state.input_pause.catch_up_time_left(backend);
         } else if backend.set_system_queue(Some(self.queue)) {
             state.input_pause.phase = Phase::Paused;
@@ -144,20 +171,17 @@ impl Shared {
         }
     }
 
-    /// Ends a pause: submits the transfers to the host again.
+    /// Ends a pause: the pipe's thread submits the transfers to the host again. It does so and not the thread of the program,
+    /// which may be ended between two of them.
     pub fn end_pause(&self, state: &mut State, backend: &dyn Backend) {
         if state.input_pause.phase != Phase::Paused || state.closing || state.lost.is_some() {
             return;
         }
-        state.input_pause.phase = Phase::CatchingUp { missing: self.queue, until: Instant::now() + CATCH_UP_WITHIN };
-        while let Some(number) = state.input_pause.held_back.pop() {
-            if backend.submit_input(number).is_err() {
-                return self.lose(state, GONE);
-            }
-            state.submitted += 1;
-        }
-        // Wakes the pipe's thread, which has to check for events at its usual interval again.
+        state.input_pause.phase = Phase::Ending { until: Instant::now() + CATCH_UP_WITHIN };
         self.thread_wakeup.notify_all();
+        if state.event_handler.is_some() {
+            backend.interrupt();
+        }
     }
 
     /// Called by a read after a pause: waits until the pipe's queue holds the newest reports, or for at most `limit`.

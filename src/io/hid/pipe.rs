@@ -5,13 +5,12 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use parking_lot::{Mutex, MutexGuard};
-
 use super::backend::{Backend, Outcome};
 use super::error::UsbError;
 use super::events::CALLER_CHECK_INTERVAL;
 use super::reports::{GONE, Shared, State};
 use super::{FoundDevice, REPORT_LEN, ReportInterface};
+use crate::threads::sync::unlockable::{Mutex, MutexGuard};
 use crate::threads::{self, CallingThread};
 
 /// Options for [`Pipe::open`].
@@ -104,7 +103,7 @@ impl Pipe {
             let mut state = pipe.shared.state.lock();
             state.check()?;
             pipe.backend.submit_input(number).map_err(submit_error)?;
-            state.submitted += 1;
+            state.inputs_submitted += 1;
         }
         // The pipe's thread sleeps while no transfer is submitted, so it has to be woken after the first one.
         pipe.shared.thread_wakeup.notify_all();
@@ -212,6 +211,9 @@ impl Pipe {
         let mut state = self.shared.state.lock();
         let cancelled = state.cancelled_writes;
         let interrupts_a_write = state.writers.contains(&caller);
+        if state.writers.len() == state.writers.capacity() {
+            state.writers.retain(|writer| !writer.is_gone());
+        }
         state.writers.push_back(caller);
         let turn = WriterTurn { shared: &self.shared, caller, interrupts_a_write };
         loop {
@@ -250,7 +252,6 @@ impl Pipe {
         }
         state.check()?;
         state.output_result = None;
-        state.submitted += 1;
         state.output_submitted = true;
         drop(state);
         // The lock is released, because on some systems the call returns only when the device has the report.
@@ -258,7 +259,6 @@ impl Pipe {
         let submitted = unsafe { self.backend.submit_output(report) };
         let mut state = self.shared.state.lock();
         if let Err(error) = submitted {
-            state.submitted -= 1;
             state.output_submitted = false;
             let error = submit_error(error);
             if let PipeError::Lost(why) = error {
@@ -366,7 +366,7 @@ impl Pipe {
 fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
     let (stalled, leaked) = {
         let state = shared.state.lock();
-        (state.stalled, state.events_failed && state.submitted > 0)
+        (state.stalled, state.events_failed && state.is_any_submitted())
     };
     if leaked {
         // The system may still write into transfers whose end was not reported, so their memory is never freed.

@@ -4,13 +4,12 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use parking_lot::{Condvar, Mutex, MutexGuard};
-
 use super::REPORT_LEN;
 use super::backend::{Outcome, TransferListener};
 use super::error::UsbError;
 use super::input_pause::InputPause;
 use super::pipe::{PipeError, PipeOptions, PipeStats};
+use crate::threads::sync::unlockable::{Condvar, Mutex, MutexGuard};
 use crate::threads::{CallingThread, WaitQueue};
 
 /// How many transfers in a row may fail on the wire before the device counts as lost. \[OURS]
@@ -20,9 +19,9 @@ const FAILURES_MAX: u32 = 8;
 /// fills. \[OURS]
 const QUEUE_CAPACITY_INITIAL: usize = 1024;
 
-/// Number of threads that may wait for their turn to write without an allocation: memory for them is allocated when the
+/// Number of threads of each kind, that read or that wait for their turn to write, for which memory is allocated when the
 /// pipe is opened. \[OURS]
-const WRITERS_CAPACITY: usize = 8;
+pub(super) const THREADS_CAPACITY: usize = 16;
 
 // The reasons for the loss of a device, as texts for the user.
 pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
@@ -50,8 +49,9 @@ pub(super) struct Report {
 #[derive(Default)]
 pub(super) struct State {
     pub reports: VecDeque<Report>,
-    /// How many transfers are submitted and have not ended, in both directions together.
-    pub submitted: usize,
+    /// How many transfers to the host are submitted and have not ended. Only the pipe's thread changes this number, once the
+    /// pipe is open: a thread of the program may be ended between a transfer and its count.
+    pub inputs_submitted: usize,
     /// The thread that writes, followed by the threads that wait for their turn.
     pub writers: VecDeque<CallingThread>,
     /// Whether the transfer to the device is submitted and has not ended.
@@ -87,8 +87,13 @@ pub(super) struct State {
 impl State {
     fn new(options: PipeOptions) -> Self {
         let reports = VecDeque::with_capacity(options.queue.min(QUEUE_CAPACITY_INITIAL));
-        let writers = VecDeque::with_capacity(WRITERS_CAPACITY);
+        let writers = VecDeque::with_capacity(THREADS_CAPACITY);
         Self { reports, writers, input_pause: InputPause::new(options), ..Self::default() }
+    }
+
+    /// Whether a transfer in either direction is submitted and has not ended.
+    pub const fn is_any_submitted(&self) -> bool {
+        self.inputs_submitted > 0 || self.output_submitted
     }
 
     /// Whether another thread than the calling thread handles events. If the calling thread itself is recorded as the
@@ -199,14 +204,13 @@ impl TransferListener for Shared {
         let wanted = !state.closing && state.lost.is_none();
         let held_back = wanted && state.input_pause.keeps_back(number);
         if !wanted || held_back || resubmit().is_err() {
-            state.submitted -= 1;
+            state.inputs_submitted -= 1;
             if wanted && !held_back {
                 self.lose(&mut state, GONE);
             }
         }
         drop(state);
-        // Reads are woken only after the lock is released. Otherwise a woken thread would wait in the queue of the lock
-        // and be given the lock: if it is ended by force at that moment, the lock stays taken for ever.
+        // Reads are woken only after the lock is released: otherwise a woken thread would wait for the lock at once.
         if outcome == Outcome::Done {
             self.readable.notify_all();
         }
@@ -214,7 +218,6 @@ impl TransferListener for Shared {
 
     fn output_ended(&self, outcome: Outcome, moved: usize) {
         let mut state = self.state.lock();
-        state.submitted -= 1;
         state.output_submitted = false;
         state.output_result = Some((outcome, moved));
         if outcome == Outcome::Gone {

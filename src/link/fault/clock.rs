@@ -3,10 +3,9 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use parking_lot::{Mutex, MutexGuard};
-
 use crate::link::{Dir, Link, LinkError, LinkInfo, Stamp, Wait};
 use crate::threads::WaitQueue;
+use crate::threads::sync::unlockable::{Mutex, MutexGuard};
 
 /// How far a call that does not wait advances a virtual clock, so that a program that polls makes progress \[OURS]: one
 /// USB microframe, as for a write to a simulated board.

@@ -58,7 +58,7 @@ use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -123,6 +123,28 @@ pub fn cargo() -> Command {
     }
     cargo.current_dir(root());
     cargo
+}
+
+/// Builds the static library of `examples/firmware`, outside the workspace and with its own features, with these further
+/// arguments; returns cargo's output, which is messages in JSON.
+pub fn build_firmware(more: &[&str]) -> Output {
+    let mut cargo = cargo();
+    cargo.args(["build", "--release", "--locked", "--message-format=json"]);
+    cargo.args(["--manifest-path=examples/firmware/Cargo.toml", "--target-dir"]).arg(firmware_dir()).args(more);
+    // Flags of this test's own build (coverage, a linker) do not apply to a firmware.
+    cargo.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS");
+    cargo.output().expect("cargo can be started")
+}
+
+fn firmware_dir() -> PathBuf {
+    target_dir().join("tmp/firmware")
+}
+
+/// The static library of `examples/firmware` for this machine, built.
+pub fn firmware() -> PathBuf {
+    let built = build_firmware(&[]);
+    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+    firmware_dir().join("release/libcontroller.a")
 }
 
 /// The library of this build.

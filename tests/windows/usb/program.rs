@@ -58,12 +58,7 @@ impl Program {
     /// The next line that it prints.
     #[track_caller]
     pub fn says(&mut self, line: &str) {
-        self.has_said(line, self.lines.recv_timeout(PATIENCE));
-    }
-
-    #[track_caller]
-    fn has_said(&self, line: &str, said: Result<String, RecvTimeoutError>) {
-        match said {
+        match self.lines.recv_timeout(PATIENCE) {
             Ok(said) => assert_eq!(said, line, "{}: {}", self.what, complaints()),
             Err(why) => panic!("{}: no `{line}` ({why}): {}", self.what, complaints()),
         }
@@ -94,18 +89,6 @@ impl Program {
     pub fn passes(mut self) {
         self.says("ok");
         self.ends_well();
-    }
-
-    /// As [`Self::passes`]; returns false if it says nothing for [`PATIENCE`].
-    #[track_caller]
-    pub fn passes_or_hangs(mut self) -> bool {
-        let said = self.lines.recv_timeout(PATIENCE);
-        if said == Err(RecvTimeoutError::Timeout) {
-            return false;
-        }
-        self.has_said("ok", said);
-        self.ends_well();
-        true
     }
 
     #[track_caller]

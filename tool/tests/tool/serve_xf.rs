@@ -66,6 +66,25 @@ mod needs_cxx {
     use super::*;
     use std::process::Command;
 
+    /// A firmware in C on the static library of `examples/firmware` starts a served chip and counts its slaves. Its
+    /// header is C99, and C++.
+    #[test]
+    fn a_firmware_in_c() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [example, program] = [support::root().join("examples/firmware"), folder.path().join("firmware")];
+        let mut cc = support::Language::C("c99").compiler();
+        support::succeed(cc.arg(example.join("main.c")).arg(support::firmware()).arg("-o").arg(&program));
+        let mut cxx = support::Language::Cpp("c++11").compiler();
+        support::succeed(cxx.args(["-fsyntax-only", "-x", "c++"]).arg(example.join("controller.h")));
+
+        let serving = Serving::start("xf", &["--link", "xf-sim:?slaves=drive*3"]);
+        assert_eq!(support::succeed(Command::new(&program).arg(port(&serving))), "3 slaves\n");
+        serving.end();
+        let refused = support::run(Command::new(&program).arg("1"));
+        assert_eq!(refused.status.code(), Some(1), "{}", refused.stdout);
+        assert!(refused.stderr.contains("nobody serves a chip there"), "{}", refused.stderr);
+    }
+
     /// XF-14.12 The host in C of the examples compiles as C99 without a warning and finds n and the firmware of either chip.
     #[test]
     fn a_host_in_c() {

@@ -99,6 +99,7 @@ mod tests {
                 folder: folders[at].path().to_owned(),
                 names,
                 zip: PathBuf::new(),
+                installers: Vec::new(),
                 on_windows: Vec::new(),
                 linux: Vec::new(),
             }

@@ -8,9 +8,9 @@ use std::process::Command;
 use super::machine::Machine;
 use super::release::Release;
 use super::tree::files;
-use super::{ForLinux, Made, folder};
+use super::{ForLinux, Made, folder, msi};
 use crate::error::Error;
-use crate::needs::UNZIP;
+use crate::needs::{MSIEXTRACT, UNZIP};
 use crate::project::Project;
 use crate::{command, remapped};
 
@@ -51,6 +51,7 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
 fn packages(release: &Release, made: &Made) -> Vec<(String, Machine, PathBuf)> {
     let mut found = vec![("windows.zip".to_owned(), Machine::Amd64, made.zip.clone())];
     found.extend(made.on_windows.iter().map(|wheel| ("windows.whl".to_owned(), Machine::Amd64, wheel.clone())));
+    found.extend(made.installers.iter().map(|(_, file)| ("windows.msi".to_owned(), Machine::Amd64, file.clone())));
     for id in ["Ecmsk", "NEXTWUSB.Compat"] {
         let package = made.folder.join(format!("{id}.{}.nupkg", release.version));
         found.push((format!("{id}.nupkg"), Machine::Amd64, package));
@@ -72,6 +73,11 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
     if kind == "deb" {
         command::output(Command::new("dpkg-deb").arg("--extract").arg(file).arg(to))?;
         return Ok(to.to_owned());
+    }
+    if kind == "msi" {
+        command::output(Command::new(MSIEXTRACT.program).arg("--directory").arg(to).arg(file))?;
+        let places = msi::EXTRACTED.map(|place| to.join(place));
+        return Ok(places.into_iter().find(|place| place.exists()).unwrap_or_else(|| to.to_owned()));
     }
     // These two have no folder around their files.
     let is_flat = kind == "nupkg" || kind == "whl";

@@ -6,8 +6,8 @@
 //! - `release.rs`: the version, and the one time that all packed files get
 //! - `machine.rs`, `foreign.rs`: the machines for which Linux packages are made, and the test of those for other machines than
 //!   this one, in an emulator
-//! - `linux.rs`, `tarball.rs`, `windows_zip.rs`, `wheel.rs`, `nuget.rs`, `deb/`: the packages: for any Linux, for Windows, for
-//!   Python, for .NET, for Debian
+//! - `linux.rs`, `tarball.rs`, `windows_zip.rs`, `msi.rs`, `wheel.rs`, `nuget.rs`, `deb/`: the packages: for any Linux, for
+//!   Windows (two), for Python, for .NET, for Debian
 //! - `first_axis.rs`: puts a package in place and moves an axis with it
 //! - `tree.rs`, `archive.rs`: a folder with fixed modes and times, and its archive
 //! - `crates.rs`, `licences.rs`, `sbom.rs`: the crates in each file, their licences, and the list of components (SBOM)
@@ -23,6 +23,7 @@ mod foreign;
 mod licences;
 mod linux;
 mod machine;
+mod msi;
 mod nuget;
 mod release;
 mod sbom;
@@ -37,8 +38,8 @@ use std::process::Command;
 
 use crate::error::Error;
 use crate::needs::{
-    CARGO_DEBIAN, DEBOOTSTRAP, DPKG_DEV, GCC_ARM64, GCC_ARMHF, LINTIAN, MCS, MINGW_X64, MINGW_X86, MONO, Need,
-    QEMU_USER, ROOT, RUSTC_DEBIAN, STRIP, UNZIP, WINE_X64, ZIP, joined,
+    CARGO_DEBIAN, DEBOOTSTRAP, DPKG_DEV, GCC_ARM64, GCC_ARMHF, LINTIAN, MCS, MINGW_X64, MINGW_X86, MONO, MSIBUILD,
+    MSIEXTRACT, Need, QEMU_USER, ROOT, RUSTC_DEBIAN, STRIP, UNZIP, WINE_X64, WIXL, ZIP, joined,
 };
 use crate::project::Project;
 use crate::python_packages::WHEELS;
@@ -53,8 +54,22 @@ use sbom::{Artefact, Runtime};
 use tree::Tree;
 
 /// The programs that making the packages for this machine and for Windows needs.
-const NEEDS: &[Need] = &joined::<{ 10 + WHEELS.len() }>(&[
-    &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN],
+const NEEDS: &[Need] = &joined::<{ 13 + WHEELS.len() }>(&[
+    &[
+        RUSTC_DEBIAN,
+        CARGO_DEBIAN,
+        MINGW_X86,
+        MINGW_X64,
+        MCS,
+        STRIP,
+        WIXL,
+        MSIBUILD,
+        MSIEXTRACT,
+        ZIP,
+        UNZIP,
+        DPKG_DEV,
+        LINTIAN,
+    ],
     WHEELS,
 ]);
 /// The further programs that the packages for other machines need.
@@ -91,6 +106,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     judge(project, &release, &made)?;
     if arguments.check {
         test_packages(project, &release, &made)?;
+        compile_crates(project)?;
         again::compare(project, &release, &made)?;
     }
     for name in &made.names {
@@ -127,7 +143,18 @@ fn test_packages(project: &Project, release: &Release, made: &Made) -> Result<()
     let program = format!("ecmsk-{}-windows/x64/ecmsk.exe", release.version);
     first_axis::timed("the zip file under Wine", first_axis::MOVED, || {
         windows::run_from_zip(project, &made.zip, &program, &first_axis::MOVE)
-    })
+    })?;
+    made.installers.iter().try_for_each(|(width, installer)| msi::first_axis(project, *width, installer))
+}
+
+/// The packages that are published as crates, in an order that works.
+const PUBLISHED: [&str; 2] = ["ecmsk", TOOL_PACKAGE];
+
+/// Packs the crates as for crates.io, and compiles them from what is packed; publishes nothing.
+fn compile_crates(project: &Project) -> Result<(), Error> {
+    let mut cargo = project.cargo();
+    cargo.args(["publish", "--dry-run", "--locked", "--allow-dirty"]);
+    command::run(cargo.args(PUBLISHED.iter().flat_map(|package| ["--package", package])))
 }
 
 /// Builds the library and the tool that the Linux packages for this machine contain.
@@ -156,6 +183,8 @@ struct Made {
     names: Vec<String>,
     /// The path of the package for Windows.
     zip: PathBuf,
+    /// The paths of the packages for Windows' installer.
+    installers: Vec<(Width, PathBuf)>,
     /// The paths of the wheels for Windows; a quick build has none.
     on_windows: Vec<PathBuf>,
     linux: Vec<ForLinux>,
@@ -203,6 +232,10 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     let mut names = vec![format!("ecmsk-{}-windows.zip", release.version)];
     let zip = out.join(&names[0]);
     archive::zip(release, project.archive_level(), &tree, &zip)?;
+    let mut installers = Vec::new();
+    for width in Width::ALL {
+        installers.push((width, msi::make(release, &tree, width, &work.join("msi"), out)?));
+    }
     let mut in_dotnet = Vec::new();
     let machines = linux.iter().map(|packages| packages.machine).filter(|machine| machine.rid().is_some());
     for triple in Width::ALL.map(triple).into_iter().chain(machines.map(Machine::target)) {
@@ -217,7 +250,7 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
         wheels.push(wheel_for_windows(project, release, &known, *width, module, out)?);
     }
     let name_of = |path: &PathBuf| Some(path.file_name()?.to_string_lossy().into_owned());
-    names.extend(wheels.iter().filter_map(name_of));
+    names.extend(installers.iter().map(|(_, installer)| installer).chain(&wheels).filter_map(name_of));
     for packages in &linux {
         names.push(packages.tar.clone());
         names.extend([&packages.wheel].into_iter().chain(&packages.debs).filter_map(name_of));
@@ -239,7 +272,7 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     let sums = archive::sums(out, &names)?;
     fs::write(out.join(SUMS), sums).map_err(Error::file("write", out))?;
     names.push(SUMS.to_owned());
-    Ok(Made { folder: out.to_owned(), names, zip, on_windows: wheels, linux })
+    Ok(Made { folder: out.to_owned(), names, zip, installers, on_windows: wheels, linux })
 }
 
 /// Builds the modules of the Python package for Windows.

@@ -175,6 +175,37 @@ pub fn run_from_zip(project: &Project, zip: &Path, program: &str, words: &[&str]
     Ok(String::from_utf8_lossy(&said).replace("\r\n", "\n"))
 }
 
+/// Puts a package of Windows' installer in place under Wine, runs the program `words` that PATH then finds, and removes the
+/// package again; returns what the program prints.
+///
+/// # Errors
+/// Something of the package is left under Program Files in `folder`.
+pub fn run_installed(
+    project: &Project,
+    width: Width,
+    installer: &Path,
+    folder: &str,
+    words: &[&str],
+) -> Result<String, Error> {
+    let wine = wine::set_up(project, width)?;
+    wine.clear()?;
+    let place = wine.programs.join("installer");
+    std::fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
+    std::fs::copy(installer, place.join("package.msi")).map_err(Error::file("copy", installer))?;
+    let run = |words: &[&str]| {
+        let said = command::output(Command::new(&wine.script).arg("installer").args(words))?;
+        Ok(String::from_utf8_lossy(&said).replace("\r\n", "\n"))
+    };
+    // A run that was interrupted has left its package.
+    let _ = run(&["msiexec.exe", "/x", "package.msi", "/qn"]);
+    run(&["msiexec.exe", "/i", "package.msi", "/qn"])?;
+    let said = run(words);
+    run(&["msiexec.exe", "/x", "package.msi", "/qn"])?;
+    let left = run(&["cmd.exe", "/c", &format!("if exist \"%ProgramFiles%\\{folder}\" echo left")])?;
+    wine.clear()?;
+    if left.is_empty() { said } else { Err(Error::Package(format!("{} leaves files behind", installer.display()))) }
+}
+
 /// The folder into which [`build_into`] builds for the tests.
 pub fn staged(project: &Project) -> PathBuf {
     folder(project).join("stage")

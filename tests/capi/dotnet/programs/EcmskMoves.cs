@@ -2,6 +2,7 @@
 using System;
 using System.Linq;
 using System.Threading;
+using System.Threading.Tasks;
 using Ecmsk;
 
 static class EcmskMoves
@@ -93,6 +94,8 @@ static class EcmskMoves
             Snapshot later = board.ReadAsync().Result;
             That(later.Sequence > off.Sequence && later.ToArray().Length == (board.SlotSize == SlotSize.Bytes12 ? 504 : 512), "a task");
 
+            That(Awaited(board, later.Sequence).Result == 5, "five reports are awaited");
+
             BoardCounters counters = board.GetCounters();
             That(counters.Executed > 1000 && counters.Full == 0 && counters.Crc == 0, "the board has executed the frames");
             That(counters.Rejected.Count > 3 && counters.Rejected.Values.All(count => count == 0), "and rejected none");
@@ -104,5 +107,31 @@ static class EcmskMoves
         Console.WriteLine(states);
         Console.WriteLine("NEXTWUSBLib {0}", Board.LibraryVersion);
         return 0;
+    }
+
+    // What a compiler of C# 8 makes of `await foreach` over ReportsAsync, which is cancelled at the fifth report.
+    static async Task<int> Awaited(Board board, long before)
+    {
+        int count = 0;
+        using (var limit = new CancellationTokenSource())
+        {
+            var reports = board.ReportsAsync(limit.Token).GetAsyncEnumerator();
+            try
+            {
+                while (await reports.MoveNextAsync())
+                {
+                    Snapshot report = reports.Current;
+                    That(report.Sequence > before, "each is newer than the one before");
+                    before = report.Sequence;
+                    if (++count == 5)
+                        limit.Cancel();
+                }
+            }
+            finally
+            {
+                await reports.DisposeAsync();
+            }
+        }
+        return count;
     }
 }

@@ -1,7 +1,7 @@
 /* Watchdogs of old programs end a thread that waits in ECMUSBRead by TerminateThread. Reads and writes of other
  * threads, Close, and the next Open work all the same. The argument is whether the board sends `reports` or is
  * `silent`. With `crowd` it sends reports, and many threads read at once, so that one may wait for another one's lock when
- * it is ended. With `inside` they read and write, and are ended between any two instructions of the library. */
+ * it is ended. */
 #include "../../c/check.h"
 
 #include <windows.h>
@@ -9,17 +9,12 @@
 enum { ROUNDS = 12, CROWD = 8 };
 
 static volatile LONG waiting;
-static bool silent, is_inside;
-/* Where the library is. */
-static ULONG_PTR library, library_end;
+static bool silent;
 
 static DWORD WINAPI reader(LPVOID buffer)
 {
     InterlockedIncrement(&waiting);
     while (ECMUSBRead((unsigned char *)buffer, 512)) {
-        if (is_inside) {
-            write_command();
-        }
     }
     return 0;
 }
@@ -38,33 +33,25 @@ static HANDLE start(unsigned char *buffer)
     return thread;
 }
 
-/* The address of a suspended thread's next instruction. */
-static ULONG_PTR next_of(HANDLE thread)
-{
-    CONTEXT context;
-    memset(&context, 0, sizeof context);
-    context.ContextFlags = CONTEXT_CONTROL;
-    CHECK(GetThreadContext(thread, &context));
-#ifdef _WIN64
-    return context.Rip;
-#else
-    return context.Eip;
-#endif
-}
-
-/* Whether a suspended thread waits in a system call, or with `inside` is in the library itself. Elsewhere it may hold a lock
- * of the system, which nobody could release after its end. */
-static bool may_end(HANDLE thread)
+/* Whether a suspended thread waits in a system call. Outside of one it may hold a lock of the system, which nobody
+ * could release after its end. */
+static bool waits(HANDLE thread)
 {
     static const char *const calls[] = {"NtDelayExecution", "NtRemoveIoCompletion", "NtRemoveIoCompletionEx",
                                         "NtWaitForAlertByThreadId", "NtWaitForKeyedEvent",
                                         "NtWaitForMultipleObjects", "NtWaitForSingleObject"};
     enum { STUB_BYTES = 48 };
-    ULONG_PTR at = next_of(thread);
+    CONTEXT context;
+    ULONG_PTR at;
     size_t n;
-    if (is_inside) {
-        return at >= library && at < library_end;
-    }
+    memset(&context, 0, sizeof context);
+    context.ContextFlags = CONTEXT_CONTROL;
+    CHECK(GetThreadContext(thread, &context));
+#ifdef _WIN64
+    at = context.Rip;
+#else
+    at = context.Eip;
+#endif
     for (n = 0; n < sizeof calls / sizeof *calls; n++) {
         ULONG_PTR begin = (ULONG_PTR)GetProcAddress(GetModuleHandleA("ntdll"), calls[n]);
         if (begin != 0 && at > begin && at < begin + STUB_BYTES) {
@@ -76,13 +63,15 @@ static bool may_end(HANDLE thread)
 
 static void terminate(HANDLE thread)
 {
-    for (;;) {
+    DWORD pause;
+    for (pause = 0;; pause = 1 - pause) {
         CHECK(SuspendThread(thread) != (DWORD)-1);
-        if (may_end(thread)) {
+        if (waits(thread)) {
             break;
         }
         CHECK(ResumeThread(thread) != (DWORD)-1);
-        Sleep(0);
+        /* Under Wine on one processor a thread that is suspended again at once may never go on. */
+        Sleep(pause);
     }
     CHECK(TerminateThread(thread, 1));
     CHECK(WaitForSingleObject(thread, INFINITE) == WAIT_OBJECT_0);
@@ -117,18 +106,12 @@ int main(int count, char **arguments)
 {
     static unsigned char buffers[CROWD][512];
     HANDLE readers[CROWD];
-    const char *mode = count > 1 ? arguments[1] : "";
-    bool crowd = strcmp(mode, "crowd") == 0;
+    bool crowd = count > 1 && strcmp(arguments[1], "crowd") == 0;
     int round;
-    silent = strcmp(mode, "silent") == 0;
-    is_inside = strcmp(mode, "inside") == 0;
-    library = (ULONG_PTR)GetModuleHandleA("NEXTWUSBLib");
-    CHECK(library != 0);
-    library_end = library + ((IMAGE_NT_HEADERS *)(library + ((IMAGE_DOS_HEADER *)library)->e_lfanew))
-                                ->OptionalHeader.SizeOfImage;
+    silent = count > 1 && strcmp(arguments[1], "silent") == 0;
     open_board();
     for (round = 0; round < ROUNDS; round++) {
-        int n, threads = crowd ? CROWD : is_inside ? 3 : 1 + round % 2;
+        int n, threads = crowd ? CROWD : 1 + round % 2;
         for (n = 0; n < threads; n++) {
             readers[n] = start(buffers[n]);
         }

@@ -170,6 +170,33 @@ mod needs_chromium {
         board.end();
     }
 
+    /// docs/WEB.md: a panel with many curves has few points, and for all curves the same times.
+    #[test]
+    fn many_axes_are_drawn_with_few_points() {
+        let web = Serving::start("web", &["--link", "sim:?slaves=drive*40"]);
+        let mut browser = Browser::start();
+        browser.open(web.address());
+        browser.wait_for("page.store.curves.filter((curve) => curve.channel.quantity === 'position').length === 40");
+        // The server is gone: what comes now comes from the test.
+        web.end();
+        browser.wait_for("document.querySelector('#notes').innerText.includes('not connected')");
+        browser.value(
+            "page.store.curves.filter((curve) => curve.channel.quantity === 'position').forEach((curve, axis) => { \
+                curve.length = 20000; \
+                curve.times = Float64Array.from({ length: 20000 }, (_, i) => i / 1000); \
+                curve.values = curve.times.map((at) => Math.sin(at * (axis + 1)) * 1000); \
+            }), page.store.from = 0, page.store.to = 20, page.scope.show({ from: 0, to: 20 })",
+        );
+        let seen = browser.value(
+            "(() => { const { plot, curves } = page.scope.panels[0]; \
+              return [curves.length, plot.data[0].length, Math.max(...plot.data[40]), page.scope.root.clientWidth]; })()",
+        );
+        let [curves, times, greatest, width] = [0, 1, 2, 3].map(|place| seen[place].as_f64().expect("a number"));
+        assert_eq!(curves, 40.0, "{seen}");
+        assert!(times > width / 2.0 && times <= width + 4.0, "{seen}");
+        assert!(greatest > 999.0, "{seen}");
+    }
+
     /// The memory that the page uses, bytes: its objects, and the points outside of them; and the nodes of its document.
     fn used(browser: &mut Browser) -> (f64, f64) {
         browser.call("HeapProfiler.collectGarbage", serde_json::json!({}));

@@ -215,19 +215,20 @@ export function valueAt(curve, at) {
 
 /**
  * The points of a time, thinned: of those in one column the first, the least, the greatest and the last remain, so that a
- * drawn curve looks the same.
+ * drawn curve looks the same. With `shared` only the least and the greatest remain, at the same times of the column for every
+ * curve: many curves then need few times together.
  * @param {Curve} curve
  * @param {import("./types").Range} range
  * @param {number} columns
+ * @param {boolean} [shared]
  * @returns {[number[], (number | null)[]]} times and values; `null` is a gap
  */
-export function thin(curve, range, columns) {
+export function thin(curve, range, columns, shared = false) {
   /** @type {number[]} */
   const times = [];
   /** @type {(number | null)[]} */
   const values = [];
-  const put = (/** @type {number} */ i) => {
-    const time = curve.times[i];
+  const put = (/** @type {number} */ i, time = curve.times[i]) => {
     if (times.length > 0 && times[times.length - 1] >= time) return;
     times.push(time);
     values.push(Number.isNaN(curve.values[i]) ? null : curve.values[i]);
@@ -249,7 +250,11 @@ export function thin(curve, range, columns) {
       i += 1;
     }
     const inner = gap < 0 ? [least, greatest] : [least, gap, greatest];
-    [begin, ...inner.sort((a, b) => a - b), i - 1].forEach(put);
+    inner.sort((a, b) => a - b);
+    if (shared && i - begin > 2) {
+      const step = width / (inner.length + 1);
+      inner.forEach((index, n) => put(index, range.from + column * width + (n + 1) * step));
+    } else [begin, ...inner, i - 1].forEach((index) => put(index));
     if (curve.times[i - 1] > range.to) break;
   }
   const last = times.length - 1;

@@ -114,7 +114,7 @@ class Page {
         else this.control.lost();
       },
     });
-    setInterval(() => this.draw(), DRAWN_MS);
+    this.drawOn();
   }
 
   /** @param {import("./types").Hello} hello */
@@ -204,6 +204,17 @@ class Page {
     const later = this.events.filter((event) => (event.at_ns / 1e9 - from) * way > 0);
     const next = way > 0 ? later[0] : later[later.length - 1];
     if (next) this.jump(next);
+  }
+
+  /** Draws again and again, but for no more than half of the time: then there is time for the hand of a person. */
+  drawOn() {
+    const begin = performance.now();
+    this.draw();
+    // The second frame comes when the picture of the first one is there.
+    requestAnimationFrame(() => requestAnimationFrame(() => {
+      const took = performance.now() - begin;
+      setTimeout(() => this.drawOn(), Math.max(DRAWN_MS - took, took));
+    }));
   }
 
   draw() {

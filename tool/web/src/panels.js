@@ -20,6 +20,8 @@ const DASHES = new Map([
   ["target", [6, 4]], ["target_velocity", [6, 4]], ["cst", [6, 4]], ["output", [6, 4]], ["beside", [2, 3]],
 ]);
 const LANE_PX = 22;
+/** A panel with more curves draws fewer points and thinner lines, or it would take the time of many pictures. [OURS] */
+const CROWD = 8;
 
 /** Colours that people who see no red or no green tell apart, for light and for dark paper (after Okabe and Ito). */
 const COLOURS = {
@@ -150,7 +152,9 @@ export class Scope {
     if (this.built !== this.store.curves.length) this.build();
     const width = Math.max(200, this.root.clientWidth);
     for (const { plot, curves, lanes } of this.panels) {
-      const tables = curves.map((curve, lane) => this.points(curve, lanes ? curves.length - 1 - lane : undefined, width));
+      const isCrowded = !lanes && curves.length > CROWD;
+      const tables = curves.map((curve, lane) =>
+        this.points(curve, lanes ? curves.length - 1 - lane : undefined, width, isCrowded));
       plot.setData(/** @type {uPlot.AlignedData} */ (uPlot.join(tables)), true);
     }
   }
@@ -159,13 +163,15 @@ export class Scope {
    * @param {Curve} curve
    * @param {number | undefined} lane where the curve is drawn as a lane
    * @param {number} width
+   * @param {boolean} isCrowded whether the panel has many curves
    * @returns {uPlot.AlignedData}
    */
-  points(curve, lane, width) {
+  points(curve, lane, width, isCrowded) {
     if (this.hidden.has(curve)) return [[], []];
     // A value that holds does so to the end of what is known.
     const { from, to } = this.range;
-    const [times, values] = thin(curve, { from, to: Math.max(from + 1e-9, Math.min(to, this.store.to)) }, width);
+    const known = { from, to: Math.max(from + 1e-9, Math.min(to, this.store.to)) };
+    const [times, values] = thin(curve, known, isCrowded ? width / 2 : width, isCrowded);
     if (lane === undefined) return [times, values];
     return [times, values.map((value) => (value === null ? null : lane + 0.15 + 0.7 * value))];
   }
@@ -237,7 +243,7 @@ export class Scope {
     const series = curves.map((curve) => ({
       label: channelName(curve.channel, this.known.slaves),
       stroke: colourOf(curve.channel.slave, this.theme),
-      width: 1.5,
+      width: !lanes && curves.length > CROWD ? 1 : 1.5,
       dash: lanes ? undefined : DASHES.get(curve.channel.quantity),
       points: { show: false },
       paths: curve.channel.held ? stepped : undefined,

@@ -95,6 +95,19 @@ test("thinning keeps peaks and needs few points", () => {
   assert.ok(times.every((at, i) => i === 0 || at > times[i - 1]));
 });
 
+test("many curves share their times, and keep their peaks", () => {
+  const [one, other] = [31_415, 27_182].map((peak) =>
+    store(Array.from({ length: 50_000 }, (_, i) => [ms(i), i === peak ? 9_999 : (i * peak) % 7])).curves[0]);
+  const [[times, values], [others]] = [one, other].map((curve) => thin(curve, { from: 0, to: 50 }, 500, true));
+  assert.ok(times.length <= 2 * 502, `${times.length} points`);
+  assert.equal(Math.max(...values), 9_999);
+  assert.ok(times.every((at, i) => i === 0 || at > times[i - 1]));
+  assert.ok(new Set([...times, ...others]).size <= 2 * 502);
+  const [broken] = [store(Array.from({ length: 100 }, (_, i) => [ms(i), i]))];
+  broken.addBlock(Uint8Array.from(record(0, [[ms(100), 1], [ms(110), 2]], true)));
+  assert.ok(thin(broken.curves[0], { from: 0, to: 0.2 }, 1, true)[1].includes(null), "a gap stays");
+});
+
 test("cursors read values, their difference and what is between", () => {
   const points = [[ms(0), 0], [ms(10), 70], [ms(20), 20], [ms(30), 50]];
   const [reading] = readings(store(points).curves, 0, 0.02);

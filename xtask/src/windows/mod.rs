@@ -179,7 +179,7 @@ pub fn run_from_zip(project: &Project, zip: &Path, program: &str, words: &[&str]
 /// package again; returns what the program prints.
 ///
 /// # Errors
-/// Something of the package is left under Program Files in `folder`.
+/// The package makes no `folder` under Program Files, or leaves it behind.
 pub fn run_installed(
     project: &Project,
     width: Width,
@@ -196,14 +196,24 @@ pub fn run_installed(
         let said = command::output(Command::new(&wine.script).arg("installer").args(words))?;
         Ok(String::from_utf8_lossy(&said).replace("\r\n", "\n"))
     };
+    // Both of Windows' folders for programs.
+    let is_there = || {
+        let listed = run(&["cmd.exe", "/c", "dir", "/b", r"C:\Program Files", r"C:\Program Files (x86)"])?;
+        Ok::<_, Error>(listed.lines().any(|name| name == folder))
+    };
     // A run that was interrupted has left its package.
     let _ = run(&["msiexec.exe", "/x", "package.msi", "/qn"]);
     run(&["msiexec.exe", "/i", "package.msi", "/qn"])?;
+    let was_there = is_there()?;
     let said = run(words);
     run(&["msiexec.exe", "/x", "package.msi", "/qn"])?;
-    let left = run(&["cmd.exe", "/c", &format!("if exist \"%ProgramFiles%\\{folder}\" echo left")])?;
+    let is_left = is_there()?;
     wine.clear()?;
-    if left.is_empty() { said } else { Err(Error::Package(format!("{} leaves files behind", installer.display()))) }
+    match (was_there, is_left) {
+        (true, false) => said,
+        (true, true) => Err(Error::Package(format!("{} leaves files behind", installer.display()))),
+        (false, _) => Err(Error::Package(format!("{} installs no folder {folder}", installer.display()))),
+    }
 }
 
 /// The folder into which [`build_into`] builds for the tests.

@@ -176,12 +176,14 @@ mod needs_chromium {
         let web = Serving::start("web", &["--link", "sim:?slaves=drive*40"]);
         let mut browser = Browser::start();
         browser.open(web.address());
-        browser.wait_for("page.store.curves.filter((curve) => curve.channel.quantity === 'position').length === 40");
+        browser.wait_for("document.querySelector('#board').innerText.includes('PreOP')");
         // The server is gone: what comes now comes from the test.
         web.end();
         browser.wait_for("document.querySelector('#notes').innerText.includes('not connected')");
         browser.value(
-            "page.store.curves.filter((curve) => curve.channel.quantity === 'position').forEach((curve, axis) => { \
+            "page.store.setChannels([...page.store.curves.map((curve) => curve.channel), ...Array.from({ length: 40 }, (_, i) => \
+                ({ slave: i + 1, quantity: 'position', bit: 0, factor: 1, unit: '', held: false }))]), \
+             page.store.curves.filter((curve) => curve.channel.quantity === 'position').forEach((curve, axis) => { \
                 curve.length = 20000; \
                 curve.times = Float64Array.from({ length: 20000 }, (_, i) => i / 1000); \
                 curve.values = curve.times.map((at) => Math.sin(at * (axis + 1)) * 1000); \

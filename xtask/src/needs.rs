@@ -112,9 +112,9 @@ pub const ZIP: Need = Need { program: "/usr/bin/zip", source: Source::DebianFile
 /// Makes packages of Windows' installer from a description.
 pub const WIXL: Need = Need { program: "wixl", source: Source::Debian(&["wixl"]) };
 /// Takes the files out of packages of Windows' installer.
-pub const MSIEXTRACT: Need = Need { program: "msiextract", source: Source::Debian(&["msitools"]) };
+pub const MSIEXTRACT: Need = Need { program: "/usr/bin/msiextract", source: Source::DebianFile(&["msitools"]) };
 /// Changes packages of Windows' installer.
-pub const MSIBUILD: Need = Need { program: "msibuild", source: Source::Debian(&["msitools"]) };
+pub const MSIBUILD: Need = Need { program: "/usr/bin/msibuild", source: Source::DebianFile(&["msitools"]) };
 pub const UNZIP: Need = Need { program: "/usr/bin/unzip", source: Source::DebianFile(&["unzip"]) };
 pub const DEBOOTSTRAP: Need = Need { program: "debootstrap", source: Source::Debian(&["debootstrap"]) };
 /// The right to make a Debian system in a folder, and to run programs in it (debootstrap, chroot).

@@ -14,8 +14,8 @@ use super::CallingThread;
 /// How many times a thread spins before it waits in the kernel: a lock is held only for as long as copying a frame takes.
 /// \[OURS]
 const SPINS: u32 = 64;
-/// The longest wait, ms, before a thread looks at the lock again. A thread may be ended after Windows has woken it for a
-/// lock that it has not taken yet; the other threads then wait for this long. \[OURS]
+/// The longest wait, ms, before a thread checks the lock again. Each release wakes one thread. If that thread is ended before it
+/// takes the lock, the others go on after this time. \[OURS]
 const WAIT_MS: u32 = 8;
 /// The number of waits of this length in a row, together about 32 ms, after which a waiting thread asks the system whether the
 /// owner has ended. An owner that still runs would normally have released the lock by then. \[OURS]

@@ -144,10 +144,11 @@ mod imp {
             let is_free = |waiter: &Waiter| waiter.of.is_none();
             let is_left = |waiter: &Waiter| waiter.of.is_some_and(|thread| thread.is_gone());
             let free = waiters.iter().position(is_free).or_else(|| waiters.iter().position(is_left)).or_else(|| {
+                let more = if waiters.is_empty() { WAITERS_CAPACITY } else { 1 };
+                waiters.try_reserve(more).ok()?;
                 // SAFETY: an event without attributes and name, which resets itself and is not set.
                 let event = unsafe { CreateEventW(ptr::null(), 0, 0, ptr::null()) };
-                let more = if waiters.is_empty() { WAITERS_CAPACITY } else { 1 };
-                if event.is_null() || waiters.try_reserve(more).is_err() {
+                if event.is_null() {
                     return None;
                 }
                 waiters.push(Waiter { event, of: None });

@@ -39,8 +39,8 @@ until grep -q answering $4 || [ $tries = 100 ]; do sleep 0.05; tries=$((tries + 
 $1 exec --link 'nic:veth0?priority=20' --record $2 -- $3
 ";
 
-/// The cost of building the library and the tool as in the tests, printed before the build. The build of `cargo xtask` itself is done
-/// when this is printed, so it is not included.
+/// The cost of building the library and the tool as in the tests, printed before the build. The build of `cargo xtask` itself is
+/// done when this is printed, so it is not included.
 const SPEND: Spend = Spend {
     disk_mb: 1_800,
     time: "on two free cores, four minutes beside the build of `cargo xtask` itself, now done",

@@ -55,7 +55,7 @@ impl Shared {
         let mut state = self.state.lock();
         let mut seen = state.call_count;
         let mut cancelled_at = None;
-        while !state.events_failed && (!state.closing || state.is_any_submitted()) {
+        while !state.events_failed && (!state.closing || state.is_any_in_flight()) {
             if state.closing {
                 let Some(cancelled_at) = cancelled_at else {
                     // Cancels the transfers to the host once. No transfer is submitted again afterwards, because
@@ -82,7 +82,7 @@ impl Shared {
                 } else {
                     self.sleep(&mut state);
                 }
-            } else if !state.closing && (!state.is_any_submitted() || state.input_pause.is_complete(backend.inputs())) {
+            } else if !state.closing && (!state.is_any_in_flight() || state.input_pause.is_complete(backend.inputs())) {
                 // No transfer to the host is submitted: the pipe is being opened, the device is lost, or the input is
                 // paused. The only possible event is the end of a write, for which the writing thread itself waits.
                 self.thread_wakeup.wait(&mut state);

@@ -366,7 +366,7 @@ impl Pipe {
 fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
     let (stalled, leaked) = {
         let state = shared.state.lock();
-        (state.stalled, state.events_failed && state.is_any_submitted())
+        (state.stalled, state.events_failed && state.is_any_in_flight())
     };
     if leaked {
         // The system may still write into transfers whose end was not reported, so their memory is never freed.

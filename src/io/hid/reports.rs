@@ -91,8 +91,8 @@ impl State {
         Self { reports, writers, input_pause: InputPause::new(options), ..Self::default() }
     }
 
-    /// Whether a transfer in either direction is submitted and has not ended.
-    pub const fn is_any_submitted(&self) -> bool {
+    /// Whether a transfer is in flight, in either direction.
+    pub const fn is_any_in_flight(&self) -> bool {
         self.inputs_submitted > 0 || self.output_submitted
     }
 

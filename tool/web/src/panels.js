@@ -23,6 +23,12 @@ const LANE_PX = 22;
 /** A panel with more curves draws fewer points and thinner lines, or it would take the time of many pictures. [OURS] */
 const CROWD = 8;
 
+/**
+ * Whether a panel has too many curves to draw each with all its points.
+ * @param {{lanes: boolean, curves: Curve[]}} panel
+ */
+const isCrowded = ({ lanes, curves }) => !lanes && curves.length > CROWD;
+
 /** Colours that people who see no red or no green tell apart, for light and for dark paper (after Okabe and Ito). */
 const COLOURS = {
   light: ["#0072b2", "#d55e00", "#007a5a", "#b0428a", "#806000", "#1a7fa8", "#000000", "#6a51a3"],
@@ -151,10 +157,11 @@ export class Scope {
   refresh() {
     if (this.built !== this.store.curves.length) this.build();
     const width = Math.max(200, this.root.clientWidth);
-    for (const { plot, curves, lanes } of this.panels) {
-      const isCrowded = !lanes && curves.length > CROWD;
+    for (const panel of this.panels) {
+      const { plot, curves, lanes } = panel;
+      const crowded = isCrowded(panel);
       const tables = curves.map((curve, lane) =>
-        this.points(curve, lanes ? curves.length - 1 - lane : undefined, width, isCrowded));
+        this.points(curve, lanes ? curves.length - 1 - lane : undefined, width, crowded));
       plot.setData(/** @type {uPlot.AlignedData} */ (uPlot.join(tables)), true);
     }
   }
@@ -163,15 +170,15 @@ export class Scope {
    * @param {Curve} curve
    * @param {number | undefined} lane where the curve is drawn as a lane
    * @param {number} width
-   * @param {boolean} isCrowded whether the panel has many curves
+   * @param {boolean} crowded whether the panel has many curves
    * @returns {uPlot.AlignedData}
    */
-  points(curve, lane, width, isCrowded) {
+  points(curve, lane, width, crowded) {
     if (this.hidden.has(curve)) return [[], []];
     // A value that holds does so to the end of what is known.
     const { from, to } = this.range;
     const known = { from, to: Math.max(from + 1e-9, Math.min(to, this.store.to)) };
-    const [times, values] = thin(curve, known, isCrowded ? width / 2 : width, isCrowded);
+    const [times, values] = thin(curve, known, crowded ? width / 2 : width, crowded);
     if (lane === undefined) return [times, values];
     return [times, values.map((value) => (value === null ? null : lane + 0.15 + 0.7 * value))];
   }
@@ -243,7 +250,7 @@ export class Scope {
     const series = curves.map((curve) => ({
       label: channelName(curve.channel, this.known.slaves),
       stroke: colourOf(curve.channel.slave, this.theme),
-      width: !lanes && curves.length > CROWD ? 1 : 1.5,
+      width: isCrowded({ lanes, curves }) ? 1 : 1.5,
       dash: lanes ? undefined : DASHES.get(curve.channel.quantity),
       points: { show: false },
       paths: curve.channel.held ? stepped : undefined,

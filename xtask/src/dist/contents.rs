@@ -14,7 +14,8 @@ use crate::needs::{MSIEXTRACT, UNZIP};
 use crate::project::Project;
 use crate::{command, remapped};
 
-/// The list of the files that the packages have to contain: each line has the name of a package and a path in it.
+/// The list of the files that the packages have to contain: each line has the name of a package, or several
+/// with `|` between them, and a path in it.
 const LIST: &str = include_str!("contents.txt");
 
 /// Unpacks the packages and checks their contents.
@@ -103,7 +104,10 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
 
 /// What differs between the files of a package and those of [`LIST`]; `left_out`: folders that it does not have this time.
 fn differences(package: &str, machine: Machine, left_out: &[String], found: &[PathBuf]) -> Vec<String> {
-    let of_it = |line: &'static str| line.strip_prefix(package)?.strip_prefix(' ');
+    let of_it = |line: &'static str| {
+        let (packages, path) = line.split_once(' ')?;
+        packages.split('|').any(|name| name == package).then_some(path)
+    };
     let here = |path: &str| path.replace('@', machine.gnu()).replace("VERSION", env!("CARGO_PKG_VERSION"));
     let listed: Vec<String> = LIST.lines().filter_map(of_it).map(here).collect();
     let is_left_out = |path: &String| left_out.iter().any(|folder| path.starts_with(folder));

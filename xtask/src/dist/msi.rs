@@ -1,6 +1,7 @@
 //! The packages that Windows' installer puts in place (`.msi`), one for each width: the files of the zip package, with the
 //! tool in a folder of its own, which is added to PATH. wixl (of msitools) makes the database from a description in WiX's
-//! language. What it cannot say is written afterwards: the change of PATH, and what depends on the time of the build.
+//! language. What it cannot say is written afterwards: the change of PATH, versions of files, which packages this one replaces,
+//! and what depends on the time of the build.
 
 use std::fmt::Write;
 use std::fs;
@@ -117,14 +118,11 @@ fn in_wix(release: &Release, width: Width, product: Uuid, files: &[String]) -> S
         width = width.name(),
     );
     let win64 = if width == Width::X64 { "yes" } else { "no" };
-    for folder in folders {
-        if let Some((parent, name)) = (!folder.is_empty()).then(|| folder.rsplit_once('/').unwrap_or(("", folder))) {
-            let (parent, own) = (folder_id(parent), folder_id(folder));
-            let _ = writeln!(
-                text,
-                r#"    <DirectoryRef Id="{parent}"><Directory Id="{own}" Name="{name}"/></DirectoryRef>"#
-            );
-        }
+    for folder in folders.into_iter().filter(|folder| !folder.is_empty()) {
+        let (parent, name) = folder.rsplit_once('/').unwrap_or(("", folder));
+        let (parent, own) = (folder_id(parent), folder_id(folder));
+        let _ =
+            writeln!(text, r#"    <DirectoryRef Id="{parent}"><Directory Id="{own}" Name="{name}"/></DirectoryRef>"#);
     }
     for file in files {
         let (folder, name) = file.rsplit_once('/').unwrap_or(("", file));

@@ -169,10 +169,9 @@ pub fn run_from_zip(project: &Project, zip: &Path, program: &str, words: &[&str]
     // An earlier run that has failed has left its files.
     wine.clear()?;
     command::output(Command::new(UNZIP.program).arg("-q").arg(zip).arg("-d").arg(wine.programs.join("unpacked")))?;
-    let mut script = Command::new(&wine.script);
-    let said = command::output(script.arg("unpacked").arg(program).args(words))?;
+    let said = wine.output("unpacked", &[&[program], words].concat())?;
     wine.clear()?;
-    Ok(String::from_utf8_lossy(&said).replace("\r\n", "\n"))
+    Ok(said)
 }
 
 /// Puts a package of Windows' installer in place under Wine, runs the program `words` that PATH then finds, and removes the
@@ -192,10 +191,7 @@ pub fn run_installed(
     let place = wine.programs.join("installer");
     std::fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
     std::fs::copy(installer, place.join("package.msi")).map_err(Error::file("copy", installer))?;
-    let run = |words: &[&str]| {
-        let said = command::output(Command::new(&wine.script).arg("installer").args(words))?;
-        Ok(String::from_utf8_lossy(&said).replace("\r\n", "\n"))
-    };
+    let run = |words: &[&str]| wine.output("installer", words);
     // Both of Windows' folders for programs.
     let is_there = || {
         let listed = run(&["cmd.exe", "/c", "dir", "/b", r"C:\Program Files", r"C:\Program Files (x86)"])?;

@@ -104,6 +104,12 @@ impl Wine {
         Ok(())
     }
 
+    /// Runs a program in a folder of [`Self::programs`]; returns what it prints, with the line ends of Linux.
+    pub fn output(&self, folder: &str, words: &[&str]) -> Result<String, Error> {
+        let said = command::output(Command::new(&self.script).arg(folder).args(words))?;
+        Ok(String::from_utf8_lossy(&said).replace("\r\n", "\n"))
+    }
+
     /// Runs a program in a folder of [`Self::programs`].
     pub fn run(&self, folder: &str, words: &[&str]) -> Result<(), Error> {
         let mut script = Command::new(&self.script);

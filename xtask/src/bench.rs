@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::command;
 use crate::error::Error;
-use crate::needs::{self, IP, MCS, MONO, NETWORK_NAMESPACE, Need, PIP, SOEM_SOURCES};
+use crate::needs::{self, CHROMIUM, IP, MCS, MONO, NETWORK_NAMESPACE, Need, PIP, SOEM_SOURCES};
 use crate::project::Project;
 use crate::{rig, windows};
 
 /// The programs and rights that some of the benches need. A bench for which one is missing is skipped and says so.
-const NEEDS: &[Need] = &[MCS, MONO, IP, NETWORK_NAMESPACE, PIP, SOEM_SOURCES];
+const NEEDS: &[Need] = &[CHROMIUM, MCS, MONO, IP, NETWORK_NAMESPACE, PIP, SOEM_SOURCES];
 
 #[derive(clap::Args)]
 pub struct Arguments {

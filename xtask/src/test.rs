@@ -374,7 +374,7 @@ pub fn rules(site: &Site) -> Result<(), Error> {
 fn fuzz_targets(site: &Site) -> Result<(), Error> {
     let mut cargo = site.project.cargo();
     // Not in fuzz/target, where all dependencies would be compiled once more.
-    cargo.args(["check", "--manifest-path=fuzz/Cargo.toml", "--target-dir"]).arg(&site.project.target);
+    cargo.args(["check", "--locked", "--manifest-path=fuzz/Cargo.toml", "--target-dir"]).arg(&site.project.target);
     command::run(&mut cargo)
 }
 

@@ -43,5 +43,8 @@ globalThis.hours = async (from, to) => {
     // The page draws meanwhile.
     await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
   }
+  // On a busy machine the page may not have drawn the last points.
+  page.dirty = true;
+  page.draw();
   return [page.store.from, page.store.to, page.events.length];
 };

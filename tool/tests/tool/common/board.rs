@@ -7,7 +7,7 @@ use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
 use ecmsk::sk::{CommandId, DriveResponse, Frame, MasterResponse, MasterState, SlotSize};
 
-use crate::common::{Ran, run, run_with_input};
+use super::{Ran, run, run_with_input};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
 /// The link of the tests: two drives and an IO slave on virtual time.

@@ -7,7 +7,7 @@ use std::process::Command;
 
 use tempfile::TempDir;
 
-use crate::common::{Ran, ecmsk};
+use super::{Ran, ecmsk};
 
 /// The shell command that reports an opened board, as the library does.
 pub const OPEN_BOARD: &str = ": > \"$ECMSK_OPENED\";";

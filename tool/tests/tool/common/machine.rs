@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::common::{Ran, ecmsk, json_lines};
+use super::{Ran, ecmsk, json_lines};
 
 /// The USB descriptors of a board (SK-9): one HID interface, interrupt endpoints 0x81 and 0x02 of 512 bytes.
 #[rustfmt::skip]

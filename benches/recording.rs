@@ -5,19 +5,31 @@
 //! `record_cycle`: a cycle of 40 axes that is recorded in blocks, against one that is recorded as pcapng. On a virtual clock
 //! the program waits for the recorder, so that its thread counts too.
 //!
+//! `record_lateness`: how late the cycles of a board with 40 axes on the real clock begin, 99 of 100, while they are recorded in
+//! blocks, against those that are recorded as pcapng.
+//!
 //! `window_of_a_day`: 20 s out of a file of an hour, against all of a file of those 20 s.
 
+#[path = "common/board.rs"]
+mod board;
 mod common;
+#[path = "common/late.rs"]
+mod late;
 
 use std::fs;
 use std::hint::black_box;
 use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
+use common::Demand;
 use ecmsk::ecm::{Config, Ecm, Stream};
-use ecmsk::link::record::RecordingCopy;
-use ecmsk::link::{self, Dir, Share};
+use ecmsk::link::engine::{EngineLink, RunOptions};
+use ecmsk::link::record::{RecordLink, RecordingCopy};
+use ecmsk::link::{self, Dir, Link, Share, Wait};
 use ecmsk::recording::{Lacks, RecordMeta, Recorded, Recording, WindowOf};
-use ecmsk::sk::{CommandId, MasterState, SlotSize};
+use ecmsk::sk::{CommandId, Frame, MasterState, Motion, SlaveCommand, SlotSize};
+use late::{Begins, Watched, p99_lateness};
 
 const CYCLES: u32 = 10_000;
 /// Frames that the program is ahead of the board.
@@ -25,6 +37,13 @@ const DEPTH: u16 = 16;
 const S: i64 = 1_000_000_000;
 /// How often the stream is repeated for the long file: an hour of cycles of 1 ms.
 const REPEATS: u64 = 3600 * 1000 / CYCLES as u64;
+const AXES: usize = 40;
+const BLOCKS: usize = 9;
+const BLOCK: Duration = Duration::from_secs(2);
+/// More cycles than a block has.
+const BLOCK_CYCLES_MAX: usize = 10_000;
+const ALLOWANCE: Duration = Duration::from_micros(20);
+const LIMIT: Wait = Wait::For(Duration::from_secs(10));
 
 fn main() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -43,7 +62,40 @@ fn main() {
     let [pcapng, blocks] = ["cycle.pcapng", "cycle.ecmrec"].map(|name| in_op(40, &folder.path().join(name)));
     let (mut baseline, mut ours) = (Program::new(&pcapng, 40), Program::new(&blocks, 40));
     common::pair("record_cycle", 1.05, || ours.step(), || baseline.step());
+    drop((ours, baseline));
+    drop([pcapng, blocks]);
+    let demand =
+        Demand { name: "record_lateness", target: Some(1.2), allowance: Some(ALLOWANCE), against: Some("pcapng") };
+    let [pcapng, blocks] = ["late.pcapng", "late.ecmrec"].map(|name| folder.path().join(name));
+    common::pair_of_blocks(demand, BLOCKS, || lateness(&blocks), || lateness(&pcapng));
     window_of_a_day(folder.path());
+}
+
+/// How late the cycles of a board begin while a program sends its axes a target in each cycle and all is recorded, ns.
+fn lateness(file: &Path) -> f64 {
+    let begins = Begins::default();
+    let noted = Arc::clone(&begins);
+    let board = board::drives_in_op_over(AXES, |bus| Box::new(Watched { bus, begins: noted }));
+    let options = RunOptions { virtual_time: false, ..RunOptions::default() };
+    let link = Arc::new(EngineLink::open("bench:", board, options, None).expect("it talks"));
+    let info = link.info();
+    let meta = RecordMeta::now(&info, info.opened_at);
+    let link = RecordLink::new(link, file, &meta).expect("a file");
+    let (mut command, mut report, mut path) = (Frame::new(), Frame::new(), board::Path::default());
+    *begins.lock().expect("nobody panics") = Vec::with_capacity(BLOCK_CYCLES_MAX);
+    let start = Instant::now();
+    while start.elapsed() < BLOCK {
+        link.read(&mut report, LIMIT).expect("a report");
+        path.advance();
+        for slave in 1..=AXES {
+            command.put_slave(board::SIZE, slave, &SlaveCommand::Csp(Motion::to(path.target)).into());
+        }
+        command.fill_crc(board::SIZE);
+        link.write(&command, LIMIT).expect("it is taken");
+    }
+    let begins = std::mem::take(&mut *begins.lock().expect("nobody panics"));
+    link.close();
+    p99_lateness(begins.into_iter())
 }
 
 /// A recorded board in OP with all axes on.

@@ -123,8 +123,8 @@ impl Reader {
     }
 
     fn execute(&mut self, Entry { orders, .. }: &Entry) {
-        for (axis, order) in self.axes.iter_mut().zip(orders) {
-            order.iter().for_each(|order| axis.executed(order));
+        for (slave, order) in orders {
+            self.axes[slave - 1].executed(order);
         }
     }
 }

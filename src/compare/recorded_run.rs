@@ -59,7 +59,8 @@ pub struct RecordedRun {
     size: SlotSize,
     size_from: SizeFrom,
     timeline: Timeline<(u64, Recorded)>,
-    order: InOrder<TimedFrame>,
+    /// Boxed, because a late frame moves those around its place.
+    order: InOrder<Box<TimedFrame>>,
     number: u64,
     error: Option<RecordError>,
 }
@@ -162,7 +163,7 @@ impl RecordedRun {
         // At equal times a report is sorted before a command, since the board cannot have executed that command yet. So
         // the key is twice the time, plus 1 for a command.
         let key = at_ns.saturating_mul(2).saturating_add(i64::from(dir == Dir::Write));
-        self.order.push(key, TimedFrame { number, at_ns, dir, frame })
+        self.order.push(key, Box::new(TimedFrame { number, at_ns, dir, frame: *frame })).map(|frame| *frame)
     }
 
     /// Why the frames ended early: the file is cut off, damaged or cannot be read. `None` if they did not.
@@ -217,7 +218,7 @@ impl Iterator for RecordedRun {
             }
         }
         let last = self.timeline.pop();
-        last.and_then(|placed| self.sort(placed)).or_else(|| self.order.pop())
+        last.and_then(|placed| self.sort(placed)).or_else(|| self.order.pop().map(|frame| *frame))
     }
 }
 

@@ -263,7 +263,10 @@ impl Devices {
             Dir::Read => &mut seen.read,
         } += 1;
         let Address { bus, device } = event.at;
-        pending.push(Recorded { at_ns, dir, frame: Frame::from_prefix(data), bus, device, damage_before: 0 }, until);
+        pending.push(
+            Recorded { at_ns, dir, frame: Box::new(Frame::from_prefix(data)), bus, device, damage_before: 0 },
+            until,
+        );
         Ok(())
     }
 }

@@ -4,27 +4,23 @@
 use std::collections::VecDeque;
 
 use super::executed::{Executed, LastExecuted};
-use crate::sk::dump::MAX_SLAVES;
 use crate::sk::{FIFO_ENTRIES, MasterResponse, SlaveCommand};
 
-/// The commands in one frame, one for each slave that the caller follows, in the caller's order; `None`: the slot has
-/// no valid command.
-pub type Orders = [Option<SlaveCommand>; MAX_SLAVES];
-
-/// A frame without commands for slaves.
-pub const NO_ORDERS: Orders = [None; MAX_SLAVES];
+/// The commands in one frame, each with the number that the caller gives to its slave. Slots without a valid command are
+/// left out.
+pub type Orders = Vec<(usize, SlaveCommand)>;
 
 /// The most command frames that are kept until a report shows their execution: as many as the FIFO holds, and more because some
 /// reports do not show what was executed.
 const COMMANDS_KEPT: usize = 4 * FIFO_ENTRIES as usize;
 
 /// A command frame that was executed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// When the board executed the frame, ns: the time of that cycle's report, or the time calculated from a later
     /// report.
     pub at_ns: i64,
-    /// The commands of the frame, in the caller's order of slaves.
+    /// The commands of the frame.
     pub orders: Orders,
 }
 
@@ -138,7 +134,7 @@ mod tests {
         let board = MasterResponse { state, fifo_free: FIFO_ENTRIES, ..MasterResponse::default() };
         let mut execution = Execution::new(1_000_000);
         for at_ns in [i64::MIN, i64::MAX, i64::MIN, i64::MAX] {
-            execution.command(at_ns, NO_ORDERS, false);
+            execution.command(at_ns, Orders::new(), false);
             execution.report(at_ns, &board);
         }
     }

@@ -47,7 +47,7 @@ pub use devices::{CapturedDevice, Skipped};
 pub use ending::lacks_at_end;
 pub use error::RecordError;
 pub use executed::{Executed, LastExecuted};
-pub use execution::{Entry, Execution, ExecutionReport, NO_ORDERS, Orders};
+pub use execution::{Entry, Execution, ExecutionReport, Orders};
 pub use lacks::{Damage, Lacks, Lost};
 pub use meta::{CarriedFile, Clock, RecordMeta};
 pub use order::InOrder;

@@ -12,9 +12,8 @@ const WINDOW: usize = 1024;
 /// Sorts frames by time if they are out of order by less than 1024 frames. Frames of the same time keep their order.
 #[derive(Debug)]
 pub struct InOrder<T> {
-    /// The buffered frames with their times, sorted. They are boxed, because a frame is large and a late one moves those
-    /// around its place.
-    held: VecDeque<(i64, Box<T>)>,
+    /// The buffered frames with their times, sorted.
+    held: VecDeque<(i64, T)>,
 }
 
 impl<T> Default for InOrder<T> {
@@ -32,13 +31,13 @@ impl<T> InOrder<T> {
             Some((latest_ns, _)) if *latest_ns > at_ns => self.held.partition_point(|(held_ns, _)| *held_ns <= at_ns),
             _ => self.held.len(),
         };
-        self.held.insert(place, (at_ns, Box::new(frame)));
+        self.held.insert(place, (at_ns, frame));
         if self.held.len() > WINDOW { self.pop() } else { None }
     }
 
     /// Removes the earliest buffered frame. Call this at the end of the file until the result is `None`.
     pub fn pop(&mut self) -> Option<T> {
-        self.held.pop_front().map(|(_, frame)| *frame)
+        self.held.pop_front().map(|(_, frame)| frame)
     }
 }
 

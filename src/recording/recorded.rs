@@ -13,8 +13,8 @@ pub struct Recorded {
     pub at_ns: u64,
     /// The direction: to the board, or from it.
     pub dir: Dir,
-    /// The bytes of the frame. Bytes that the capture cut off are 0.
-    pub frame: Frame,
+    /// The bytes of the frame. Bytes that the capture cut off are 0. In a box, because what reads a recording moves frames often.
+    pub frame: Box<Frame>,
     /// The number of the USB bus, as the operating system has assigned it.
     pub bus: u16,
     /// The number of the board on its bus. It changes when the board is plugged in again.

@@ -1,9 +1,11 @@
 //! Follows the frames of a run (all frames that pass between a program and a board): the kinds of the slaves, and which
 //! commands the board has executed in OP.
 
-use super::execution::{Execution, ExecutionReport, NO_ORDERS};
+use super::execution::{Execution, ExecutionReport, Orders};
 use super::slave_kinds::Kinds;
-use crate::sk::{FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, SlotCommand, SlotSize};
+use crate::sk::{
+    CommandId, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, SlotCommand, SlotSize,
+};
 
 /// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.
 const DEFAULT_CYCLE_NS: i64 = 1_000_000;
@@ -15,6 +17,8 @@ pub struct RunExecution {
     execution: Execution,
     cycle_ns: i64,
     in_op: bool,
+    /// The most commands that a frame had so far: the room for those of the next one.
+    orders_most: usize,
     damage_before: u64,
 }
 
@@ -25,6 +29,7 @@ impl Default for RunExecution {
             execution: Execution::new(DEFAULT_CYCLE_NS),
             cycle_ns: DEFAULT_CYCLE_NS,
             in_op: false,
+            orders_most: 0,
             damage_before: 0,
         }
     }
@@ -59,15 +64,22 @@ impl RunExecution {
             }
             return;
         }
-        let mut orders = NO_ORDERS;
-        for (slave, order) in (1..=size.max_slaves()).zip(&mut orders) {
-            *order = SlotCommand::decode(&frame.slot(size, slave), size).ok().map(|slot| slot.command);
-        }
+        let command = |slave: usize| {
+            let slot = frame.slot(size, slave);
+            // GET_STATUS is no new request, so the slave goes on with its last command. Most slots have it, since most boards
+            // have few slaves.
+            let is_order = slot.id != CommandId::GetStatus.code();
+            let order = || SlotCommand::decode(&slot, size).ok().map(|decoded| (slave, decoded.command));
+            is_order.then(order).flatten()
+        };
+        let mut orders = Orders::with_capacity(self.orders_most);
+        orders.extend((1..=size.max_slaves()).filter_map(command));
+        self.orders_most = self.orders_most.max(orders.len());
         self.execution.command(at_ns, orders, master == Ok(MasterCommand::SetFifo(FifoAction::Clear)));
     }
 
     /// Adds the next report. Returns what it shows about the execution of commands, whose
-    /// [`orders`](super::Entry::orders) are those of slaves 1, 2 and so on. Returns `None` outside OP, and in state
+    /// [`orders`](super::Entry::orders) have the numbers of their slaves, from 1. Returns `None` outside OP, and in state
     /// 0x18 (a slave is lost), in which slots of lost slaves repeat their last values: commands executed before have no
     /// effect any more.
     pub fn report(&mut self, at_ns: i64, frame: &Frame, size: SlotSize) -> Option<ExecutionReport> {

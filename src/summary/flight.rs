@@ -154,10 +154,8 @@ impl Following {
         match self.run.report(at_ns, frame, size) {
             Some(ExecutionReport::Executed { entries, .. }) => {
                 for entry in &entries {
-                    for (axis, order) in self.axes.iter_mut().zip(&entry.orders) {
-                        if let Some(order) = order {
-                            axis.executed(order);
-                        }
+                    for (slave, order) in &entry.orders {
+                        self.axes[slave - 1].executed(order);
                     }
                 }
             }

@@ -29,7 +29,7 @@ fn run(folder: &Path, script: &str, keys: &str) -> Vec<(u64, Dir, Frame)> {
 
 /// The frames of a file, with their times and directions.
 fn frames(file: &Path) -> Vec<(u64, Dir, Frame)> {
-    read_file(file).into_iter().map(|recorded| (recorded.at_ns, recorded.dir, recorded.frame)).collect()
+    read_file(file).into_iter().map(|recorded| (recorded.at_ns, recorded.dir, *recorded.frame)).collect()
 }
 
 /// The kinds of the reasons of each kept moment.

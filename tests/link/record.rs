@@ -85,7 +85,7 @@ fn a_recording_is_read_back() {
     for (number, recorded) in recording.by_ref().enumerate() {
         let recorded = recorded.unwrap();
         let number = number as u64;
-        assert_eq!(recorded.frame, frame(number / 2));
+        assert_eq!(*recorded.frame, frame(number / 2));
         assert_eq!(recorded.dir, if number.is_multiple_of(2) { Dir::Write } else { Dir::Read });
         assert_eq!(recorded.at_ns, 1_000_000_000 + 125_000 * (number + 1));
     }
@@ -172,7 +172,7 @@ fn the_file_is_complete_after_close_and_after_drop() {
         }
         drop(link);
         let recorded = read_file(&path);
-        assert!(recorded.iter().map(|recorded| &recorded.frame).eq((0..250).map(frame).collect::<Vec<_>>().iter()));
+        assert!(recorded.iter().map(|recorded| &*recorded.frame).eq((0..250).map(frame).collect::<Vec<_>>().iter()));
     }
 }
 

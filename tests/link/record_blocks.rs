@@ -97,7 +97,7 @@ fn what_was_recorded_is_read_back() {
     let sent = record(&path, Clock::Real, &times);
     let bytes = std::fs::read(&path).unwrap();
     let (found, lacks) = read(&bytes);
-    assert!(found.iter().map(|recorded| &recorded.frame).eq(&sent));
+    assert!(found.iter().map(|recorded| &*recorded.frame).eq(&sent));
     assert!(found.iter().map(|recorded| recorded.at_ns).eq(times));
     assert_eq!((lacks, lacks_at_end(&path).unwrap()), (Lacks::default(), Lacks::default()));
     assert_eq!(Recording::new(&bytes[..], "run").unwrap().meta(), Some(&meta(Clock::Real, 0)));
@@ -240,7 +240,9 @@ fn a_pipe_gets_frames_at_once() {
     }
     link.close();
     let (found, lacks) = read(&memory.bytes());
-    assert!(lacks.is_nothing() && found.iter().map(|found| &found.frame).eq(&(0..2500).map(frame).collect::<Vec<_>>()));
+    assert!(
+        lacks.is_nothing() && found.iter().map(|found| &*found.frame).eq(&(0..2500).map(frame).collect::<Vec<_>>())
+    );
     assert!(blocks(&memory.bytes()).iter().all(|(kind, ..)| *kind != PACKETS));
 }
 

@@ -48,7 +48,7 @@ fn the_recording_of_a_board_goes_on_after_sw_reset() {
     let recorded = read_file(&path);
     assert_eq!((recorded.len(), seen.len()), (before + 2, before + 2));
     for (recorded, (dir, frame)) in recorded.iter().zip(&seen) {
-        assert_eq!((recorded.dir, &recorded.frame), (*dir, frame));
+        assert_eq!((recorded.dir, &*recorded.frame), (*dir, frame));
     }
     let sent = |dir| recorded.iter().filter(move |recorded| recorded.dir == dir);
     for dir in [Dir::Write, Dir::Read] {

@@ -87,7 +87,7 @@ fn on_a_virtual_clock_nothing_is_lost_however_slow_the_disk_is() {
     assert!(
         frames(&memory.bytes())
             .iter()
-            .map(|recorded| &recorded.frame)
+            .map(|recorded| &*recorded.frame)
             .eq((0..3000).map(frame).collect::<Vec<_>>().iter())
     );
     assert_eq!(link.stats().record_dropped, 2, "none but the two of the link inside");
@@ -195,7 +195,7 @@ fn a_frame_that_a_full_disk_has_cut_is_removed() {
     assert!(
         recorded
             .iter()
-            .map(|recorded| &recorded.frame)
+            .map(|recorded| &*recorded.frame)
             .eq((0..recorded.len() as u64).map(frame).collect::<Vec<_>>().iter())
     );
 }
@@ -235,7 +235,9 @@ fn the_first_recording_replaces_a_file_and_later_ones_append() {
         assert!(second.to_string().contains("another recording"), "{second}");
         link.close();
         let recorded = read_file(&path);
-        assert!(recorded.iter().map(|recorded| &recorded.frame).eq((0..=number).map(frame).collect::<Vec<_>>().iter()));
+        assert!(
+            recorded.iter().map(|recorded| &*recorded.frame).eq((0..=number).map(frame).collect::<Vec<_>>().iter())
+        );
     }
 }
 

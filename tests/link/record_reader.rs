@@ -147,7 +147,7 @@ fn captures_of_a_real_board_are_read() {
             for file in files {
                 let recorded = frames(&file);
                 assert_eq!(brief(&recorded), expected);
-                assert_eq!((&recorded[0].frame, &recorded[1].frame), (&frame(1), &frame(2)));
+                assert_eq!((&*recorded[0].frame, &*recorded[1].frame), (&frame(1), &frame(2)));
                 assert_eq!(Recording::new(&file[..], "capture").unwrap().meta(), None);
             }
         }
@@ -206,10 +206,10 @@ fn frames_are_transfers_of_504_512_or_513_bytes() {
 
     for wanted in [to_host(whole.bytes()), to_host(&with_id)] {
         let file = [&file[..], &packet(order, 1, 0, &wanted.bytes(order, 64))].concat();
-        assert_eq!(frames(&file)[0].frame, whole);
+        assert_eq!(*frames(&file)[0].frame, whole);
     }
     let narrow = [&file[..], &packet(order, 1, 0, &to_host(&whole.bytes()[..504]).bytes(order, 64))].concat();
-    let recorded = &frames(&narrow)[0].frame;
+    let recorded = &*frames(&narrow)[0].frame;
     assert_eq!(recorded.bytes()[..504], whole.bytes()[..504]);
     assert_eq!(recorded.bytes()[504..], [0; 8]);
 }

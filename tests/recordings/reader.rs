@@ -232,7 +232,7 @@ fn a_lost_end_does_not_hold_a_long_capture_back() {
     }
     let file = pcap(&traffic.events, USB_LINUX, Parts::Two, WHOLE);
     let mut recording = Recording::new(&file[..], "x").expect("a capture");
-    assert_eq!(recording.next().expect("a frame").expect("whole").frame, numbered(1));
+    assert_eq!(*recording.next().expect("a frame").expect("whole").frame, numbered(1));
     assert!(recording.devices()[0].read < 5000, "it was not read to its end for that");
     assert_eq!(recording.count(), 5000);
 }

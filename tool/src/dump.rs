@@ -24,7 +24,7 @@ pub mod slot_json;
 use std::collections::BTreeMap;
 use std::io::{self, BufRead, Read, Write};
 use std::path::PathBuf;
-use std::rc::Rc;
+use std::sync::Arc;
 
 use clap::ValueHint;
 use ecmsk::engine::Firmware;
@@ -167,7 +167,11 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     shown
 }
 
-fn dump_recording(args: &Args, mut frames: Frames<Box<dyn Read>>, printer: &mut Printer) -> Result<(), CliError> {
+fn dump_recording(
+    args: &Args,
+    mut frames: Frames<Box<dyn Read + Send>>,
+    printer: &mut Printer,
+) -> Result<(), CliError> {
     // The kinds of slaves are known for each board; a capture may have several.
     let mut kinds = BTreeMap::new();
     let mut section: Option<Section> = None;
@@ -182,7 +186,7 @@ fn dump_recording(args: &Args, mut frames: Frames<Box<dyn Read>>, printer: &mut 
         let Framed { number, time_ns, recorded, size, .. } = framed;
         let time = Some(Time { since_start_ns: time_ns, recorded_ns: recorded.at_ns });
         let place = Place { number, time, direction: recorded.dir, guessed: false };
-        printer.frame(&Shown { place, size, frame: recorded.frame }, kinds)?;
+        printer.frame(&Shown { place, size, frame: *recorded.frame }, kinds)?;
     }
     frames.note_zero();
     frames.note_missing();
@@ -242,7 +246,7 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
 struct Section {
     /// The bus and the device number of the board on USB.
     board: (u16, u8),
-    meta: Option<Rc<RecordMeta>>,
+    meta: Option<Arc<RecordMeta>>,
 }
 
 /// Prints frames, with the filters and the format of the options.

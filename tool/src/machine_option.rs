@@ -79,7 +79,7 @@ pub fn of_recording(
 }
 
 /// Standard input, if it was opened, and the machine file that the recording carries.
-pub type Carrying = (Option<Frames<Box<dyn Read>>>, Option<Arc<CarriedFile>>);
+pub type Carrying = (Option<Frames<Box<dyn Read + Send>>>, Option<Arc<CarriedFile>>);
 
 /// The machine file that a recording carries, for a verb that reports what is wrong in its own arguments before it opens the
 /// recording. Standard input can be read only once, so it is opened, and returned, too.

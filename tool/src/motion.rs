@@ -243,9 +243,9 @@ impl Axes {
     /// Executes the commands of a frame. Returns the time at which a gap began that these commands end.
     fn execute(&mut self, Entry { at_ns, orders }: &Entry, take: &mut dyn FnMut(Value)) -> Option<i64> {
         let mut gap = None;
-        for ((slave, axis), order) in (1..).zip(&mut self.axes).zip(orders) {
-            let Some(order) = order else { continue };
-            let (step, since_ns) = axis.executed(*at_ns, order);
+        for (slave, order) in orders {
+            let slave = *slave;
+            let (step, since_ns) = self.axes[slave - 1].executed(*at_ns, order);
             if let Some(value) = step {
                 take(Value { slave, quantity: Quantity::TargetStep, value, at_ns: *at_ns });
             }

@@ -293,7 +293,7 @@ impl Args {
     }
 
     /// Opens the recording: the part for the range of `--from` and `--to`, if either is given.
-    fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read>>, RecordError> {
+    fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read + Send>>, RecordError> {
         let times = self.times.times();
         if times.from.is_none() && times.to.is_none() {
             return Frames::open(&self.file, self.slot_size, device);
@@ -332,7 +332,7 @@ impl Args {
     /// Makes the panels, for which the recording is read a second time.
     fn panels(
         &self,
-        mut recording: Frames<Box<dyn Read>>,
+        mut recording: Frames<Box<dyn Read + Send>>,
         asked: &Asked,
         chosen: &Chosen,
         survey: &Survey,

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
-use std::rc::Rc;
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
+use std::thread;
 
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
@@ -21,13 +21,17 @@ use super::stderr::say;
 
 /// The most frames that are read ahead to find the slot size, if the recording does not state it.
 const LOOK_AHEAD: usize = 1000;
+/// \[OURS] [`Frames::walk`] hands frames from the thread that reads to its caller in batches of this many.
+const BATCH: usize = 256;
+/// \[OURS] The most batches that wait for the caller.
+const BATCHES_AHEAD: usize = 4;
 
 /// The name that stands for standard input.
 pub const STDIN: &str = "-";
 
 #[cfg(test)]
 thread_local! {
-    /// The number of frames that this thread has read from recordings, for tests of how often a recording is read.
+    /// The number of frames that this thread has walked through, for tests of how often a recording is read.
     pub static FRAMES_READ: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
@@ -44,13 +48,20 @@ pub struct Framed {
     /// The slot size of the frame.
     pub size: SlotSize,
     /// The metadata of the section of the file that contains the frame: one opening of a board. `None` in a capture.
-    pub meta: Option<Rc<RecordMeta>>,
+    pub meta: Option<Arc<RecordMeta>>,
 }
 
 impl Framed {
     /// A frame that was not read from a recording, but just exchanged with a board.
     pub fn live(at_ns: i64, dir: Dir, frame: Frame, size: SlotSize) -> Self {
-        let recorded = Recorded { at_ns: at_ns.max(0).unsigned_abs(), dir, frame, bus: 0, device: 0, damage_before: 0 };
+        let recorded = Recorded {
+            at_ns: at_ns.max(0).unsigned_abs(),
+            dir,
+            frame: Box::new(frame),
+            bus: 0,
+            device: 0,
+            damage_before: 0,
+        };
         Self { number: 0, time_ns: at_ns, recorded, size, meta: None }
     }
 
@@ -61,7 +72,7 @@ impl Framed {
 }
 
 /// A frame as it was read from the file, with the metadata of its section, before its slot size is known.
-type Raw = (Recorded, Option<Rc<RecordMeta>>);
+type Raw = (Recorded, Option<Arc<RecordMeta>>);
 
 /// The frames of a recording, in the order of the file.
 pub struct Frames<R> {
@@ -70,14 +81,14 @@ pub struct Frames<R> {
     sizes: SizeFinder,
     /// Frames that were read ahead to find the slot size.
     ahead: VecDeque<Result<Raw, RecordError>>,
-    meta: Option<Rc<RecordMeta>>,
+    meta: Option<Arc<RecordMeta>>,
     number: u64,
     noted: bool,
     /// The number of frames in the whole recording, if only a part of it is read.
     part_of: Option<u64>,
 }
 
-impl Frames<Box<dyn Read>> {
+impl Frames<Box<dyn Read + Send>> {
     /// Opens a file as [`Self::open`] does, for the range of [times](Framed::time_ns) from `from_ns` to `to_ns`. Of a recording in
     /// blocks (`.ecmrec`) only the blocks are read that this range needs, other files are read from the beginning.
     ///
@@ -94,7 +105,7 @@ impl Frames<Box<dyn Read>> {
         match part.map_err(|error| RecordError::Io { name: name.clone(), message: error.to_string() })? {
             Some(part) => {
                 let part_of = Some(part.frames());
-                Ok(Self { part_of, ..Self::new(Box::new(part) as Box<dyn Read>, &name, size, device)? })
+                Ok(Self { part_of, ..Self::new(Box::new(part) as Box<dyn Read + Send>, &name, size, device)? })
             }
             None => Self::open(file, size, device),
         }
@@ -134,9 +145,9 @@ pub fn carried(file: &Path) -> Option<Arc<CarriedFile>> {
 ///
 /// # Errors
 /// [`RecordError::Io`] if the file cannot be opened.
-pub fn source(file: &Path) -> Result<(Box<dyn Read>, String), RecordError> {
+pub fn source(file: &Path) -> Result<(Box<dyn Read + Send>, String), RecordError> {
     if file == Path::new(STDIN) {
-        return Ok((Box::new(std::io::stdin().lock()), "standard input".to_owned()));
+        return Ok((Box::new(std::io::stdin()), "standard input".to_owned()));
     }
     let name = file.display().to_string();
     match File::open(file) {
@@ -212,10 +223,8 @@ impl<R: Read> Frames<R> {
 
     fn read(&mut self) -> Option<Result<Raw, RecordError>> {
         let recorded = self.recording.next()?;
-        #[cfg(test)]
-        FRAMES_READ.set(FRAMES_READ.get() + 1);
         if self.recording.meta() != self.meta.as_deref() {
-            self.meta = self.recording.meta().cloned().map(Rc::new);
+            self.meta = self.recording.meta().cloned().map(Arc::new);
         }
         Some(recorded.map(|recorded| (recorded, self.meta.clone())))
     }
@@ -236,16 +245,44 @@ impl<R: Read> Frames<R> {
     }
 
     /// Calls `show` with every frame of the recording up to `until_ns`, sorted by time, with times that are corrected
-    /// for jumps of the clock. A recording that ends early is read up to its damage.
+    /// for jumps of the clock. A recording that ends early is read up to its damage. Another thread reads ahead meanwhile,
+    /// since reading takes about as long as what is done with the frames.
     ///
     /// # Errors
     /// [`RecordError`] if the recording cannot be read.
-    pub fn walk(&mut self, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, RecordError> {
+    pub fn walk(&mut self, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, RecordError>
+    where
+        R: Send,
+    {
         let order = self.in_time();
-        self.try_walk(order, until_ns, |framed| {
-            show(framed);
-            Ok(true)
-        })
+        let (sender, batches) = mpsc::sync_channel::<Vec<Framed>>(BATCHES_AHEAD);
+        // The reader frees what it has allocated, since threads that free each other's memory wait for each other.
+        let (give_back, shown) = mpsc::channel::<Vec<Framed>>();
+        let walked = thread::scope(|scope| {
+            let reader = scope.spawn(move || {
+                let mut batch = Vec::with_capacity(BATCH);
+                let walked = self.pass(order, until_ns, |framed| {
+                    batch.push(framed);
+                    if batch.len() < BATCH {
+                        return Ok(true);
+                    }
+                    let mut next = shown.try_recv().unwrap_or_default();
+                    next.clear();
+                    // Sending fails if `show` has panicked.
+                    Ok(sender.send(std::mem::replace(&mut batch, next)).is_ok())
+                });
+                let _ = sender.send(batch);
+                walked
+            });
+            for batch in batches {
+                batch.iter().for_each(&mut show);
+                let _ = give_back.send(batch);
+            }
+            reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        });
+        #[cfg(test)]
+        FRAMES_READ.set(FRAMES_READ.get() + walked.as_ref().map_or(0, |walked| walked.frames));
+        walked
     }
 
     /// Calls `show` as [`Self::walk`] does, until it returns false or fails.
@@ -267,9 +304,18 @@ impl<R: Read> Frames<R> {
     /// [`RecordError`] if the recording cannot be read, and the errors of `show`.
     pub fn try_walk<E: From<RecordError>>(
         &mut self,
-        mut order: InTime,
+        order: InTime,
         until_ns: i64,
         mut show: impl FnMut(&Framed) -> Result<bool, E>,
+    ) -> Result<Walked, E> {
+        self.pass(order, until_ns, |framed| show(&framed))
+    }
+
+    fn pass<E: From<RecordError>>(
+        &mut self,
+        mut order: InTime,
+        until_ns: i64,
+        mut show: impl FnMut(Framed) -> Result<bool, E>,
     ) -> Result<Walked, E> {
         let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
         for framed in self {
@@ -277,7 +323,7 @@ impl<R: Read> Frames<R> {
                 Ok(framed) => {
                     walked.frames += 1;
                     let Some(framed) = order.push(framed) else { continue };
-                    if framed.time_ns > until_ns || !show(&framed)? {
+                    if framed.time_ns > until_ns || !show(framed)? {
                         return Ok(walked);
                     }
                 }
@@ -288,7 +334,7 @@ impl<R: Read> Frames<R> {
             }
         }
         while let Some(framed) = order.pop() {
-            if !show(&framed)? {
+            if !show(framed)? {
                 return Ok(walked);
             }
         }

@@ -87,7 +87,7 @@ fn begin(path: &Path, meta: &RecordMeta) -> io::Result<Box<dyn Writer<FrameEntry
 }
 
 fn entry(Recorded { at_ns, dir, frame, .. }: &Recorded) -> FrameEntry {
-    FrameEntry { at_ns: *at_ns, dir: *dir, frame: frame.clone() }
+    FrameEntry { at_ns: *at_ns, dir: *dir, frame: (**frame).clone() }
 }
 
 fn check(writer: &mut dyn Writer<FrameEntry>) -> io::Result<()> {

@@ -156,6 +156,6 @@ pub fn recorded(file: &str, dir: Dir) -> Vec<Frame> {
     recording
         .map(|frame| frame.expect("it is whole"))
         .filter(|frame| frame.dir == dir)
-        .map(|frame| frame.frame)
+        .map(|frame| *frame.frame)
         .collect()
 }

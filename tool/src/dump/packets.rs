@@ -24,7 +24,7 @@ const BEGINNING: u64 = 128 * 1024;
 ///
 /// # Errors
 /// The source cannot be read.
-pub fn look(mut source: Box<dyn Read>, name: &str) -> Result<(Box<dyn Read>, bool), RecordError> {
+pub fn look(mut source: Box<dyn Read + Send>, name: &str) -> Result<(Box<dyn Read + Send>, bool), RecordError> {
     let mut beginning = Vec::new();
     let read = (&mut source).take(BEGINNING).read_to_end(&mut beginning);
     read.map_err(|error| RecordError::Io { name: name.to_owned(), message: error.to_string() })?;
@@ -33,7 +33,7 @@ pub fn look(mut source: Box<dyn Read>, name: &str) -> Result<(Box<dyn Read>, boo
 }
 
 /// Prints the packets of a recording.
-pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliError> {
+pub fn dump(args: &Args, source: Box<dyn Read + Send>, name: &str) -> Result<(), CliError> {
     let mut exchanges = Exchanges::new(source, name)?;
     let mut printer = Printer { out: output::stdout(), format: output_formats::chosen(args), held: Default::default() };
     let shown = show(args, &mut exchanges, &mut printer);
@@ -50,7 +50,7 @@ pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliErr
     shown
 }
 
-fn show(args: &Args, exchanges: &mut Exchanges<Box<dyn Read>>, printer: &mut Printer) -> Result<(), CliError> {
+fn show(args: &Args, exchanges: &mut Exchanges<Box<dyn Read + Send>>, printer: &mut Printer) -> Result<(), CliError> {
     let times = args.times.times();
     let mut meta: Option<RecordMeta> = None;
     let mut number = 0;

@@ -139,8 +139,8 @@ impl Axis {
     }
 
     /// Processes a command for the axis at the time when the host sends it.
-    pub fn sent(&mut self, order: Option<&SlaveCommand>) {
-        if order == Some(&SlaveCommand::GoHome) {
+    pub fn sent(&mut self, order: &SlaveCommand) {
+        if *order == SlaveCommand::GoHome {
             self.states.go_home();
         }
     }

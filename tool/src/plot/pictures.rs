@@ -36,7 +36,7 @@ pub struct Stretch {
 /// [`CliError`] if the recording cannot be read, or drawing fails.
 pub fn pictures(
     file: &Path,
-    frames: Frames<impl std::io::Read>,
+    frames: Frames<impl std::io::Read + Send>,
     survey: &Survey,
     stretches: &[Stretch],
     machine: Option<&MachineFile>,

@@ -2,7 +2,7 @@
 
 use ecmsk::ecm::Scale;
 use ecmsk::link::Dir;
-use ecmsk::recording::{Execution, ExecutionReport, Kinds, NO_ORDERS};
+use ecmsk::recording::{Execution, ExecutionReport, Kinds, Orders};
 use ecmsk::sk::{
     CommandId, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, IoResponse, MasterCommand, MasterResponse, SlaveKind,
     SlotCommand, SlotSize,
@@ -152,13 +152,16 @@ impl Series {
         if !self.in_op {
             return;
         }
-        let mut orders = NO_ORDERS;
         let slaves = self.axes.iter().map(|axis| axis.number).chain(self.ios.iter().map(|(number, _)| *number));
-        for (order, number) in orders.iter_mut().zip(slaves) {
-            *order = SlotCommand::decode(&frame.slot(size, number.into()), size).ok().map(|slot| slot.command);
-        }
-        for (axis, order) in self.axes.iter_mut().zip(&orders) {
-            axis.sent(order.as_ref());
+        let command = |(place, number): (usize, u8)| {
+            let slot = SlotCommand::decode(&frame.slot(size, number.into()), size).ok()?;
+            Some((place, slot.command))
+        };
+        let orders: Orders = slaves.enumerate().filter_map(command).collect();
+        for (place, order) in &orders {
+            if let Some(axis) = self.axes.get_mut(*place) {
+                axis.sent(order);
+            }
         }
         let master = MasterCommand::decode(&frame.slot(size, 0), size);
         self.execution.command(at_ns, orders, master == Ok(MasterCommand::SetFifo(FifoAction::Clear)));
@@ -230,16 +233,13 @@ impl Series {
             self.axes.iter_mut().for_each(|axis| axis.idle(idle_since_ns));
         }
         for entry in entries {
-            let mut orders = entry.orders.iter();
-            for (axis, order) in self.axes.iter_mut().zip(&mut orders) {
-                let Some(since_ns) = order.as_ref().and_then(|order| axis.executed(entry.at_ns, order)) else {
+            for (place, order) in &entry.orders {
+                let Some(axis) = self.axes.get_mut(*place) else {
+                    self.ios[place - self.axes.len()].1.executed(entry.at_ns, order);
                     continue;
                 };
-                self.gaps.gap(since_ns, entry.at_ns);
-            }
-            for ((_, lanes), order) in self.ios.iter_mut().zip(orders) {
-                if let Some(order) = order {
-                    lanes.executed(entry.at_ns, order);
+                if let Some(since_ns) = axis.executed(entry.at_ns, order) {
+                    self.gaps.gap(since_ns, entry.at_ns);
                 }
             }
         }

@@ -3,7 +3,6 @@
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -125,7 +124,7 @@ impl Args {
     }
 
     /// Opens the recording. With `--from` or `--to`, only the requested part is read.
-    fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read>>, RecordError> {
+    fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read + Send>>, RecordError> {
         let times = self.times.times();
         if times == Times::default() {
             return Frames::open(&self.input, self.slot_size, device);
@@ -141,7 +140,7 @@ fn until_ns(times: Times) -> i64 {
 
 /// Copies the frames to a recording of another format. Returns the number of frames as text for the user, e.g. `12
 /// frames`.
-fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walked), CliError> {
+fn copy(args: &Args, frames: &mut Frames<Box<dyn Read + Send>>) -> Result<(String, Walked), CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
     let times = args.times.times();
     // A recording may replace only recordings of ecmsk, as with `--record`.
@@ -149,7 +148,7 @@ fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walk
     check_room(&args.output, args.overwrite).map_err(|error| RecordingVerbError::from(output.failed(error)))?;
     let new = output.begin().map_err(RecordingVerbError::from)?;
     let mut progress = Progress::new(&args.input);
-    let mut copy: Option<(Rc<RecordMeta>, RecordingCopy)> = None;
+    let mut copy: Option<(Arc<RecordMeta>, RecordingCopy)> = None;
     let mut count = 0_u64;
     let order = frames.in_time().unsorted();
     let walked = frames.try_walk(order, until_ns(times).saturating_add(LATE_NS), |framed| {
@@ -162,7 +161,7 @@ fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<(String, Walk
         if let Some((_, ended)) = copy.take_if(|(of, _)| *of != meta) {
             ended.end(&Lacks::default()).map_err(failed)?;
         }
-        let (_, writer) = copy.get_or_insert_with(|| (Rc::clone(&meta), RecordingCopy::new(new.path(), &meta)));
+        let (_, writer) = copy.get_or_insert_with(|| (Arc::clone(&meta), RecordingCopy::new(new.path(), &meta)));
         if times.contains(framed.time_ns) {
             writer.add(&framed.recorded).map_err(failed)?;
             count += 1;
@@ -198,7 +197,11 @@ fn inherited(mut lacks: Lacks) -> Lacks {
 }
 
 /// Writes a table with a row for each report in OP. Returns the number of rows as text for the user, e.g. `12 rows`.
-fn table(args: &Args, frames: &mut Frames<Box<dyn Read>>, format: NewTable) -> Result<(String, Walked), CliError> {
+fn table(
+    args: &Args,
+    frames: &mut Frames<Box<dyn Read + Send>>,
+    format: NewTable,
+) -> Result<(String, Walked), CliError> {
     let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
     let times = args.times.times();
     let (output, stop) = (args.output_file(), Stop::watch()?);

@@ -38,7 +38,7 @@ impl Page<'_> {
     ///
     /// # Errors
     /// [`CliError`] if the recording cannot be read, or a picture cannot be drawn.
-    pub fn html(&self, frames: Frames<impl Read>, survey: &Survey) -> Result<String, CliError> {
+    pub fn html(&self, frames: Frames<impl Read + Send>, survey: &Survey) -> Result<String, CliError> {
         let mut stretches = self.stretches();
         let left_out = stretches.len().saturating_sub(PICTURES_MAX);
         stretches.truncate(PICTURES_MAX);

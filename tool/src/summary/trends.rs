@@ -256,7 +256,7 @@ impl Trends {
 }
 
 /// Whether a recording is complete. While it is being written, it may end without an end mark or within a frame.
-fn is_whole(frames: &Frames<Box<dyn std::io::Read>>, walked: &Walked, is_growing: bool) -> bool {
+fn is_whole(frames: &Frames<Box<dyn std::io::Read + Send>>, walked: &Walked, is_growing: bool) -> bool {
     let is_as_written = |error: &RecordError| is_growing && matches!(error, RecordError::Truncated { .. });
     let lacks = frames.lacks().unwrap_or_default();
     walked.damage.as_ref().is_none_or(is_as_written)

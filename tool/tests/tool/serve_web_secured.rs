@@ -15,7 +15,7 @@ use tempfile::TempDir;
 use tungstenite::Message;
 use tungstenite::client::IntoClientRequest as _;
 
-use crate::common::page::{Browser, Serving, ask, insist, points};
+use crate::common::page::{Browser, Serving, ask, connect, insist, points};
 use crate::common::{ecmsk, run};
 
 const SECRET: &str = "Vm8vZ0tYbHh3c1pQc2V4bVdKa1ZxU3dQbEx4d2c9";
@@ -64,7 +64,7 @@ fn secured(certificate: &Path, port: &str) -> StreamOwned<ClientConnection, TcpS
         .with_no_client_auth();
     let name = ServerName::try_from("localhost").expect("a name");
     let session = ClientConnection::new(Arc::new(config), name).expect("a session");
-    StreamOwned::new(session, TcpStream::connect(format!("127.0.0.1:{port}")).expect("it listens"))
+    StreamOwned::new(session, connect(&format!("127.0.0.1:{port}")))
 }
 
 /// Sends a request over TLS; returns the answer.

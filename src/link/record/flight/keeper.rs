@@ -278,7 +278,7 @@ impl<'a> Copy<'a> {
                 self.is_cut = true;
                 break;
             };
-            let entry = FrameEntry { at_ns, dir, frame };
+            let entry = FrameEntry { at_ns, dir, frame: *frame };
             if self.writer.is_none() && (place < repeated || at_ns < self.moment.from_ns) {
                 self.settings.look(&entry);
             } else if place >= repeated && at_ns <= self.moment.to_ns {

@@ -64,7 +64,8 @@ impl RecordedTraffic {
         let (mut written, mut reports) = (Vec::new(), Vec::new());
         for recorded in Recording::open(file).expect("the recording") {
             let recorded = recorded.expect("a frame");
-            if recorded.dir == Dir::Write { written.push(recorded.frame) } else { reports.push(recorded.frame) }
+            let frames = if recorded.dir == Dir::Write { &mut written } else { &mut reports };
+            frames.push(*recorded.frame);
         }
         Self { written, reports, size }
     }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest;
@@ -91,9 +92,16 @@ impl Serving {
     }
 }
 
+/// Connects with a server. Reading fails after two minutes: a server that takes what it should refuse ends no connection.
+pub fn connect(host: &str) -> TcpStream {
+    let stream = TcpStream::connect(host).expect("it listens");
+    stream.set_read_timeout(Some(Duration::from_secs(120))).expect("a limit");
+    stream
+}
+
 /// Sends an HTTP request with these lines to a server; returns the head and the body of the answer.
 pub fn ask(host: &str, lines: &[&str]) -> (String, String) {
-    let mut stream = TcpStream::connect(host).expect("it listens");
+    let mut stream = connect(host);
     stream.write_all((lines.join("\r\n") + "\r\n\r\n").as_bytes()).expect("it reads");
     let mut answer = String::new();
     stream.read_to_string(&mut answer).expect("text");

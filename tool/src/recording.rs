@@ -255,30 +255,33 @@ impl<R: Read> Frames<R> {
         R: Send,
     {
         let order = self.in_time();
-        let (sender, batches) = mpsc::sync_channel::<Vec<Framed>>(BATCHES_AHEAD);
+        let (sender, batches) = mpsc::sync_channel(BATCHES_AHEAD);
         // The reader frees what it has allocated, since threads that free each other's memory wait for each other.
         let (give_back, shown) = mpsc::channel::<Vec<Framed>>();
         let walked = thread::scope(|scope| {
-            let reader = scope.spawn(move || {
+            scope.spawn(move || {
                 let mut batch = Vec::with_capacity(BATCH);
-                let walked = self.pass(order, until_ns, |framed| {
+                for framed in self {
                     batch.push(framed);
-                    if batch.len() < BATCH {
-                        return Ok(true);
+                    if batch.len() == BATCH {
+                        drop(shown.try_recv());
+                        // Sending fails when the caller needs no more frames.
+                        if sender.send(std::mem::replace(&mut batch, Vec::with_capacity(BATCH))).is_err() {
+                            return;
+                        }
                     }
-                    let mut next = shown.try_recv().unwrap_or_default();
-                    next.clear();
-                    // Sending fails if `show` has panicked.
-                    Ok(sender.send(std::mem::replace(&mut batch, next)).is_ok())
-                });
+                }
                 let _ = sender.send(batch);
-                walked
             });
-            for batch in batches {
-                batch.iter().for_each(&mut show);
-                let _ = give_back.send(batch);
-            }
-            reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            let mut used = Vec::with_capacity(BATCH);
+            pass(batches.into_iter().flatten(), order, until_ns, |framed| {
+                show(&framed);
+                used.push(framed);
+                if used.len() == BATCH {
+                    let _ = give_back.send(std::mem::replace(&mut used, Vec::with_capacity(BATCH)));
+                }
+                Ok(true)
+            })
         });
         #[cfg(test)]
         FRAMES_READ.set(FRAMES_READ.get() + walked.as_ref().map_or(0, |walked| walked.frames));
@@ -308,39 +311,7 @@ impl<R: Read> Frames<R> {
         until_ns: i64,
         mut show: impl FnMut(&Framed) -> Result<bool, E>,
     ) -> Result<Walked, E> {
-        self.pass(order, until_ns, |framed| show(&framed))
-    }
-
-    fn pass<E: From<RecordError>>(
-        &mut self,
-        mut order: InTime,
-        until_ns: i64,
-        mut show: impl FnMut(Framed) -> Result<bool, E>,
-    ) -> Result<Walked, E> {
-        let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
-        for framed in self {
-            match framed {
-                Ok(framed) => {
-                    walked.frames += 1;
-                    let Some(framed) = order.push(framed) else { continue };
-                    if framed.time_ns > until_ns || !show(framed)? {
-                        return Ok(walked);
-                    }
-                }
-                Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
-                    walked.damage = Some(error);
-                }
-                Err(error) => return Err(error.into()),
-            }
-        }
-        while let Some(framed) = order.pop() {
-            if !show(framed)? {
-                return Ok(walked);
-            }
-        }
-        walked.is_whole = true;
-        walked.jumps = order.jumps();
-        Ok(walked)
+        pass(self, order, until_ns, |framed| show(&framed))
     }
 
     /// Prints notes on what is wrong with the recording that [`Frames::walk`] has read to its end.
@@ -411,6 +382,39 @@ impl<R: Read> Iterator for Frames<R> {
             Framed { number: self.number, time_ns: since(zero_ns, recorded.at_ns), recorded, size, meta }
         }))
     }
+}
+
+/// Sorts frames by time and calls `show` with each up to `until_ns`, until it returns false or fails.
+fn pass<E: From<RecordError>>(
+    frames: impl IntoIterator<Item = Result<Framed, RecordError>>,
+    mut order: InTime,
+    until_ns: i64,
+    mut show: impl FnMut(Framed) -> Result<bool, E>,
+) -> Result<Walked, E> {
+    let mut walked = Walked { frames: 0, is_whole: false, damage: None, jumps: None };
+    for framed in frames {
+        match framed {
+            Ok(framed) => {
+                walked.frames += 1;
+                let Some(framed) = order.push(framed) else { continue };
+                if framed.time_ns > until_ns || !show(framed)? {
+                    return Ok(walked);
+                }
+            }
+            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
+                walked.damage = Some(error);
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    while let Some(framed) = order.pop() {
+        if !show(framed)? {
+            return Ok(walked);
+        }
+    }
+    walked.is_whole = true;
+    walked.jumps = order.jumps();
+    Ok(walked)
 }
 
 /// The result of [`Frames::walk`].

@@ -3,8 +3,9 @@
 
 use std::env;
 use std::fs;
+use std::io::{self, IsTerminal};
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use crate::error::Error;
 use crate::needs::{CXX, IP, NETWORK_NAMESPACE};
@@ -131,7 +132,18 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     }
 
     println!("{}", end(&folder, arguments.link.is_some()));
+    open_page(&folder.join("two_axes.html"));
     Ok(())
+}
+
+/// Opens the page in the browser of a person at a desktop. It is no error if there is none: the demo has printed its path.
+fn open_page(page: &Path) {
+    let is_desktop =
+        ["WAYLAND_DISPLAY", "DISPLAY"].iter().any(|name| env::var_os(name).is_some_and(|at| !at.is_empty()));
+    if is_desktop && io::stdout().is_terminal() {
+        let mut browser = Command::new("xdg-open");
+        let _ = browser.arg(page).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+    }
 }
 
 /// Refuses a link that may reach real slaves, because nobody knows whether that machine may move.

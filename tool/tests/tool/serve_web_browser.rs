@@ -151,6 +151,9 @@ mod needs_chromium {
         assert_eq!(browser.value("page.store.value(3, 'output', page.scope.marked)"), 1);
         assert_eq!(browser.value("page.store.value(3, 'output', page.scope.marked - 1e-6)"), 0);
         assert_eq!(browser.value("page.paused"), true);
+        // Half of the second that is shown is before the trigger.
+        let shown = "['from', 'to'].map((end) => Math.round((page.scope.range[end] - page.scope.marked) * 1000))";
+        assert_eq!(browser.value(shown), serde_json::json!([-500, 500]));
         browser
             .value("document.querySelector('#trigger-kind').value = 'found', document.querySelector('#arm').click()");
         insist(&["move", "1=1000", "--link", &link]);

@@ -6,7 +6,7 @@ use serde_json::json;
 use crate::common::page::{Serving, hello};
 use crate::common::run;
 
-/// Two axes of a table, one with a negative scale on a rail, and one that turns.
+/// Two axes of a table, one with a negative scale on a rail, one that turns, and a gantry.
 const MACHINE: &str = r#"
 format = 1
 
@@ -15,11 +15,15 @@ X = { slave = 1, unit = "mm", per = 0.001, min = 0, max = 20 }
 Y = { slave = 2, unit = "mm", per = 0.001, min = 0, max = 10 }
 Z = { slave = 3, unit = "mm", per = -0.001, min = -5, max = 20 }
 C = { slave = 4, unit = "deg", per = 0.01, min = -90 }
+G1 = { slave = 5, unit = "mm", per = 0.001, min = 0, max = 8 }
+G2 = { slave = 6, unit = "mm", per = 0.001, min = 0, max = 8 }
+B = { slave = 7, unit = "mm", per = 0.001, min = 0, max = 4 }
 
 [picture]
 xy = [["X", "Y"]]
+gantries = [{ sides = ["G1", "G2"], bridge = "B" }]
 "#;
-const SLAVES: &str = "sim:?slaves=drive*4";
+const SLAVES: &str = "sim:?slaves=drive*7";
 
 fn machine_file(folder: &std::path::Path, text: &str) -> String {
     let file = folder.join("m.toml");
@@ -50,7 +54,7 @@ fn a_recording_has_what_its_machine_file_says_of_the_axes() {
     assert_eq!([1, 2].map(ends), [(Some(0.0), Some(20.0), None), (Some(0.0), Some(10.0), None)]);
     assert_eq!(ends(3), (Some(-5.0), Some(20.0), None), "the lower limit is the first one");
     assert_eq!(ends(4), (Some(-90.0), None, Some(360.0)));
-    assert_eq!(told["picture"], json!({"xy": [[1, 2]], "gantries": []}));
+    assert_eq!(told["picture"], json!({"xy": [[1, 2]], "gantries": [{"sides": [5, 6], "bridge": 7}]}));
     // In other units limits and turns are in those.
     let told = page(&["--counts-per-unit", "3=-500,4=1"]);
     assert_eq!((&told["slaves"][2]["min"], &told["slaves"][2]["max"]), (&json!(-10.0), &json!(40.0)));
@@ -118,7 +122,17 @@ mod needs_chromium {
         go("C=90");
         browser.wait_for("part('rotary', '.carriage').style.transform === 'rotate(90deg)'");
         browser.wait_for("told('rotary').startsWith('C: 90.00 deg; limits of C from -90 deg')");
-        assert_eq!(browser.value("document.querySelectorAll('#axes figure').length"), 3);
+
+        // The bridge is askew while one side has gone on alone.
+        let bridge = "within(part('gantry', '.carriage.tool'), part('gantry', '.face'))";
+        go("B=2");
+        go("G1=6");
+        browser.wait_for(&format!("Math.abs({bridge}[0] - 0.375) < 0.01 && Math.abs({bridge}[1] - 0.5) < 0.02"));
+        browser.wait_for("told('gantry').startsWith('G1: 6.000 mm; G2: 0.000 mm; B: 2.000 mm;')");
+        browser.wait_for("told('gantry').includes('; G1 - G2: 6.000 mm; ')");
+        go("G2=6");
+        browser.wait_for(&format!("Math.abs({bridge}[0] - 0.75) < 0.01"));
+        assert_eq!(browser.value("document.querySelectorAll('#axes figure').length"), 4);
         web.end();
         board.end();
     }

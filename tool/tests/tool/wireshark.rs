@@ -55,6 +55,7 @@ mod needs_tshark {
     use tempfile::TempDir;
 
     use super::fs;
+    use crate::common::run;
     use crate::common::tshark::{compare_frames, dumped, remarks, shown, tshark};
 
     fn keep(folder: &TempDir, name: &str, bytes: &[u8]) -> PathBuf {
@@ -72,6 +73,20 @@ mod needs_tshark {
             let fields = compare_frames(&run.file, &[], options);
             assert!(fields > 10_000, "{fields}");
         }
+    }
+
+    /// The plugin shows a recording in blocks that was exported as it shows the one that was recorded.
+    #[test]
+    fn an_exported_recording_is_shown_as_by_dump() {
+        let recorded = Program::default().record();
+        let folder = TempDir::new().expect("a folder");
+        let [blocks, exported] = ["run.ecmrec", "run.pcapng"].map(|name| folder.path().join(name));
+        for (from, to) in [(&recorded.file, &blocks), (&blocks, &exported)] {
+            let [from, to] = [from, to].map(|file| file.to_str().expect("UTF-8"));
+            run(["recording", "export", from, to]).expect_code(0);
+        }
+        let fields = compare_frames(&exported, &[], &[]);
+        assert_eq!(fields, compare_frames(&recorded.file, &[], &[]));
     }
 
     /// The plugin shows each field of captures of a real kernel as `dump` does: of captures on Linux, and of the same with the

@@ -127,6 +127,10 @@ class TooFarError(EcmError):
     """The guard of the axis refused a target."""
 
 
+class SoftLimitError(EcmError):
+    """A target is beyond the soft limits of its axis."""
+
+
 class OutOfRangeError(EcmError, ValueError):
     """A position in units does not fit the 32 bits of the wire."""
 

@@ -31,6 +31,7 @@ fn class(error: &EcmError) -> &'static str {
         EcmError::TooDeep { .. } => "TooDeepError",
         EcmError::Alarm { .. } => "AlarmError",
         EcmError::TooFar { .. } => "TooFarError",
+        EcmError::SoftLimit { .. } => "SoftLimitError",
         EcmError::OutOfRange { .. } => "OutOfRangeError",
         EcmError::Cleared => "ClearedError",
         EcmError::IsHoming { .. } => "IsHomingError",
@@ -64,6 +65,7 @@ fn parts(error: &EcmError) -> (Option<u8>, Option<u32>) {
         | EcmError::NotEnabled { slave, .. }
         | EcmError::SecondOff { slave }
         | EcmError::TooFar { slave, .. }
+        | EcmError::SoftLimit { slave, .. }
         | EcmError::OutOfRange { slave, .. }
         | EcmError::IsHoming { slave }
         | EcmError::HomingFailed { slave, .. } => (Some(*slave), None),

@@ -129,7 +129,7 @@ impl Axis {
             DriveSync::DcSync => sk::DriveSync::DcSync,
         };
         let guard = guard.map_or(Guard::Off, Guard::Within);
-        Self(ecm::Axis { mode, sync, guard, scale: Scale::per_unit(counts_per_unit), standstill })
+        Self(ecm::Axis { mode, sync, guard, scale: Scale::per_unit(counts_per_unit), standstill, ..ecm::Axis::CSP })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::address::scale::Scale;
+use crate::address::scale::{Scale, SoftLimits};
 use crate::address::slaves;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
@@ -42,6 +42,8 @@ pub struct Axis {
     pub guard: Guard,
     /// The number of counts in one unit of the program, for example per mm.
     pub scale: Scale,
+    /// The positions between which targets have to be, counts. On an HSP they are those of its first axis.
+    pub limits: SoftLimits,
     /// The standstill threshold, counts: an axis that moves at most this far within 8 cycles (at most 16 ms, at least
     /// one cycle) counts as stationary. Set it above the noise of the encoder.
     pub standstill: u32,
@@ -61,6 +63,7 @@ impl Axis {
             sync: DriveSync::DcSync,
             guard: Guard::Within(DEFAULT_GUARD_COUNTS),
             scale: Scale::COUNTS,
+            limits: SoftLimits::NONE,
             standstill: DEFAULT_STANDSTILL_COUNTS,
         }
     }

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::config::ConfigError;
+use crate::address::scale::SoftLimits;
 use crate::ethercat::cia402::{ErrorCode, Mode, Statusword};
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::link::LinkError;
@@ -170,6 +171,20 @@ pub enum EcmError {
         actual: i32,
         /// The greatest distance that the guard allows, counts.
         limit: u32,
+    },
+    /// A target is beyond the soft limits of its axis ([`Axis::limits`](super::Axis::limits)) and leads further out.
+    #[error(
+        "target {target} of slave {slave} is beyond its soft limits {} to {} (counts); correct the program, or the limits of \
+         the axis",
+        .limits.min,
+        .limits.max
+    )]
+    SoftLimit {
+        slave: u8,
+        /// The target, counts.
+        target: i32,
+        /// The limits of the axis.
+        limits: SoftLimits,
     },
     /// A position in units does not fit the 32 bits of the wire.
     #[error("{units} units of slave {slave} are no 32-bit count; check the value and the axis's scale")]

@@ -76,11 +76,12 @@ impl Ecm {
 }
 
 impl Config {
-    /// The configuration of the network of a [machine file](crate::machine_file).
+    /// The configuration of the network of a [machine file](crate::machine_file), with the units and the soft limits of its
+    /// axes: a [`Stream`](super::Stream) refuses targets beyond them, whatever the file says of other programs.
     pub fn of_machine(machine: &MachineFile) -> Self {
         let slave = |(number, slave): (u8, &MachineSlave)| {
-            let scale = machine.axis_of(number).map(|axis| axis.scale).unwrap_or_default();
-            Slave::with_axis(slave.kind, Axis { mode: slave.mode, scale, ..Axis::CSP })
+            let (scale, limits) = machine.axis_of(number).map(|axis| (axis.scale, axis.limits)).unwrap_or_default();
+            Slave::with_axis(slave.kind, Axis { mode: slave.mode, scale, limits, ..Axis::CSP })
         };
         let cycle_us = machine.cycle_us.unwrap_or(Self::default().cycle_us);
         Self { slaves: (1..).zip(&machine.slaves).map(slave).collect(), cycle_us }

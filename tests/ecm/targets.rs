@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use crate::common::{SECOND, SIZE, Tap, enable, script};
-use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, Slave};
+use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, Slave, SoftLimits};
 use ecmsk::link::Link;
 use ecmsk::sk::CommandId;
 
@@ -37,6 +37,47 @@ fn the_guard_goes_by_the_newest_report() {
     ecm.next_cycle(SECOND).unwrap();
     assert_eq!(stream.csp(1, 1000), Err(EcmError::TooFar { slave: 1, target: 1000, actual: 5000, limit: 1000 }));
     stream.csp(1, 6000).unwrap();
+}
+
+/// Soft limits: a target beyond them is refused and nothing of it is sent, so that the axis keeps its last one; an axis beyond
+/// them may come back, and go no further out. The same for axes of a machine file, whatever that says of other programs.
+#[test]
+fn soft_limits_hold() {
+    let limits = SoftLimits { min: 100, max: 300 };
+    let axis = Axis { limits, ..Axis::CSP };
+    let config = Config { slaves: vec![Slave::Drive(axis)], ..Config::default() };
+    let (tap, ecm) = Tap::enabled("slaves=drive", &config);
+    let refused = |target| Err(EcmError::SoftLimit { slave: 1, target, limits });
+    let mut stream = ecm.stream(8).unwrap();
+    // The axis is at 0, so it is beyond the lower limit.
+    assert_eq!(stream.csp(1, -1), refused(-1));
+    for target in (0..=300).step_by(10) {
+        stream.csp(1, target).unwrap();
+        stream.step().unwrap();
+    }
+    tap.take();
+    assert_eq!(stream.csp(1, 301), refused(301));
+    assert_eq!(stream.csp(1, i32::MIN), refused(i32::MIN));
+    stream.step().unwrap();
+    assert!(tap.take_slots(1).iter().all(|slot| slot.data1 == 300));
+    stream.csp(1, 299).unwrap();
+    // The report of an axis that was pushed out.
+    tap.bend_slot(1, |_, slot| slot.data1 = 340);
+    ecm.next_cycle(SECOND).unwrap();
+    assert_eq!(stream.csp(1, 341), refused(341));
+    stream.csp(1, 339).unwrap();
+    drop(stream);
+
+    let file = script(
+        "limits",
+        "format = 1\nlink = \"sim:?clock=virtual\"\n[axes]\nX = { slave = 1, unit = \"mm\", per = 0.01, max = 3 }\n",
+    );
+    let (ecm, machine) = Ecm::open_machine(file.as_ref()).unwrap();
+    let ecm = enable(ecm, &Config::of_machine(&machine));
+    let mut stream = ecm.stream(8).unwrap();
+    stream.csp_units(1, 3.0).unwrap();
+    let beyond = stream.csp_units(1, 3.01).unwrap_err();
+    assert!(beyond.to_string().contains("beyond its soft limits -2147483648 to 300 (counts)"), "{beyond}");
 }
 
 /// API-14 SK-7.15 An axis that was off between a target and its step gets no target, though it is on again.

@@ -23,6 +23,8 @@ const SERVER_KEYS: &str = "?connect_timeout_ms=1000";
 
 /// Bring all axes to a standstill, also while another program moves them
 ///
+/// If no board is named and none is at usb:, the board of the server at port 4711 of this machine is stopped, whichever it is.
+///
 /// On a served board (tcp:) the server ends the connection of the program that writes, and brakes its axes as those of one
 /// that has vanished. If another link is in use, or simulated, the verb asks the server at port 4711 of this machine whether
 /// it serves that board. Otherwise the link has to be free: the verb opens the board, and stops what a program has left moving.
@@ -76,7 +78,10 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 /// Runs the verb. `port` is the TCP port at which a server of this machine is looked for.
 fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port: u16) -> Result<(), BoardError> {
     let machine = machine_option::load_or_pass_over(args.machine.as_deref())?;
-    let chosen = board::Args::for_stop(args).chosen(machine.as_ref())?;
+    let chosen = match board::Args::for_stop(args).chosen(machine.as_ref()) {
+        Ok(chosen) => chosen,
+        Err(error) => return args.stop_served(error, interrupt, port),
+    };
     if chosen.uri.scheme() != Scheme::Tcp {
         // If this program opened a simulated board, that would be a new one, not the one of a server. So the server is
         // asked first.
@@ -84,8 +89,11 @@ fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port:
         let server = match server {
             Some(server) => server,
             None => match args.stop_free_board(None, interrupt) {
+                Err(error @ BoardError::Unnamed(_)) if user_of(&error).is_none() => {
+                    return args.stop_served(error, interrupt, port);
+                }
                 Err(error) => {
-                    let user = user(error)?;
+                    let Some(user) = user_of(&error) else { return Err(error) };
                     server_of(&chosen.uri, port).map_err(|other| in_use(&user, other))?
                 }
                 done => return done,
@@ -155,20 +163,37 @@ fn in_use(user: &str, other: Option<String>) -> BoardError {
     }
 }
 
-/// The text of the error if another program has the board. Any other error is returned as it is.
-fn user(error: BoardError) -> Result<String, BoardError> {
-    let in_use = match &error {
-        BoardError::Link(error) => Some(error),
-        BoardError::Unnamed(unnamed) => Some(unnamed.error()),
-        _ => None,
+/// The text of the error if another program has the board; `None` for any other error.
+fn user_of(error: &BoardError) -> Option<String> {
+    let in_use = match error {
+        BoardError::Link(error) => error,
+        BoardError::Unnamed(unnamed) => unnamed.error(),
+        _ => return None,
     };
     match in_use {
-        Some(LinkError::InUse { name, by, .. }) => Ok(format!("`{name}` is in use{by}")),
-        _ => Err(error),
+        LinkError::InUse { name, by, .. } => Some(format!("`{name}` is in use{by}")),
+        _ => None,
     }
 }
 
 impl Args {
+    /// For a person who has named no board, or whose files cannot be read: stops the axes of the board that a server of this
+    /// machine has at `port`, whichever that is. Returns `error` if there is no such server.
+    fn stop_served(
+        &self,
+        error: BoardError,
+        interrupt: fn() -> Result<Interrupt, BoardError>,
+        port: u16,
+    ) -> Result<(), BoardError> {
+        let link = |keys| LinkUri::parse(&format!("tcp://localhost:{port}{keys}"));
+        let served = link(SERVER_KEYS).ok().and_then(|server| served_board(&server).ok());
+        let Some((server, served)) = link("").ok().zip(served).filter(|_| self.link.is_none()) else {
+            return Err(error);
+        };
+        say("note", &format_args!("no board is known here, so that of the server at {server} is stopped, `{served}`"));
+        run_with(&Self { link: Some(server), ..self.clone() }, interrupt, port)
+    }
+
     /// Opens the board, which no other program has, and stops what moves. `writer` is the program that a server has
     /// stopped, if any.
     fn stop_free_board(
@@ -308,6 +333,31 @@ mod tests {
         assert!(!axis_1().1);
     }
 
+    /// Who names no board, or has a file that cannot be read, stops the board that a server of this machine has; without a
+    /// server the error is that of the board or of the file.
+    #[test]
+    fn without_a_name_the_served_board_is_stopped() {
+        let link = "sim:?slaves=drive&clock=virtual&name=stop-unnamed";
+        let open = move || ecmsk::link::open(link, ecmsk::link::Share::ByUri);
+        let listen = ([127, 0, 0, 1], 0).into();
+        let server = Server::start(open, ServeOptions { listen, ..ServeOptions::default() }).unwrap();
+        let port = server.address().port();
+        let unnamed = Verb::parse_from(["stop", "--machine", "none"]).args;
+        let refused = || BoardError::Refused { what: WHAT.to_owned(), why: "no file".to_owned(), next: String::new() };
+        let interrupt = || Ok(Interrupt::default());
+        unnamed.stop_served(refused(), interrupt, port).unwrap();
+        let error = unnamed.stop_served(refused(), interrupt, NO_PORT).unwrap_err();
+        assert!(error.to_string().contains("no file"), "{error}");
+        // Whoever names another board does not get this one stopped.
+        let named = verb(&[]).stop_served(refused(), interrupt, port).unwrap_err();
+        assert!(named.to_string().contains("no file"), "{named}");
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("machine.toml");
+        std::fs::write(&file, "format = 1\nlink = \"sim:\"\n[axes]\nX = { slave = 1, max = \n").unwrap();
+        let half_written = Verb::parse_from(["stop".as_ref(), "--machine".as_ref(), file.as_os_str()]).args;
+        run_with(&half_written, interrupt, port).unwrap();
+    }
+
     /// A simulated board that a server of this machine has is stopped there, and not a new one of this program; without
     /// such a server the verb fails.
     #[test]
@@ -375,7 +425,7 @@ mod tests {
     fn a_board_in_use_is_stopped_by_its_server() {
         let by = " by mover (PID 12)".to_owned();
         let in_use = LinkError::InUse { name: "nic:eth1".to_owned(), by, instead: "end that program" };
-        assert_eq!(user(in_use.into()).unwrap(), "`nic:eth1` is in use by mover (PID 12)");
-        assert!(user(LinkError::Closed.into()).is_err());
+        assert_eq!(user_of(&in_use.into()).unwrap(), "`nic:eth1` is in use by mover (PID 12)");
+        assert!(user_of(&LinkError::Closed.into()).is_none());
     }
 }

@@ -18,7 +18,7 @@ MACHINE = """
 format = 1
 link = "sim:?clock=virtual"
 [axes]
-X = { slave = 1, unit = "mm", per = 0.001 }
+X = { slave = 1, unit = "mm", per = 0.001, max = 5 }
 Y = { slave = 2, unit = "mm", per = 0.001, homing = { method = 33 } }
 """
 
@@ -169,6 +169,9 @@ class Machines(unittest.TestCase):
                 for n in range(1, 501):
                     stream.csp_units("X", 0.01 * n)
                     stream.step()
+                with self.assertRaisesRegex(errors.SoftLimitError, "beyond its soft limits") as raised:
+                    stream.csp_units("X", 5.01)
+                self.assertEqual(raised.exception.slave, 1)
             self.assertAlmostEqual(ecm.snapshot().position_units("X"), 5.0, delta=0.01)
             with self.assertRaisesRegex(errors.NoSuchAxisError, "machine.toml has no axis `Z`; it has X, Y"):
                 ecm.servo_off("Z")

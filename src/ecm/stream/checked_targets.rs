@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use crate::address::scale::SoftLimits;
 use crate::ecm::EcmError;
 use crate::ecm::config::{Axis, Guard, Slave};
 use crate::ecm::exchange::Session;
@@ -11,7 +12,8 @@ use crate::ecm::network::Network;
 use crate::ethercat::SlaveSet;
 use crate::ethercat::cia402::{Mode, Statusword};
 use crate::sk::{
-    AxisTarget, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize, StateByte,
+    AxisTarget, CommandId, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize,
+    StateByte,
 };
 
 /// The targets of the next step, and the copy of the session's state for their checks.
@@ -127,9 +129,12 @@ impl CheckedTargets {
             SlaveCommand::Cst(_) => Mode::Cst,
             _ => Mode::Csp,
         };
-        let axis_guard = self.check_axis(slave, wanted)?;
-        if let (SlaveCommand::Csp(motion), Guard::Within(limit), true) = (&command, axis_guard, guard) {
-            self.check_guard(slave, motion, limit)?;
+        let axis = self.check_axis(slave, wanted)?;
+        if let SlaveCommand::Csp(motion) = &command {
+            self.check_limits(slave, motion.first.target, axis.limits)?;
+            if let (Guard::Within(limit), true) = (axis.guard, guard) {
+                self.check_guard(slave, motion, limit)?;
+            }
         }
         self.put(slave, command);
         Ok(())
@@ -145,22 +150,23 @@ impl CheckedTargets {
             return self.set(slave, command, guard);
         }
         // All kinds except HSP have one axis. This path is kept short, since 40 axes may take it in a cycle.
-        let axis_guard = self.check_axis(slave, mode)?;
+        let axis = self.check_axis(slave, mode)?;
         let motion = Motion::to(target);
         if mode != Mode::Csp {
             self.put(slave, SlaveCommand::Csv(motion));
             return Ok(());
         }
-        if let (Guard::Within(limit), true) = (axis_guard, guard) {
+        self.check_limits(slave, target, axis.limits)?;
+        if let (Guard::Within(limit), true) = (axis.guard, guard) {
             check_distance(slave, target, self.actual(slave), limit)?;
         }
         self.put(slave, SlaveCommand::Csp(motion));
         Ok(())
     }
 
-    /// Checks whether a slave takes a target in the mode `wanted` now. Returns the guard of its axis.
+    /// Checks whether a slave takes a target in the mode `wanted` now. Returns its axis.
     #[inline]
-    fn check_axis(&self, slave: u8, wanted: Mode) -> Result<Guard, EcmError> {
+    fn check_axis(&self, slave: u8, wanted: Mode) -> Result<Axis, EcmError> {
         if !self.takes_targets {
             return Err(self.why_none());
         }
@@ -172,7 +178,7 @@ impl CheckedTargets {
         if self.refused.contains(slave) || !statusword.is_enabled() {
             return Err(self.why_refused(slave, statusword));
         }
-        Ok(axis.guard)
+        Ok(*axis)
     }
 
     /// The error for a stream in which no axis may get a target.
@@ -235,6 +241,26 @@ impl CheckedTargets {
             return EcmError::NotEnabled { slave, statusword };
         }
         self.network.alarm(slave, &self.report.slot(self.size, slave.into()))
+    }
+
+    /// Returns an error if a target is beyond the soft limits of the axis and leads further out. An axis that stands, or had
+    /// its last target, beyond them may come back.
+    #[inline]
+    fn check_limits(&self, slave: u8, target: i32, limits: SoftLimits) -> Result<(), EcmError> {
+        let excess = limits.excess(target);
+        if excess == 0 {
+            return Ok(());
+        }
+        let last = self.next.slot(self.size, slave.into());
+        let last = (CommandId::from_code(last.id) == CommandId::Csp).then_some(last.data1 as i32);
+        let covers = |at: i32| {
+            let known = limits.excess(at);
+            known.signum() == excess.signum() && known.abs() >= excess.abs()
+        };
+        if covers(self.actual(slave)) || last.is_some_and(covers) {
+            return Ok(());
+        }
+        Err(EcmError::SoftLimit { slave, target, limits })
     }
 
     /// Returns an error if a target is farther from the axis's actual position than `limit` counts.

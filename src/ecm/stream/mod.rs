@@ -130,12 +130,13 @@ impl Stream<'_> {
     }
 
     /// Sets the next target position of an axis in CSP, counts. The guard of the axis refuses a target that is too far
-    /// from the actual position in the newest report. The axis then keeps its last target.
+    /// from the actual position in the newest report, and its soft limits refuse one that leads beyond them or further out.
+    /// The axis then keeps its last target.
     ///
     /// An HSP keeps its outputs. Its second axis keeps its last target, or its actual position if it has had no target.
     ///
     /// # Errors
-    /// [`EcmError::TooFar`] if the guard refuses the target, [`EcmError::NotEnabled`] if the axis is off, [`EcmError::Alarm`]
+    /// [`EcmError::TooFar`] if the guard refuses the target, [`EcmError::SoftLimit`] if the limits do, [`EcmError::NotEnabled`] if the axis is off, [`EcmError::Alarm`]
     /// if it has an alarm, [`EcmError::IsHoming`] if it is homing, [`EcmError::SecondOff`] if the second channel of an HSP is
     /// off, [`EcmError::WrongMode`] if the axis is configured for another mode, [`EcmError::WrongKind`] and
     /// [`EcmError::NoSuchSlave`] for a slave that has no axis or is not configured, [`EcmError::SlaveLost`] if the slave is

@@ -165,8 +165,8 @@ mod tests {
     #[test]
     fn a_status_is_one_line_without_a_token() {
         assert_eq!(one_line("a\nb\n"), "a; b");
-        let ready = "listening on http://127.0.0.1:1/?token=0a9f; showing sim:\n";
-        assert_eq!(one_line(ready), "listening on http://127.0.0.1:1/; showing sim:");
+        let ready = "listening on http://127.0.0.1:1/?token=0a9f (showing sim:)\n";
+        assert_eq!(one_line(ready), "listening on http://127.0.0.1:1/ (showing sim:)");
     }
 
     /// docs/SAFETY.md: a server that ends waits for its service manager only after it has stopped the axes.

@@ -278,7 +278,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         let hub = Arc::clone(hub);
         watch.count_clients(move || hub.page_count());
     }
-    watch.ready(format!("listening on {}; showing {what}\n", site.url()))?;
+    watch.ready(format!("listening on {} (showing {what})\n", site.url()))?;
     let signal = end_request.wait(super::nothing_to_reload);
     say("serve", &format_args!("stopped by {signal}"));
     watch.stopping();

@@ -81,7 +81,8 @@ impl<'a> Frames<'a> {
                     | EcmError::Alarm { .. }
                     | EcmError::NotEnabled { .. }
                     | EcmError::SecondOff { .. }
-                    | EcmError::TooFar { .. }),
+                    | EcmError::TooFar { .. }
+                    | EcmError::SoftLimit { .. }),
                 ) => {
                     self.holding.push(slave);
                     refused.get_or_insert(error);

@@ -68,7 +68,7 @@ impl Serving {
 
     /// The address of the page, or that of the served board.
     pub fn address(&self) -> &str {
-        self.first_line.split([',', ';', '\n']).next().expect("an address")
+        self.first_line.split([',', ';', ' ', '\n']).next().expect("an address")
     }
 
     /// The link to the served board.

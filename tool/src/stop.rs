@@ -77,7 +77,10 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 
 /// Runs the verb. `port` is the TCP port at which a server of this machine is looked for.
 fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port: u16) -> Result<(), BoardError> {
-    let machine = machine_option::load_or_pass_over(args.machine.as_deref())?;
+    let machine = match machine_option::load_or_pass_over(args.machine.as_deref()) {
+        Ok(machine) => machine,
+        Err(error) => return args.stop_served(error.into(), interrupt, port),
+    };
     let chosen = match board::Args::for_stop(args).chosen(machine.as_ref()) {
         Ok(chosen) => chosen,
         Err(error) => return args.stop_served(error, interrupt, port),
@@ -191,7 +194,9 @@ impl Args {
             return Err(error);
         };
         say("note", &format_args!("no board is known here, so that of the server at {server} is stopped, `{served}`"));
-        run_with(&Self { link: Some(server), ..self.clone() }, interrupt, port)
+        let is_readable = machine_option::load(self.machine.as_deref()).is_ok();
+        let machine = if is_readable { self.machine.clone() } else { Some("none".into()) };
+        run_with(&Self { link: Some(server), machine, ..self.clone() }, interrupt, port)
     }
 
     /// Opens the board, which no other program has, and stops what moves. `writer` is the program that a server has

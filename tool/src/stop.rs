@@ -295,6 +295,12 @@ mod tests {
         Verb::parse_from(["stop", "--link", LINK, "--machine", "none"].iter().chain(options)).args
     }
 
+    fn serve(link: &'static str) -> Server {
+        let open = move || ecmsk::link::open(link, ecmsk::link::Share::ByUri);
+        let listen = ([127, 0, 0, 1], 0).into();
+        Server::start(open, ServeOptions { listen, ..ServeOptions::default() }).unwrap()
+    }
+
     /// The board as `stop` opens it, with axes that are left as they are when it is closed.
     fn board(slaves: &str) -> Board {
         let mut args = board::Args::for_stop(&verb(&["--slaves", slaves]));
@@ -343,9 +349,7 @@ mod tests {
     #[test]
     fn without_a_name_the_served_board_is_stopped() {
         let link = "sim:?slaves=drive&clock=virtual&name=stop-unnamed";
-        let open = move || ecmsk::link::open(link, ecmsk::link::Share::ByUri);
-        let listen = ([127, 0, 0, 1], 0).into();
-        let server = Server::start(open, ServeOptions { listen, ..ServeOptions::default() }).unwrap();
+        let server = serve(link);
         let port = server.address().port();
         let unnamed = Verb::parse_from(["stop", "--machine", "none"]).args;
         let refused = || BoardError::Refused { what: WHAT.to_owned(), why: "no file".to_owned(), next: String::new() };
@@ -368,9 +372,7 @@ mod tests {
     #[test]
     fn a_simulated_board_is_stopped_where_it_is_served() {
         let link = "sim:?slaves=drive,io&clock=virtual&name=stop-served";
-        let open = move || ecmsk::link::open(link, ecmsk::link::Share::ByUri);
-        let listen = ([127, 0, 0, 1], 0).into();
-        let server = Server::start(open, ServeOptions { listen, ..ServeOptions::default() }).unwrap();
+        let server = serve(link);
         let port = server.address().port();
         let of = |link: &str| server_of(&LinkUri::parse(link).unwrap(), port).map(|server| server.to_string());
         assert_eq!(of("sim:?slaves=drive,io"), Ok(format!("tcp://localhost:{port}")));

@@ -98,6 +98,12 @@ impl SoftLimits {
         }
     }
 
+    /// Whether a target that is `excess` counts beyond the limits leads no further out than an axis that is `known` counts
+    /// beyond them: on the same side, and no farther.
+    pub(crate) const fn is_covered(excess: i64, known: i64) -> bool {
+        excess == 0 || known.signum() == excess.signum() && known.abs() >= excess.abs()
+    }
+
     /// Whether a position is within the limits.
     pub const fn contains(self, position_counts: i32) -> bool {
         self.min <= position_counts && position_counts <= self.max

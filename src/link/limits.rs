@@ -125,8 +125,7 @@ impl AxisState {
     /// Whether a target with this excess leads no further out: the position or the last target of the axis is at least
     /// as far out, on the same side.
     fn allows(self, excess: i64) -> bool {
-        let covers = |known: i64| known.signum() == excess.signum() && known.abs() >= excess.abs();
-        excess == 0 || covers(self.target) || covers(self.position)
+        SoftLimits::is_covered(excess, self.target) || SoftLimits::is_covered(excess, self.position)
     }
 }
 

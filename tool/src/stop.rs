@@ -131,14 +131,21 @@ fn run_with(args: &Args, interrupt: fn() -> Result<Interrupt, BoardError>, port:
 /// The keys that choose one board of several.
 const CHOOSING_KEYS: [&str; 4] = ["serial", "path", "vid", "pid"];
 
-/// The link to the server at a port of this machine, if it serves the board of the link `uri`. Otherwise the error says
-/// what is at the port; `None` if no server listens there.
-fn server_of(uri: &LinkUri, port: u16) -> Result<LinkUri, Option<String>> {
+/// The link to the server at a port of this machine, and the name of the board that it has. The error is that of
+/// [`server_of`].
+fn server_at(port: u16) -> Result<(LinkUri, String), Option<String>> {
     let link = |keys| LinkUri::parse(&format!("tcp://localhost:{port}{keys}")).map_err(|error| Some(error.to_string()));
     let served = served_board(&link(SERVER_KEYS)?).map_err(|error| match error {
         LinkError::NoBoard { reason, .. } if reason.contains("nobody listens") => None,
         error => Some(format!("a server at port {port} of this machine cannot be asked for its board: {error}")),
     })?;
+    Ok((link("")?, served))
+}
+
+/// The link to the server at a port of this machine, if it serves the board of the link `uri`. Otherwise the error says
+/// what is at the port; `None` if no server listens there.
+fn server_of(uri: &LinkUri, port: u16) -> Result<LinkUri, Option<String>> {
+    let (server, served) = server_at(port)?;
     let other = || Some(format!("the server at port {port} of this machine has `{served}`"));
     let board = LinkUri::parse(&served).map_err(|_| other())?;
     let is_it = uri.scheme() == board.scheme()
@@ -151,7 +158,7 @@ fn server_of(uri: &LinkUri, port: u16) -> Result<LinkUri, Option<String>> {
             is_its(uri.path(), board.path())
                 && CHOOSING_KEYS.iter().all(|key| is_its(&value(uri, key), &value(&board, key)))
         };
-    if is_it { link("") } else { Err(other()) }
+    if is_it { Ok(server) } else { Err(other()) }
 }
 
 /// The error for a board that another program has and that no server at the port serves. `other` says what is at the
@@ -188,11 +195,10 @@ impl Args {
         interrupt: fn() -> Result<Interrupt, BoardError>,
         port: u16,
     ) -> Result<(), BoardError> {
-        let link = |keys| LinkUri::parse(&format!("tcp://localhost:{port}{keys}"));
-        let served = link(SERVER_KEYS).ok().and_then(|server| served_board(&server).ok());
-        let Some((server, served)) = link("").ok().zip(served).filter(|_| self.link.is_none()) else {
+        if self.link.is_some() {
             return Err(error);
-        };
+        }
+        let Ok((server, served)) = server_at(port) else { return Err(error) };
         say("note", &format_args!("no board is known here, so that of the server at {server} is stopped, `{served}`"));
         let is_readable = machine_option::load(self.machine.as_deref()).is_ok();
         let machine = if is_readable { self.machine.clone() } else { Some("none".into()) };

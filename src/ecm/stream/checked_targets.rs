@@ -247,16 +247,15 @@ impl CheckedTargets {
     /// its last target, beyond them may come back.
     #[inline]
     fn check_limits(&self, slave: u8, target: i32, limits: SoftLimits) -> Result<(), EcmError> {
-        let excess = limits.excess(target);
-        if excess == 0 {
-            return Ok(());
-        }
+        if limits.contains(target) { Ok(()) } else { self.check_way_back(slave, target, limits) }
+    }
+
+    /// As [`CheckedTargets::check_limits`], for a target beyond the limits.
+    #[cold]
+    fn check_way_back(&self, slave: u8, target: i32, limits: SoftLimits) -> Result<(), EcmError> {
         let last = self.next.slot(self.size, slave.into());
         let last = (CommandId::from_code(last.id) == CommandId::Csp).then_some(last.data1 as i32);
-        let covers = |at: i32| {
-            let known = limits.excess(at);
-            known.signum() == excess.signum() && known.abs() >= excess.abs()
-        };
+        let covers = |at: i32| SoftLimits::is_covered(limits.excess(target), limits.excess(at));
         if covers(self.actual(slave)) || last.is_some_and(covers) {
             return Ok(());
         }

@@ -136,12 +136,12 @@ impl Stream<'_> {
     /// An HSP keeps its outputs. Its second axis keeps its last target, or its actual position if it has had no target.
     ///
     /// # Errors
-    /// [`EcmError::TooFar`] if the guard refuses the target, [`EcmError::SoftLimit`] if the limits do, [`EcmError::NotEnabled`] if the axis is off, [`EcmError::Alarm`]
-    /// if it has an alarm, [`EcmError::IsHoming`] if it is homing, [`EcmError::SecondOff`] if the second channel of an HSP is
-    /// off, [`EcmError::WrongMode`] if the axis is configured for another mode, [`EcmError::WrongKind`] and
-    /// [`EcmError::NoSuchSlave`] for a slave that has no axis or is not configured, [`EcmError::SlaveLost`] if the slave is
-    /// lost, [`EcmError::WrongState`] outside OP, [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`] if the
-    /// link fails.
+    /// [`EcmError::TooFar`] if the guard refuses the target, [`EcmError::SoftLimit`] if the limits do,
+    /// [`EcmError::NotEnabled`] if the axis is off, [`EcmError::Alarm`] if it has an alarm, [`EcmError::IsHoming`] if it is
+    /// homing, [`EcmError::SecondOff`] if the second channel of an HSP is off, [`EcmError::WrongMode`] if the axis is
+    /// configured for another mode, [`EcmError::WrongKind`] and [`EcmError::NoSuchSlave`] for a slave that has no axis or
+    /// is not configured, [`EcmError::SlaveLost`] if the slave is lost, [`EcmError::WrongState`] outside OP,
+    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`] if the link fails.
     pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
         self.refresh()?;
         self.targets.set_first(slave, target, Mode::Csp, self.ecm.exchange.options.guard)
